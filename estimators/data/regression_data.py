@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.data.rows import FittedTerms, RowLayout, RowMaker, Terms, Trial
+from estimators.data.rows import FittedTerms, RowLayout, RowMaker, ScoredTerms, Terms
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, place_columns
 from estimators.regression.least_squares import Fit, project_out
@@ -30,8 +30,8 @@ from pendulum_env.physics.terms import complexity, has_link, link_of
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 
-REPEATED = 2  # impacts, least number: a single one may be an accident
-DISPLACEMENTS = (1e-3, 10.0)  # [s], of an instant in trials, for its standard error
+REPEATED = 2  # least number of impacts: a single one may be an accident
+DISPLACEMENTS = (1e-3, 10.0)  # [s], of an instant, for its standard error
 STARTS = 2  # variants of the grid from which a search over nonlinear parameters starts
 COARSE_GRID = 24  # largest number of variants of continuous parameters, where each fit takes seconds
 
@@ -131,16 +131,16 @@ class RegressionData:
         """Return the variance of torque noise that terms filter out of rows of torque, with these rows [(N m)^2]."""
         return self.torque.absorbed_noise(terms) if self.layout.predicts_torque else []
 
-    def trial(self, terms: Terms) -> Trial:
+    def trial(self, terms: Terms) -> ScoredTerms:
         """Fit one set of terms."""
         return self.maker.trial(terms)
 
-    def trials(self, terms: Terms, variants: Terms) -> list[Trial]:
+    def trials(self, terms: Terms, variants: Terms) -> list[ScoredTerms]:
         """Compare the terms with each variant of one further effect; errors may be extrapolated."""
         errors = self.maker.compare(terms, variants)
-        return [Trial((*terms, variant), error) for variant, error in zip(variants, errors, strict=True)]
+        return [ScoredTerms((*terms, variant), error) for variant, error in zip(variants, errors, strict=True)]
 
-    def refine(self, trial: Trial, id: str) -> Trial:
+    def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
         """Fit the continuous nonlinear parameters of one term of a trial from their values."""
         return self.maker.refine(trial, id)
 
@@ -162,7 +162,7 @@ class RegressionData:
         return self.data.part(effect.at).samples, residual[self.data.where(effect.at)]
 
     @memoized
-    def ranked(self, terms: Terms, effect: type[Term]) -> list[Trial]:
+    def ranked(self, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:
         """Compare the terms with each variant of the grid of an effect, the smallest error first.
 
         Variants of one effect may differ in class, or in the number of columns.
@@ -174,7 +174,7 @@ class RegressionData:
         return sorted(trials, key=lambda trial: trial.fitted_rms)
 
     @memoized
-    def variants(self, terms: Terms, effect: type[Term]) -> list[Trial]:
+    def variants(self, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:
         """Return the best variant of each form of an effect, refined; those with the fewest parameters come first.
 
         A form is a set of free nonlinear parameters. Empty where the data offer no variant.
@@ -185,7 +185,7 @@ class RegressionData:
         ranked = self.ranked(terms, effect)
         if len(ranked) < 2:
             return ranked
-        forms: dict[object, list[Trial]] = {}
+        forms: dict[object, list[ScoredTerms]] = {}
         for trial in ranked:
             last = trial.terms[-1]
             forms.setdefault((last.free, len(last.columns)), []).append(trial)
@@ -336,6 +336,6 @@ def _std_of_instant(data: RegressionData, weights: Array, term: Term, name: str,
     steps = np.geomspace(*DISPLACEMENTS, 30)
     variants = [replace(term, **{name: instant + sign * step}) for sign in (0, 1, -1) for step in steps]
     torque = np.array([(part.linear @ own + part.fixed) * weights for part in data.columns(variants)])
-    noticed = np.linalg.norm(torque[len(steps) :] - torque[0], axis=1) > np.std(noise)  # (2 x 30,)
-    sides = [steps[np.argmax(side)] if side.any() else steps[-1] for side in noticed.reshape(2, -1)]
+    is_significant = np.linalg.norm(torque[len(steps) :] - torque[0], axis=1) > np.std(noise)  # (2 x 30,)
+    sides = [steps[np.argmax(side)] if side.any() else steps[-1] for side in is_significant.reshape(2, -1)]
     return float(max(sides))

@@ -18,7 +18,7 @@ Terms = Sequence[Term]
 
 
 class ResidualStructure(NamedTuple):
-    """Size of a residual, and of its part that neighbouring rows have in common [N m], or [rad] of rollouts.
+    """Size of a residual, and of its part that is correlated between neighbouring rows [N m], or [rad] of rollouts.
 
     Attributes:
         correlated_rms: root of the covariance of neighbouring rows, beyond that of sensor noise.
@@ -44,7 +44,7 @@ class RowLayout:
         structure: maps a joint, a residual of its rows and its inertia to the structure of the residual.
         predicts_torque: whether the rows are of torque [N m], from estimated states of a link; else they are of
             positions [rad] that are simulated, and a link with them.
-        has_fast_fits: whether many sets of terms may be fitted; each takes seconds otherwise.
+        has_fast_fits: whether a fit is fast enough to compare many sets of terms; otherwise it takes seconds.
     """
 
     joints: Mapping[str, slice]
@@ -64,7 +64,7 @@ class FittedTerms(NamedTuple):
     theta: Array
 
 
-class Trial(NamedTuple):
+class ScoredTerms(NamedTuple):
     """Set of terms with the error of its fit, in torque [N m] or in the loop [rad]."""
 
     terms: tuple[Term, ...]
@@ -99,8 +99,8 @@ class RowMaker(Protocol):
     def compare(self, terms: Terms, variants: Terms) -> list[float]:
         """Return the error of the terms with each variant of one further effect; it may be extrapolated."""
 
-    def trial(self, terms: Terms) -> Trial:
+    def trial(self, terms: Terms) -> ScoredTerms:
         """Fit one set of terms."""
 
-    def refine(self, trial: Trial, id: str) -> Trial:
+    def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
         """Fit the continuous nonlinear parameters of one term of a trial from their values."""

@@ -1,7 +1,7 @@
 """Rows of the positions of servos, linearised at the fit of each set of terms to whole rollouts.
 
-Around the likeliest parameters of a model its simulated positions are as good as linear in them. There its rows stand:
-y = phi theta, with positions on the left and their derivatives on the right.
+Near the likeliest parameters of a model its simulated positions are almost linear in them. Rows y = phi theta have
+positions in y and their derivatives in phi.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import FittedTerms, RowLayout, Terms, Trial
+from estimators.data.rows import FittedTerms, RowLayout, ScoredTerms, Terms
 from estimators.in_loop.fit import LOOP, Linear, fit, likeliest, linear, scale_of
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
@@ -35,16 +35,16 @@ class RolloutRows:
 
     Attributes:
         rollouts: simulations of the recordings.
-        torque: rows of the torque of the same recordings, which tell typical sizes and where to begin.
-        guide: rows of the recordings by whose parameters these have to be predicted; None of these themselves.
+        torque: rows of the torque of the same recordings, for typical sizes and starts of parameters.
+        guide: rows whose fitted parameters predict these rows, of held-out recordings; None if these are fitted.
     """
 
     rollouts: Rollouts
     torque: TorqueRows
     guide: RolloutRows | None = None
     _linear: dict[Key, Linear] = field(default_factory=dict, init=False)
-    _starts: dict[Key, Point] = field(default_factory=dict, init=False)  # where a linear fit has the parameters
-    _least_errors: dict[tuple[Key, str], float] = field(default_factory=dict, init=False)  # least error foreseen [rad]
+    _starts: dict[Key, Point] = field(default_factory=dict, init=False)  # parameters of linear fits
+    _least_errors: dict[tuple[Key, str], float] = field(default_factory=dict, init=False)  # extrapolated [rad]
     _converged: set[Key] = field(default_factory=set, init=False)
 
     @cached_property
@@ -87,7 +87,7 @@ class RolloutRows:
         return self._linear[key]
 
     def _is_hopeless(self, terms: Key) -> bool:
-        """Return whether the linear fit of the last of the terms gains too little, so that a single turn suffices."""
+        """Return whether the linear fit of the last of the terms gains too little, so that one iteration suffices."""
         others, last = terms[:-1], terms[-1]
         if others not in self._linear or (others, last.id) not in self._least_errors:
             return False
@@ -100,11 +100,11 @@ class RolloutRows:
         self._linear[terms] = self._linear[found.point.terms] = found
 
     def begin_at(self, point: Point, terms: Key | None = None) -> None:
-        """Let the fit of some terms, by default those of the point, begin at a point."""
+        """Set the start of the fit of some terms, by default those of the point."""
         self._starts[terms or point.terms] = point
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
-        """Fit some terms, `exactly` as closely as can be; nonlinear parameters that follow others are as fitted."""
+        """Fit some terms, `exactly` to convergence; nonlinear parameters that follow others are as fitted."""
         key = tuple(terms)
         if exactly and self.guide is None and key not in self._converged:
             self._keep(key, fit(self.rollouts, self.near(key).point, self.typical(key), share=0.0))
@@ -161,7 +161,7 @@ class RolloutRows:
             yield Point.within(terms, values)
 
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
-        """Return the rows around the fit of some terms, weighted by the size of each error in any case."""
+        """Return the rows around the fit of some terms, weighted by the size of each error, also `by_noise`."""
         near = self.near(terms)
         theta = near.point.theta
         phi = near.slopes[:, : len(theta)]
@@ -171,11 +171,11 @@ class RolloutRows:
         """Return the measured minus the simulated positions (R,) [rad]."""
         return -self.rollouts.position_errors([Point(tuple(terms), theta)])[:, 0]
 
-    def trial(self, terms: Terms) -> Trial:
+    def trial(self, terms: Terms) -> ScoredTerms:
         """Fit one set of terms; its error is the scale of its errors [rad]."""
-        return Trial(tuple(terms), scale_of(self.rollouts, self.near(terms).error))
+        return ScoredTerms(tuple(terms), scale_of(self.rollouts, self.near(terms).error))
 
-    def refine(self, trial: Trial, id: str) -> Trial:
+    def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
         """Fit all continuous nonlinear parameters of a trial from their values."""
         return self.trial(self.with_nonlinear(trial.terms))
 
@@ -203,11 +203,11 @@ class RolloutRows:
         return found
 
     def columns(self, variants: Terms) -> list[Columns]:
-        """Return the effect of each variant of one effect on the positions beside the first model that was fitted."""
+        """Return the change of positions by each variant of one effect, added to the first model that was fitted."""
         return self._columns(variants, next(iter(self._linear.values())).point)
 
     def _columns(self, variants: Terms, point: Point) -> list[Columns]:
-        """Effect of each variant of one effect on the positions beside some terms and parameters."""
+        """Return the change of positions by each variant of one effect, added to some terms and parameters."""
         others = [term.id for term in point.terms]
         if variants[0].id in others:
             point = Point(

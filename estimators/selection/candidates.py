@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from typing import NamedTuple
 
-from estimators.data.rows import Trial
+from estimators.data.rows import ScoredTerms
 from estimators.search_hints import hints_of, is_possible
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.gates import Gate
@@ -64,7 +64,7 @@ def _gate_of_transmission(evaluator: ModelEvaluator, terms: Terms, found: dict[s
     return None
 
 
-def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> Trial | None:
+def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
     """Return the best variant of an effect; with little gain or share, only the best of a coarse grid."""
     if not hints_of(effect).multimodal:
         ranked = evaluator.train.ranked(terms, effect)
@@ -79,7 +79,7 @@ def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -
     return best_variant(evaluator, terms, effect)
 
 
-def best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> Trial | None:
+def best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
     """Return the best variant of an effect, with as few free nonlinear parameters as the data allow; None without any.
 
     A variant that needs negative gravity is replaced by the next one that does not.
@@ -92,7 +92,7 @@ def best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) ->
         name: own.value for name, own in evaluator.model(terms).estimates.items() if others and "gravity" in name
     }
 
-    def turns_gravity(trial: Trial) -> bool:
+    def turns_gravity(trial: ScoredTerms) -> bool:
         return [*gravity] == ["gravity"] and gravity["gravity"] * _gravity(evaluator, trial) < 0
 
     for trial in others:
@@ -103,7 +103,7 @@ def best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) ->
     return simplest
 
 
-def _gravity(evaluator: ModelEvaluator, trial: Trial) -> float:
+def _gravity(evaluator: ModelEvaluator, trial: ScoredTerms) -> float:
     return evaluator.model(trial.terms).estimates["gravity"].value
 
 

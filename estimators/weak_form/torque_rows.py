@@ -1,4 +1,4 @@
-"""Rows of the torque balance, averaged over windows: fits of sets of terms, and of variants of effects beside them.
+"""Rows of the torque balance, averaged over windows: fits of sets of terms, also with variants of one effect.
 
 Recordings are weighted by their residual, so an unexplained recording does not bias the others. All nonlinear
 parameters of an effect are compared through Gram matrices of the rows, so that a fit of many variants costs one batch
@@ -13,7 +13,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from estimators.data.rows import FittedTerms, RowLayout, Terms, Trial
+from estimators.data.rows import FittedTerms, RowLayout, ScoredTerms, Terms
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, Tangent, condense, find_linear_rows, place_columns
 from estimators.regression.least_squares import weigh_recordings
@@ -27,14 +27,14 @@ from pendulum_env.physics import Term
 
 RECENT = 4  # sets of terms whose equations are kept
 PERTURBATION = 1e-6  # of the largest torque, for slopes by it
-PERTURBATIONS = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # of it, either way, for bent laws
+PERTURBATIONS = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # of it, both ways, for nonlinear laws
 
 
 @dataclass(frozen=True)
 class VariantSettings:
     """Extent of the search for the best variant of an effect."""
 
-    exact: int = 3  # most promising variants of a law of the torque, which are fitted exactly
+    exact: int = 3  # most promising variants of a law of the torque, fitted exactly
     reach: float = 0.03  # of the recording, range of the scan for an instant
     follows: int = 3  # iterations that set a nonlinear parameter to the parameter that it follows
 
@@ -90,7 +90,7 @@ class TorqueRows:
         return [self._columns[variant] for variant in variants]
 
     def make_columns(self, variants: Terms) -> list[Columns]:
-        """Return the columns of variants that a search meets only once: they are not memoised."""
+        """Return the columns of variants that a search uses once: they are not memoised."""
         if (own := self.at(variants[0].at)) is not self:
             return own.make_columns(variants)
         plain, kind, torque = self.data.columns(variants), variants[0], self.data.torque()
@@ -104,15 +104,15 @@ class TorqueRows:
             return parts
         if kind.has_state():
             whole = float(np.linalg.norm(torque))
-            left = [float(np.linalg.norm(torque - part.fixed)) for part in parts]
+            remaining = [float(np.linalg.norm(torque - part.fixed)) for part in parts]
             return [
                 part if variant.delay or rest >= whole else part._replace(torque_share=max(rest / whole, 1e-12))
-                for variant, part, rest in zip(variants, parts, left, strict=True)
+                for variant, part, rest in zip(variants, parts, remaining, strict=True)
             ]
-        lost = [self.data.averages.fixed_under(own, self._perturbations) for own in variants]
+        changed = [self.data.averages.fixed_under(own, self._perturbations) for own in variants]
         return [
             part._replace(fixed_change=np.nan_to_num(more, nan=0.0, posinf=0.0, neginf=0.0) - part.fixed[:, None])
-            for part, more in zip(parts, lost, strict=True)
+            for part, more in zip(parts, changed, strict=True)
         ]
 
     @property
@@ -176,7 +176,7 @@ class TorqueRows:
 
         The part of the terms is computed once. Rows of other joints that are linear are condensed to their fit.
         """
-        if not terms or any(term.lead for term in terms):  # there is nothing to begin with, or that is seen twice
+        if not terms or any(term.lead for term in terms):  # no shared part, or one that each variant changes
             shared, w = self.columns_of_each(terms), self.weights(terms)
             return lambda variant, own: self.assemble((*terms, variant), [*shared, own], w)
         first, perturbations = self.equations(terms), self.perturbations
@@ -262,7 +262,7 @@ class TorqueRows:
         """Return the torque error of the fit of the terms with each of V variants of one further effect [N m]."""
         w, here = self.weights(terms), self.data.where(variants[0].at)
         parts = self.columns(variants)
-        with_variant = cache(lambda: self.with_variant(terms, here))  # most variants do without
+        with_variant = cache(lambda: self.with_variant(terms, here))  # most variants do not need it
 
         def exact(variant: Term, own: Columns) -> float:
             return with_variant()(variant, own).least_squared()
@@ -277,11 +277,11 @@ class TorqueRows:
             for k in np.flatnonzero(np.any((theta < least) | (theta > most), axis=1)).tolist():
                 squares[k] = exact(variants[k], parts[k])
             if depends_on_torque(variants[0]):
-                squares = self._bent(near, list(zip(variants, parts, strict=True)), squares, exact, w)
+                squares = self._refit_exactly(near, list(zip(variants, parts, strict=True)), squares, exact, w)
         absorbed = [self._mean_absorbed((*terms, variant), w) for variant in variants]
         return np.sqrt(squares / (w @ w) + absorbed).tolist()
 
-    def _bent(
+    def _refit_exactly(
         self,
         near: Tangent,
         pairs: Sequence[tuple[Term, Columns]],
@@ -289,13 +289,13 @@ class TorqueRows:
         exact: Callable[[Term, Columns], float],
         w: Array,
     ) -> Array:
-        """Squared errors (V,) of variants that scale with the torque, exact for the best of them.
+        """Return squared errors (V,) of variants that depend on the torque, exact for the best of them.
 
         The best are those of the fit with the recorded torque, and of the fit with the predicted torque.
         """
         here = self.data.where(pairs[0][0].at)
-        moved = [own._replace(linear=own.linear - near.error[here, None] * own.slope) for _, own in pairs]
-        estimates = (plain, squared_errors(grams_of_variants(near, moved, w, here))[0])
+        predicted = [own._replace(linear=own.linear - near.error[here, None] * own.slope) for _, own in pairs]
+        estimates = (plain, squared_errors(grams_of_variants(near, predicted, w, here))[0])
         tried = np.unique([np.argsort(estimate)[: VARIANTS.exact] for estimate in estimates])
         squares = np.array([exact(*pairs[k]) for k in tried.tolist()])
         found = np.maximum(plain, squares.min())
@@ -303,16 +303,16 @@ class TorqueRows:
         return found
 
     def _mean_absorbed(self, terms: Terms, w: Array) -> float:
-        """Torque noise that terms absorb, mean over all weighted rows (R,) [(N m)^2]."""
+        """Return the variance of torque noise that terms absorb, mean over all weighted rows (R,) [(N m)^2]."""
         absorbed = self.absorbed_noise(terms)
         return sum(float(w[here] @ w[here]) * variance for here, variance in absorbed) / float(w @ w)
 
-    def trial(self, terms: Terms) -> Trial:
+    def trial(self, terms: Terms) -> ScoredTerms:
         """Fit one set of terms."""
         *others, last = terms
-        return Trial(tuple(terms), self.compare(others, [last])[0])
+        return ScoredTerms(tuple(terms), self.compare(others, [last])[0])
 
-    def search_basins(self, terms: Terms, variants: Terms) -> Trial:
+    def search_basins(self, terms: Terms, variants: Terms) -> ScoredTerms:
         """Search from each value of the parameter over which the error is multimodal, and return the best trial."""
         residuals, name = self._residuals(terms), hints_of(type(variants[0])).multimodal
         places = {variant.nonlinear_values[name] for variant in variants}
@@ -322,7 +322,7 @@ class TorqueRows:
         closer = self.trial((*terms, refine_nonlinear(best.terms[-1], residuals)))
         return min(best, closer, key=lambda trial: trial.fitted_rms)
 
-    def refine(self, trial: Trial, id: str) -> Trial:
+    def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
         """Search the continuous nonlinear parameters of one term of a trial from their values."""
         place = next(i for i, term in enumerate(trial.terms) if term.id == id)
         term = trial.terms[place]
@@ -356,8 +356,7 @@ class TorqueRows:
             cleared[here] += columns
             return np.asarray(cleared)
 
-        left = clear(w * near.error, slice(None))
-
+        remaining = clear(w * near.error, slice(None))
         with_variant = cache(lambda at: self.with_variant(terms, self.data.where(at)))
 
         def exact(balance: Balance) -> Array:
@@ -370,11 +369,11 @@ class TorqueRows:
             extra = clear(scale[here, None] * own.linear, here)
             size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
             extra = extra / size
-            theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ left) / size
+            theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ remaining) / size
             least, most = bounds([variant])
             if np.any((theta < least) | (theta > most)):
                 return exact(self.assemble((*terms, variant), [*shared, own], w))
-            return np.asarray(left - (extra * size) @ theta)
+            return np.asarray(remaining - (extra * size) @ theta)
 
         def residuals(variants: Terms) -> list[Array]:
             pairs = list(zip(variants, self.make_columns(variants), strict=True))

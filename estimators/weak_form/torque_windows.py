@@ -22,8 +22,8 @@ from pendulum_env.physics.potential import Cogging, GravityTilt
 from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Recording
 
-NEGLIGIBLE_SWING = 0.002  # the same of a free swing, in which friction is a small share of the torque
 NEGLIGIBLE = 0.01  # share of the torque; encoder noise below it hides no effect of practical use
+NEGLIGIBLE_SWING = 0.002  # the same of a free swing, in which friction is a small share of the torque
 
 
 @dataclass(frozen=True)
@@ -155,10 +155,10 @@ class TorqueWindows:
 
         The joints of an arm share their blocks.
         """
-        block, entry = _numbers(self.windows, length), self.recording_of_window
-        of_block = np.zeros(int(block.max()) + 1, dtype=np.intp)
-        of_block[block] = np.array(_runs(self.windows))[entry]
-        return block, entry, of_block
+        block, entry = _number_blocks(self.windows, length), self.recording_of_window
+        recording_of_block = np.zeros(int(block.max()) + 1, dtype=np.intp)
+        recording_of_block[block] = np.array(_recording_of_each(self.windows))[entry]
+        return block, entry, recording_of_block
 
     def structure(self, residual: Array, inertia: float) -> ResidualStructure:
         """Measure the size and the correlation of a residual (R,) [N m] between adjacent windows.
@@ -166,33 +166,33 @@ class TorqueWindows:
         Adjacent windows overlap, so the covariance due to white sensor noise is subtracted. The correlation is
         normalised in blocks of one second, so that blocks of large and of small residuals have equal weights.
         """
-        block, first = _numbers(self.windows, 1.0), 0
+        block, first = _number_blocks(self.windows, 1.0), 0
         shared, powers, owners = [], [], []
         for w in self.windows:
             count, m = len(w.centers), len(w.kernel) // 2
             own = residual[first : first + count]
-            beside = np.flatnonzero(np.diff(w.centers) == m)
-            shared.append(own[beside] * own[beside + 1] - w.shared_noise(inertia))
-            powers.append(0.5 * (own[beside] ** 2 + own[beside + 1] ** 2))
-            owners.append(block[first + beside])
+            adjacent = np.flatnonzero(np.diff(w.centers) == m)
+            shared.append(own[adjacent] * own[adjacent + 1] - w.shared_noise(inertia))
+            powers.append(0.5 * (own[adjacent] ** 2 + own[adjacent + 1] ** 2))
+            owners.append(block[first + adjacent])
             first += count
         product, power, owner = np.concatenate(shared), np.concatenate(powers), np.concatenate(owners)
-        everything = float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
+        rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
         if len(product) == 0:
-            return ResidualStructure(0.0, 0.0, everything)
+            return ResidualStructure(0.0, 0.0, rms)
         number = np.bincount(owner)
-        told = number > 0
-        correlation = np.bincount(owner, product)[told] / np.maximum(np.bincount(owner, power)[told], 1e-300)
-        z_score = float(number[told] @ correlation) / float(np.sqrt(len(product)))
+        is_filled = number > 0
+        correlation = np.bincount(owner, product)[is_filled] / np.maximum(np.bincount(owner, power)[is_filled], 1e-300)
+        z_score = float(number[is_filled] @ correlation) / float(np.sqrt(len(product)))
         size = float(np.sqrt(max(product.mean(), 0.0)))
-        return ResidualStructure(size if size > self.precision() else 0.0, z_score, everything)
+        return ResidualStructure(size if size > self.precision() else 0.0, z_score, rms)
 
     def precision(self) -> float:
         """Return the torque error of smoothing and integration [N m]."""
         return WEAK_FORM.precision * float(np.std(self.applied_torque()))
 
     def least(self) -> float:
-        """Return the largest such error of all joints [N m]; it holds for a joint without a motor, too."""
+        """Return the largest error of smoothing and integration of all joints [N m], also for one without a motor."""
         return max(self.part(at).precision() for at in self.joints)
 
     def negligible(self, at: str) -> float:
@@ -209,9 +209,9 @@ class TorqueWindows:
     def with_impacts(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> TorqueWindows:
         """Return the windows with those near reversals whose residual exceeds dry friction: impacts.
 
-        At a reversal friction is unknown, but it lies between its values in motion one way and the other, unless it is
+        At a reversal friction is unknown, but it lies between its values in motion in either direction, unless it is
         far larger at rest. A residual significantly above their difference is an impact: a joint meets a stop only
-        where it turns.
+        at a reversal.
 
         Args:
             terms: of a model without a link.
@@ -222,9 +222,9 @@ class TorqueWindows:
         turned = join_windows([replace(w, centers=w.turning) for w in self.windows])
         equations, counts = turned.equations(terms), [len(w.turning) for w in self.windows]
         noise = np.repeat([w.noise(inertia) for w in self.windows], counts)
-        doubt = np.hypot(noise, _deviations(equations.phi, covariance))
+        deviation = np.hypot(noise, _deviations(equations.phi, covariance))
         friction = np.concatenate([_most_friction(w, terms, theta, covariance) for w in turned.windows])
-        impacts = np.abs(equations.y - equations.phi @ theta) > 2 * friction + WEAK_FORM.significant * doubt
+        impacts = np.abs(equations.y - equations.phi @ theta) > 2 * friction + WEAK_FORM.significant * deviation
         parts = zip(self.windows, np.split(impacts, np.cumsum(counts)[:-1]), strict=True)
         return join_windows([replace(w, centers=np.sort(np.r_[w.centers, w.turning[own]])) for w, own in parts])
 
@@ -295,10 +295,10 @@ def _deviations(rows: Array, covariance: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.einsum("rp,pq,rq->r", rows, covariance, rows), 0.0)))
 
 
-def _numbers(windows: Sequence[Windows], length: float) -> Index:
+def _number_blocks(windows: Sequence[Windows], length: float) -> Index:
     """Return the number of the block of about `length` seconds of each equation (R,), within its recording."""
     numbers, offset, first = [], 0, {}
-    for w, run in zip(windows, _runs(windows), strict=True):
+    for w, run in zip(windows, _recording_of_each(windows), strict=True):
         count = max(1, round(w.recording.duration / length))
         which = np.minimum((w.centers * count) // len(w.recording), count - 1)
         if run not in first:
@@ -308,7 +308,7 @@ def _numbers(windows: Sequence[Windows], length: float) -> Index:
     return np.unique(np.concatenate(numbers), return_inverse=True)[1]
 
 
-def _runs(windows: Sequence[Windows]) -> list[int]:
+def _recording_of_each(windows: Sequence[Windows]) -> list[int]:
     """Return the recording of each entry: its own, or one shared with other joints."""
     return [k if w.run is None else w.run for k, w in enumerate(windows)]
 
@@ -347,7 +347,7 @@ def calibrate(w: Windows) -> Windows:
 
 
 def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known: Array | float = 0.0) -> Windows:
-    """Limit the noise estimate of windows to the residual of columns (R, P) beside a known torque (R,) [N m].
+    """Limit the noise estimate of windows to the residual of columns (R, P) and a known torque (R,) [N m].
 
     `inertia` maps parameters (P,) to it.
     """
@@ -357,8 +357,8 @@ def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known
     scale = np.maximum(np.linalg.norm(phi, axis=0), 1e-300)
     y = w.net_torque() - known
     theta = np.linalg.lstsq(phi / scale, y, rcond=1e-10)[0] / scale
-    left = float(np.linalg.norm(y - phi @ theta)) / np.sqrt(freedom)
-    factor = min(1.0, left / max(w.noise(abs(inertia(theta))), 1e-300))
+    rms = float(np.linalg.norm(y - phi @ theta)) / np.sqrt(freedom)
+    factor = min(1.0, rms / max(w.noise(abs(inertia(theta))), 1e-300))
     return replace(w, torque_noise=factor * w.torque_noise, acceleration_noise=factor * w.acceleration_noise)
 
 
@@ -399,16 +399,16 @@ def join_windows(windows: Sequence[Windows], shared_columns: Mapping[str, TermCo
     half = max(len(w.kernel) // 2 / w.recording.rate for w in windows)
     shortest = WEAK_FORM.shortest * half if count else 0.0
     sizes = [w.torque_scale for w in windows]
-    usual = {
+    typical = {
         at: float(np.median([size for size, w in zip(sizes, windows, strict=True) if w.at == at])) for at in joints
     }
-    least = WEAK_FORM.precision * max(usual.values())  # a joint without a motor has no torque, but no smaller error
-    levels = [max(w.noise(0.05), 0.003 * usual[w.at], least, 1e-12) for w in windows]
+    least = WEAK_FORM.precision * max(typical.values())  # a joint without a motor has no torque, but no smaller error
+    levels = [max(w.noise(0.05), 0.003 * typical[w.at], least, 1e-12) for w in windows]
     weights = [np.full(len(w.centers), min(levels) / level) for w, level in zip(windows, levels, strict=True)]
     return TorqueWindows(
         tuple(windows),
         np.concatenate(weights),
-        _numbers(windows, min(0.5, max(total / max(30, WEAK_FORM.clusters * count), shortest))),
+        _number_blocks(windows, min(0.5, max(total / max(30, WEAK_FORM.clusters * count), shortest))),
         shared_columns=shared_columns or {},
     )
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimators.data.rows import FittedTerms, Trial
+from estimators.data.rows import FittedTerms, ScoredTerms
 from estimators.selection.candidates import screen_library
 from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
@@ -38,9 +38,9 @@ class ScoredEvaluator(ModelEvaluator):
             motions={},
             data=SimpleNamespace(link_states={}),
             fit=lambda terms, exactly: FittedTerms(terms, np.empty(0)),
-            trial=lambda terms: Trial(tuple(terms), 0.0),
-            ranked=lambda terms, kind: [Trial((*terms, kind()), 0.0)],
-            variants=lambda terms, kind: [Trial((*terms, kind()), 0.0)],
+            trial=lambda terms: ScoredTerms(tuple(terms), 0.0),
+            ranked=lambda terms, kind: [ScoredTerms((*terms, kind()), 0.0)],
+            variants=lambda terms, kind: [ScoredTerms((*terms, kind()), 0.0)],
             n_tried=lambda terms, kind: 1,
         )
         self.residuals = SimpleNamespace(
