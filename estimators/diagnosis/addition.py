@@ -1,4 +1,4 @@
-"""One effect added to a model by choice: in torque and free runs, or of servos in the loop."""
+"""Addition of one chosen effect to a model: by torque and free runs, or of servos in the loop."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -88,41 +88,41 @@ def add(
     evaluator = case.evaluator(data, setting)
     before, longer = _search_effect(evaluator, library[kind.id])
     progress("refitting", 0.9)
-    (shown,) = case.refit(SearchResult(evaluator, [before]), replace(model, terms=tuple(setting.base))).steps
+    (refitted,) = case.refit(SearchResult(evaluator, [before]), replace(model, terms=tuple(setting.base))).steps
     more = longer.model.terms[-1]
-    start = Model.build((*shown.model.terms, more), np.append(shown.model.theta, np.zeros(len(more.columns))))
+    start = Model.build((*refitted.model.terms, more), np.append(refitted.model.theta, np.zeros(len(more.columns))))
     found = case.refit(SearchResult(evaluator, [before, longer]), start)
     after, is_gain = found.steps[-1], evaluator.is_significant(longer.model.terms, before.model.terms)
-    objection = rejection(confirmation_gates(after, shown, evaluator.train.motions))
+    objection = rejection(confirmation_gates(after, refitted, evaluator.train.motions))
     if objection is None and not is_gain and not (is_hidden(more) and evaluator.train.segments):
         objection = BY_CHANCE  # the motion shows hidden states
     trial, log_format = Trial(case, data, setting, found), format_of(recordings)
-    shown, after = (case.present(trial, step).with_log_format(log_format) for step in (shown, after))
-    return Addition(shown, after, evaluator.residuals.floors, objection, data.doubt)
+    refitted, after = (case.present(trial, step).with_log_format(log_format) for step in (refitted, after))
+    return Addition(refitted, after, evaluator.residuals.floors, objection, data.doubt)
 
 
 def release_significant(evaluator: ModelEvaluator, terms: tuple[Term, ...]) -> tuple[Term, ...]:
-    """The terms with nonlinear parameters released from their usual values, while that is significant."""
+    """Release nonlinear parameters from their default values, one by one, while the gain is significant."""
     for looser in sorted(release_parameters(evaluator, terms), key=evaluator.screening_score):
         if evaluator.is_significant(looser, terms) and not evaluator.violations(looser):
             return release_significant(evaluator, looser)
     return terms
 
 
-def _add_best_variant(evaluator: ModelEvaluator, terms: tuple[Term, ...], kind: type[Term]) -> tuple[Term, ...]:
-    """The terms with the best variant of an effect; raises IdentificationError where the motion does not show it."""
-    trial = best_variant(evaluator, terms, kind)
-    if trial is None:
-        names = ", ".join(dict.fromkeys(recording.name for recording in evaluator.train.recordings))
-        raise IdentificationError(f"{names}: nothing there shows {kind.id}", kind.id)
-    return trial.terms
-
-
 def _search_effect(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step]:
-    """Fit the base model, and the same with the best variant of an effect."""
+    """Fit the base model, and the same with the best variant of an effect.
+
+    Raises:
+        IdentificationError: if the motion does not show the effect.
+    """
     evaluator.progress("fitting without it", 0.1)
     before = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
     evaluator.progress(f"searching {kind.id}", 0.3)
-    longer = _add_best_variant(evaluator, before.model.terms, kind)
+    trial = best_variant(evaluator, before.model.terms, kind)
+    if trial is None:
+        names = ", ".join(dict.fromkeys(recording.name for recording in evaluator.train.recordings))
+        raise IdentificationError(f"{names}: nothing there shows {kind.id}", kind.id)
     evaluator.progress(f"fitting with {kind.id}", 0.8)
-    return before, evaluator.fit_with_std(kind.id, refit_nonlinear(evaluator, release_significant(evaluator, longer)))
+    return before, evaluator.fit_with_std(
+        kind.id, refit_nonlinear(evaluator, release_significant(evaluator, trial.terms))
+    )

@@ -1,4 +1,4 @@
-"""Case of an arm: effects at its joints, by the torque of all joints together; nothing is simulated or suggested."""
+"""Case of an arm: effects at its joints by the torque of all joints; nothing is simulated or suggested."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     known = ids(setting.base)
     library = {id: kind for id, kind in setting.library.items() if id not in known}
     data = FitData.of(recordings, holdout, (*setting.base, *library.values()))
-    return data, replace(setting, library=library, original=setting.base)
+    return data, replace(setting, library=library)
 
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
@@ -62,8 +62,8 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 def find_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, float], list[Region]]:
     """Return the residual of each joint that is no noise [N m], and the region where it stands out most.
 
-    The residual is the part that neighbouring windows share, or all of it. Held-out data count at joints where nothing
-    is left of the fitted data.
+    The residual is its correlated part if that is significant, else its RMS. Held-out data count at joints whose fitted
+    data leave noise only.
     """
     sizes, regions, criterion = dict[str, float](), list[Region](), evaluator.criterion
     residuals = evaluator.train.residual(terms), evaluator.residuals.holdout_residual(terms)

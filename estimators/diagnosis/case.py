@@ -1,6 +1,6 @@
 """Cases of a diagnosis, and trials: searches on data under some treatments.
 
-What differs between a pendulum, an arm and servos stands in one record for each; the driver asks nothing else.
+A record for each of pendulum, arm and servos holds their differences; the driver has no other branches.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pendulum_env.physics import Model, Term
 from pendulum_env.physics.terms import ids
 from pendulum_env.recording import Recording
 
-Treatment = Callable[["Trial"], FitData | None]  # data after one more treatment; None where it is not worth trying
+Treatment = Callable[["Trial"], FitData | None]  # data after one more treatment; None if it does not apply
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,12 @@ class Case:
         evaluator: make the evaluator of models.
         search: search for effects.
         refit: refit the steps of a search by all that the data hold, from a model with a link if one is given.
-        refine: refit a trial, drop effects that it refutes, and withhold parameters that the data do not determine;
-            return findings on these as well.
-        unexplained: find what the final model of a trial leaves.
+        refine: refit a trial, drop effects that the refit rejects, and withhold parameters that the data do not
+            determine; return findings on these as well.
+        unexplained: find regions of the residual of the final model of a trial.
         present: return a step in the units of the user.
         conclude: add findings and the next step to a diagnosis.
-        reveal: return data in which a given effect shows beside the base model.
+        reveal: return data that show a given effect, for an addition to the base model.
         treatments: candidates, in the order in which they are tried.
         is_timed: whether the time between torque and motion is corrected first.
     """
@@ -115,10 +115,10 @@ class Trial:
 
     @cached_property
     def outliers(self) -> tuple[Disagreement, ...]:
-        """Recordings that disagree with the others, those that were left out among them.
+        """Recordings that disagree with the others, with those that were excluded before.
 
-        An effect that each recording alone takes for parameters of its own shows only in all of them. Without any
-        recording left, those stand that were left out before.
+        The base models of single recordings are compared only if the final model leaves a residual: an effect may show
+        as a difference between recordings alone. If all recordings would be excluded, no more are than before.
         """
         whole = self.data.whole or self.data
         datasets = [part.data for part in (whole.parts if whole.holdout else whole.parts[:1])]
@@ -128,5 +128,5 @@ class Trial:
             named = disagreements(own_fits(datasets, self.setting.base), only_if_all_fit=True)
         named = named or disagreements(own_fits(datasets, self.model.terms))
         more = found | {one.recording: one for one in named}
-        is_any_left = any(k + 1 not in more for k in range(len(whole.recordings)))
-        return tuple(own for _, own in sorted((more if is_any_left else found).items()))
+        is_any_fitted = any(k + 1 not in more for k in range(len(whole.recordings)))
+        return tuple(own for _, own in sorted((more if is_any_fitted else found).items()))

@@ -1,4 +1,4 @@
-"""Case of a pendulum: effects that recorded torque calls for, confirmed by free-running motion."""
+"""Case of a pendulum: effects that explain the recorded torque, confirmed by free-running motion."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -33,7 +33,7 @@ from pendulum_env.physics.table import COMPETING, TABLES
 from pendulum_env.physics.terms import untested_ends
 from pendulum_env.recording import Recording
 
-PLENTY = 40  # stretches of motion, below which little can be told
+ENOUGH = 40  # clusters of windows; with fewer, a finding warns
 
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
@@ -43,13 +43,13 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
 
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
-    """Make the evaluator of models; tables compete that the recordings can show."""
+    """Make the evaluator of models; only tables that the recordings can show compete."""
     is_free = all(recording.known_inertia for recording in data.recordings)
     return setting.evaluator(data.parts, [kind for kind in COMPETING if not (is_free and needs_torque(kind))])
 
 
 def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
-    """Search for effects; none is named where torque is logged turned round."""
+    """Search for effects; with a reversed sign of the logged torque, fit the base model only."""
     if find_contradiction(evaluator) is None:
         return refit_if_misfit(search(evaluator))
     evaluator = replace(evaluator, library={}, tables=())
@@ -57,12 +57,12 @@ def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
 
 
 def find_contradiction(evaluator: ModelEvaluator) -> Finding | None:
-    """Find torque that is logged turned round."""
+    """Find a reversed sign of the logged torque."""
     return find_turned_torque(fit_terms(evaluator.train, evaluator.base)[0], evaluator.train.recordings)
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
-    """Refit the result by likelihood, the base model by instruments where these are asked for."""
+    """Refit the result by likelihood, and the base model by instruments if the options ask for them."""
     if find_contradiction(trial.evaluator) is not None:
         return trial.found, ()
     trial.setting.progress("refitting", 0.93)
@@ -80,7 +80,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 
 
 def find_regions(trial: Trial) -> Sequence[Region]:
-    """Find what the final model leaves, all of it where torque is logged turned round."""
+    """Find regions of the residual of the final model; all time if the sign of the torque is reversed."""
     cause = find_contradiction(trial.evaluator)
     if cause is None:
         return find_unexplained(trial.final)
@@ -95,14 +95,14 @@ def present(trial: Trial, step: Step) -> Step:
 
 
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
-    """Add findings on the torque channel, what would have shown, and the experiment that settles what is open."""
+    """Add findings on the torque channel, detectable sizes, and the experiment for open questions."""
     found = replace(found, disagreements=trial.outliers)
     channel, wrong = find_in_channel(trial, found), remedies(found.model, trial.data.recordings, found.ambiguous)
     if (cause := find_contradiction(trial.evaluator)) is not None:
         return replace(found, findings=(*wrong, *channel), forbidden=cause)
-    evaluator, model, left, doubts = trial.final.evaluator, trial.model, found.unexplained, trial.doubts
+    evaluator, model, regions, doubts = trial.final.evaluator, trial.model, found.unexplained, trial.doubts
     table = trial.found.table.id if trial.found.table is not None and trial.found.table.id in TABLES else None
-    if left and table is None:
+    if regions and table is None:
         table = find_explaining_law(evaluator, model.terms, TABLES.values())
     kept = None if table is None else Finding(Kind.TABLE_HELPS, effects=(table,))
     trial.setting.progress("looking for the next experiment", 0.95)
@@ -110,12 +110,12 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     if violations(model, evaluator.train.motions) or not model.has_known_inertia:
         asked = []  # the motion under another torque is unknown
     limits = trial.setting.limits.with_trusted_torque((trial.data.whole or trial.data).recordings)
-    suggestion, hopeless, forbidden = suggest(evaluator, model, asked, limits, left)
+    suggestion, hopeless, forbidden = suggest(evaluator, model, asked, limits, regions)
     if not model.has_known_inertia:
         forbidden = Finding(Kind.INERTIA_UNKNOWN)
-    elif left and not asked:
+    elif regions and not asked:
         forbidden = find_holdout_structure(evaluator, trial.terms) or kept or Finding(Kind.NO_EFFECT_OPEN)
-    is_whole = not left and len(trial.terms) == len(evaluator.base)
+    is_complete = not regions and len(trial.terms) == len(evaluator.base)
     return replace(
         found,
         findings=(
@@ -127,7 +127,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
             *_untested(model, *evaluator.train.reach()),
             *([kept] if kept and kept != forbidden else []),
         ),
-        detectable=detectable(evaluator, trial.terms, evaluator.library) if is_whole else (),
+        detectable=detectable(evaluator, trial.terms, evaluator.library) if is_complete else (),
         suggestion=suggestion,
         forbidden=forbidden,
         tables=() if table is None else (table,),
@@ -136,7 +136,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
 
 
 def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
-    """Find what is open of the torque channel: its constant, the time between torque and motion, and feedback."""
+    """Return findings on the torque channel: its constant, the time between torque and motion, and feedback."""
     whole = trial.data.whole or trial.data
     constant, findings = whole.constant, [] if whole.doubt is None else [whole.doubt]
     if constant is not None:
@@ -153,11 +153,11 @@ def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
 def _few_stretches(evaluator: ModelEvaluator) -> list[Finding]:
     """Return a finding where few stretches of motion are clear of stick."""
     count = len(evaluator.train.layout.clusters)
-    return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < PLENTY else []
+    return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < ENOUGH else []
 
 
 def _untested(model: Model, low: float, high: float) -> list[Finding]:
-    """Find terms that were tested between two angles [rad] only."""
+    """Return findings on terms that were tested between two angles [rad] only."""
     ends = {term.id: untested_ends(term, low, high) for term in model.terms}
     return [Finding(Kind.UNTESTED_RANGE, own, effects=(id,)) for id, own in ends.items() if own]
 

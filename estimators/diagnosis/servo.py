@@ -1,7 +1,7 @@
 """Case of servos: effects are found by simulating each servo with its controller in the loop.
 
-Friction at rest, and how a servo sticks and leaves, shows in how far it stays behind its goal. Torque that is regressed
-on motion says nothing of that, and is a function of the position itself, where a controller made it.
+Friction at rest, sticking and breaking away show in the distance between a servo and its goal. A regression of torque
+on motion omits rest, and torque of a controller is a function of the position itself.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     base = (*setting.base, *(term for term in more if term.id not in ids(setting.base)))
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
-    return data, replace(setting, base=base, library=library, criterion=criterion, original=setting.base)
+    return data, replace(setting, base=base, library=library, criterion=criterion)
 
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
@@ -69,8 +69,8 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     if data.has_treatment(Kind.BACK_EMF_INCLUDED):
         setting = replace(setting, base=(*setting.base, BackEmf()))
     windows = RegressionData.of(fitted, part=first).torque
-    ways = [RolloutRows(Rollouts(fitted, is_held=held, shares=first), windows) for held in (True, False)]
-    train = choose_way(ways, setting.base, list(setting.library.values()))
+    candidates = [RolloutRows(Rollouts(fitted, is_held=held, shares=first), windows) for held in (True, False)]
+    train = choose_rows(candidates, setting.base, list(setting.library.values()))
     rest = Rollouts(unseen, is_held=train.rollouts.is_held, shares=last)
     check = RolloutRows(rest, RegressionData.of(unseen, part=last).torque, train)
     return setting.evaluator((train.data, check.data))
@@ -82,7 +82,7 @@ def refit(found: SearchResult, start: Model | None = None) -> SearchResult:
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
-    """Refit all steps, and drop effects that predict no better with shorter steps: they made up for long ones."""
+    """Refit all steps, and drop effects that do not predict better with shorter steps of the integrator."""
     found = refit(trial.found)
     train, unseen = fine_rows(found.evaluator)
     evaluator, steps = replace(found.evaluator, train=train.data, holdout=unseen.data), found.steps
@@ -103,9 +103,9 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 
 
 def present(trial: Trial, step: Step) -> Step:
-    """Return a step without back-EMF where that and viscous friction are one number: that of both.
+    """Return a step with back-EMF added to viscous friction if recordings do not distinguish the two.
 
-    They are until the motor is off, or its gear rubs under its torque; or if viscous friction is limited.
+    They do if the motor is ever off, or if friction depends on its torque. Known or bounded friction stays as it is.
     """
     if BackEmf.id not in step.model.estimates or has_unpowered_motor(trial.data.recordings) or has_gear_friction(step):
         return step
@@ -121,9 +121,9 @@ def present(trial: Trial, step: Step) -> Step:
 
 
 def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
-    """Include back-EMF in the base model beside friction of a gear that the torque presses, if a voltage drives it.
+    """Include back-EMF in the base model if a voltage drives the motor and friction depends on the load.
 
-    It is viscous friction until the motor is off, or its gear rubs under the torque that is left.
+    Otherwise back-EMF is viscous friction, unless the motor is ever off: then the base model has it already.
     """
     is_pressed = LoadDependentFriction.id in ids(terms) and BackEmf.id not in ids(terms)
     finding = Finding(Kind.BACK_EMF_INCLUDED, effects=(BackEmf.id,))
@@ -131,7 +131,7 @@ def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
 
 
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
-    """Add findings on the drive, and the effects that logged torque calls for by itself."""
+    """Add findings on the drive, and the effects that a search by logged torque alone selects."""
     data = trial.data
     dropped = ids(trial.found.terms) - ids(trial.final.terms)
     doubts = (data.doubt, find_speed_rate(found.model, data.recordings), find_torque_scale(data.recordings))
@@ -146,7 +146,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     )
     if not all(own.has_logged_torque for own in (*data.recordings, *data.holdout)):
         return found
-    # Play and links that yield are left to the loop: a search for them by torque takes longer than all else
+    # Backlash and flexible links are searched in the loop only: by torque they take longer than all other effects
     trial.setting.progress("looking at the torque", 0.96)
     library = {id: kind for id, kind in trial.setting.library.items() if kind.kind != "transmission"}
     base = found.steps[0].model.terms
@@ -157,47 +157,47 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     return found
 
 
-def choose_way(ways: Sequence[RolloutRows], base: Sequence[Term], effects: Sequence[type[Term]]) -> RolloutRows:
-    """That of several ways to look at recordings under which a model is likeliest, with one more effect if need be.
+def choose_rows(candidates: Sequence[RolloutRows], base: Sequence[Term], effects: Sequence[type[Term]]) -> RolloutRows:
+    """Choose the rows under which the base model, or it with one more effect, has the smallest error.
 
-    A goal that is held is late by half a sample, which a model without what is missing may well prefer.
+    A held goal is late by half a sample, and a model that lacks an effect may prefer the wrong timing.
     """
 
-    def of(one: RolloutRows) -> float:
-        terms = one.fit(base, exactly=True).terms
-        beside = [effect for effect in effects if effect.id not in ids(terms)]
-        foreseen = [trial for effect in beside for trial in one.data.ranked(terms, effect)[:1]]
+    def least_error(rows: RolloutRows) -> float:
+        terms = rows.fit(base, exactly=True).terms
+        others = [effect for effect in effects if effect.id not in ids(terms)]
+        foreseen = [trial for effect in others for trial in rows.data.ranked(terms, effect)[:1]]
         promising = sorted(foreseen, key=lambda trial: trial.fitted_rms)[: LOOP.promising]
-        return min(one.trial(each).fitted_rms for each in (terms, *(trial.terms for trial in promising)))
+        return min(rows.trial(each).fitted_rms for each in (terms, *(trial.terms for trial in promising)))
 
-    return min(ways, key=of)
+    return min(candidates, key=least_error)
 
 
 def has_gear_friction(step: Step) -> bool:
-    """Whether a gear surely rubs under the motor's torque, which back-EMF is no part of."""
+    """Return whether load-dependent friction is significant; it distinguishes back-EMF from viscous friction."""
     return significant_sign(step.model, LoadDependentFriction.id) > 0
 
 
 def has_unpowered_motor(recordings: Sequence[Recording]) -> bool:
-    """Whether a motor that a voltage drives is off for a while."""
+    """Return whether a motor that a voltage drives is off for a while."""
     return not all(recording.powered.all() for recording in driven_by_voltage(recordings))
 
 
 def driven_by_voltage(recordings: Sequence[Recording]) -> list[Recording]:
-    """Recordings whose drive gives the motor a voltage, not a torque."""
+    """Return the recordings whose drive gives the motor a voltage, not a torque."""
     return [own for own in recordings if own.drive is not None and own.drive.output in ("duty", "voltage")]
 
 
 def find_regions(trial: Trial) -> Sequence[Region]:
-    """Find what the final model leaves of the motion, and the recording that has most of it."""
+    """Find the residual of the motion under the final model, and the recording with the largest share."""
     evaluator, last, train = trial.evaluator, trial.final.steps[-1], fine_rows(trial.evaluator)[0]
     data = train.rollouts
-    left = train.residual(last.model.terms, np.asarray(last.model.theta))
-    if evaluator.residuals.is_noise_in(evaluator.train, left):
+    residual = train.residual(last.model.terms, np.asarray(last.model.theta))
+    if evaluator.residuals.is_noise_in(evaluator.train, residual):
         return []
-    sizes = np.array([np.mean(np.abs(left[data.recording_of == k])) for k in range(len(data.recordings))])
+    sizes = np.array([np.mean(np.abs(residual[data.recording_of == k])) for k in range(len(data.recordings))])
     worst = int(np.argmax(sizes))
-    error, floor = float(np.mean(np.abs(left))), of_one(data.encoder)
+    error, floor = float(np.mean(np.abs(residual))), of_one(data.encoder)
     numbers = {"error": Quantity(error, unit="rad"), "times": Quantity(error / floor)}
     if len(sizes) > 1:
         numbers["worst"] = Quantity(sizes[worst], unit="rad")

@@ -1,4 +1,4 @@
-"""What a diagnosis is told besides the recordings."""
+"""Options of a diagnosis."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,16 +15,16 @@ from pendulum_env.physics import Term
 
 @dataclass(frozen=True)
 class Setting:
-    """What a diagnosis is told besides the recordings.
+    """Options of a diagnosis.
 
     Attributes:
         base: terms of the model to start from.
-        original: the same as the user gave them.
-        library: effects that may be named, by id.
-        criterion: what they have to achieve.
+        original: base of a pendulum as the user gave it.
+        library: effects to search, by id.
+        criterion: thresholds of the search.
         rng: of the bootstrap.
-        progress: told what is being done and the share that is done.
-        limits: of the rig, for the experiment that is suggested.
+        progress: called with the current stage and the share that is done.
+        limits: of the rig, for the suggested experiment.
         by_reference: whether the base model is fitted by instruments.
     """
 

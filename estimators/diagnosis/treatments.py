@@ -1,4 +1,4 @@
-"""Candidate treatments of the recordings: each gives other data, and the best is kept by one rule."""
+"""Candidate treatments of the recordings: each gives new data, and one rule decides which are kept."""
 
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Case, Trial
@@ -16,7 +16,7 @@ WINDOWS = {Kind.NARROWER_WINDOWS, Kind.IMPACTS_INCLUDED}  # treatments of the wi
 def best_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial, tuple[TriedTreatment, ...]]:
     """Search for effects in the data and under each candidate treatment, and keep the best.
 
-    Where recordings are kept or left out otherwise, the other treatments are tried again.
+    After a treatment that changes recordings or their torque is kept, all treatments are tried again.
 
     Returns:
         The best trial, and all treatments that were tried.
@@ -37,9 +37,9 @@ def best_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial, 
 def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     """Score a treatment by the held-out error of its model, relative to the model that was found without it.
 
-    The error is that of torque times that of free-running motion. The density of blocks is no score here: windows of
-    different width have none in common, and states that windows hide show in the motion alone. Both models are
-    compared on the treated data; under another timing torque is another quantity, and each is compared on its own.
+    The error is that of torque times that of free-running motion. The likelihood of blocks is no score here: windows of
+    different widths have no blocks in common, and hidden states show in the motion alone. Both models are compared on
+    the treated data, except after a change of timing: it changes the torque, and each model has its own data.
     """
     treatment = next(own for own in trial.data.treatments if own not in best.data.treatments)
     after, before = trial.found.steps[-1], best.found.steps[-1]
@@ -53,20 +53,20 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
 def is_better(error_ratio: float, assumptions: int, before: int, margin: float) -> bool:
     """Return whether a treatment is kept: its model predicts better, or as well by no more assumptions.
 
-    Errors that agree within the margin differ by chance. Assumptions are effects, corrected torque, and treatments of
-    the windows; recordings that are left out are none, since a test of its own has found that they disagree.
+    Errors within the margin are equal. Assumptions are effects, corrected timing, and treatments of the windows. An
+    excluded recording is no assumption: a separate test has found that it disagrees.
     """
     return error_ratio < 1 - margin or (error_ratio < 1 + margin and assumptions <= before)
 
 
 def n_assumptions(trial: Trial) -> int:
-    """Return the number of effects, of timings that were corrected, and of treatments of windows."""
+    """Return the number of effects and treatments of windows, plus one if any timing was corrected."""
     windows = [treatment for treatment in trial.data.treatments if treatment.kind in WINDOWS]
     return len(trial.found.steps) - 1 + trial.data.has_moved + len(windows)
 
 
 def narrow_windows(trial: Trial) -> FitData | None:
-    """Narrow the windows where torque shows noise alone and motion more: they come closer to reversals."""
+    """Narrow the windows, to come closer to reversals, if torque is fitted to noise but motion is not."""
     evaluator, found = trial.evaluator, trial.found
     if trial.data.has_treatment(Kind.NARROWER_WINDOWS):
         return None
@@ -76,24 +76,24 @@ def narrow_windows(trial: Trial) -> FitData | None:
 
 
 def include_impacts(trial: Trial) -> FitData | None:
-    """Include windows at reversals that miss more torque than dry friction can be."""
+    """Include windows at reversals whose residual exceeds dry friction."""
     if trial.data.has_treatment(Kind.IMPACTS_INCLUDED):
         return None
-    struck = trial.data.with_impacts(trial.found.terms)
-    return None if struck is trial.data else struck
+    data = trial.data.with_impacts(trial.found.terms)
+    return None if data is trial.data else data
 
 
 def exclude_outliers(trial: Trial) -> FitData | None:
-    """Leave out recordings of another plant: no effect of one plant explains two."""
+    """Exclude recordings of another plant: no effect of one plant explains two."""
     kept = (trial.data.whole or trial.data).without(trial.outliers)
     return kept if len(kept.recordings) < len(trial.data.recordings) else None
 
 
 def time_beside_effects(trial: Trial) -> FitData | None:
-    """Time the torque beside the effects that were found: an effect may look like a delay, or hide one."""
+    """Time the torque under a model with the selected effects: an effect may imitate a delay, or hide one."""
     known = ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
-    beside = [term for term in trial.found.terms if term.id not in known]
-    if not beside or trial.data.has_treatment(Kind.TIMED_BESIDE) or not (trial.data.has_moved or trial.unexplained):
+    effects = [term for term in trial.found.terms if term.id not in known]
+    if not effects or trial.data.has_treatment(Kind.TIMED_BESIDE) or not (trial.data.has_moved or trial.unexplained):
         return None
-    again = trial.data.timed(beside)
+    again = trial.data.timed(effects)
     return None if again.agrees(trial.data) else again
