@@ -1,4 +1,4 @@
-"""Arguments that mend a mistake, as messages name them: those of a call in Python, or the options of a program."""
+"""Arguments in messages, written for the user: as arguments of a call in Python, or as options of a program."""
 
 from collections.abc import Callable
 
@@ -23,12 +23,12 @@ _write: Writer = as_argument
 
 
 def setting(name: str, value: object) -> str:
-    """Write an argument of this library in the words of the program that runs."""
+    """Write an argument of this library as the running program names it."""
     return _write(name, value)
 
 
 def use_writer(writer: Writer) -> Writer:
-    """Let messages of this process name arguments as a program does, by its options; return the writer of before."""
+    """Set the writer of arguments in messages of this process; return the previous one."""
     global _write
     before, _write = _write, writer
     return before

@@ -33,7 +33,7 @@ from pendulum_env.physics.table import COMPETING, TABLES
 from pendulum_env.physics.terms import untested_ends
 from pendulum_env.recording import Recording
 
-ENOUGH = 40  # clusters of windows; with fewer, a finding warns
+ENOUGH = 40  # windows; with fewer, a finding warns
 
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:

@@ -31,7 +31,7 @@ class Mechanism:
 
     @property
     def combined(self) -> dict[str, str]:
-        """What parameters stand for that are combinations of others, by name: none of a pendulum."""
+        """Combinations of parameters that a parameter stands for, by its name; none of a pendulum."""
         return {}
 
     def units(self, joint: str, torque_unit: str = "N m") -> JointUnits:

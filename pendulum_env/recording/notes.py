@@ -1,4 +1,4 @@
-"""What reading changed in a recording, or guessed of it: a kind, columns and numbers; the narrator has the words."""
+"""Notes on changes and guesses while reading a recording: kind, columns and numbers; the narrator has the texts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from pendulum_env.quantity import Quantity
 
 
 class NoteKind(StrEnum):
-    """Kind of a note. Comments name what comes with it beside the quantities."""
+    """Kind of a note. Comments name the fields that it has in addition to the quantities."""
 
     # columns of the file
     TRANSFORMED = "transformed"  # text: the user's expression
@@ -61,16 +61,16 @@ NAMED = 5  # rows or times that a note names
 
 @dataclass(frozen=True)
 class Note:
-    """One thing that reading changed in a recording, or guessed of it.
+    """Note on one change or guess while reading a recording.
 
     Attributes:
-        kind: of the note.
-        quantities: concerned, as a file's columns are named; of an arm with the joint.
+        kind: kind of the note.
+        quantities: names of columns of a recording; of an arm with the joint.
         numbers: by name, see `NoteKind`.
         headers: names of columns of the file, or of topics.
         places: the first `NAMED` rows of the file, from 1, or times [s].
-        text: as the file, the user or an error has it.
-        columns: with which the file would be read otherwise.
+        text: quoted from the file, the user or an error.
+        columns: option by which the file would be read otherwise.
     """
 
     kind: NoteKind

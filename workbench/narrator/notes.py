@@ -1,4 +1,4 @@
-"""Notes on recordings in words."""
+"""Texts of notes on recordings."""
 
 from collections.abc import Callable, Mapping
 
@@ -6,11 +6,11 @@ from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.settings import setting
 from pendulum_env.words import listing
 
-WARNING = "warning: "  # begins a note of what is likely wrong
+WARNING = "warning: "  # begins a note on a likely error
 
 
 def describe_note(note: Note) -> str:
-    """Describe what was changed in a recording, or guessed of it, in a phrase."""
+    """Describe a note in a phrase."""
     numbers = {name: number.value for name, number in note.numbers.items()}
     words = {"quantity": listing(note.quantities), "text": note.text, "columns": setting("columns", note.columns)}
     words |= {f"header{k or ''}": name for k, name in enumerate(note.headers)}
@@ -39,7 +39,7 @@ def _times(note: Note) -> str:
 
 
 def _by_count(one: str, several: str) -> Callable[[Note], str]:
-    """Choose the text of one or of several; the latter takes the numbers of the note."""
+    """Choose the text by the count of the note; its numbers are filled in."""
     return lambda note: (one if note.numbers["count"].value == 1 else several).format(
         **{name: number.value for name, number in note.numbers.items()}
     )
