@@ -21,6 +21,7 @@ from pendulum_env.physics.friction import PositionDependentFriction, QuadraticDr
 from pendulum_env.physics.potential import Cogging, GravityTilt
 from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Recording
+from pendulum_env.recording.sampling import SAMPLING
 
 NEGLIGIBLE = 0.01  # share of the torque; encoder noise below it hides no effect of practical use
 NEGLIGIBLE_SWING = 0.002  # the same of a free swing, in which friction is a small share of the torque
@@ -314,9 +315,13 @@ def _recording_of_each(windows: Sequence[Windows]) -> list[int]:
 
 
 def _widths(recording: Recording) -> tuple[float, ...]:
-    """Return the half widths of at least two samples."""
-    shortest = 2.0 / recording.rate
-    return tuple(h for h in HALF_WIDTHS if h >= 0.99 * shortest) or (shortest,)
+    """Return the half widths of at least two samples whose windows are shorter than the recording."""
+    shortest, duration = 2.0 / recording.rate, len(recording) / recording.rate
+    if duration < SAMPLING.shortest:
+        raise IdentificationError(
+            f"{recording.name}: lasts {duration:.3g} s, at least {SAMPLING.shortest:g} s are needed: record longer"
+        )
+    return tuple(h for h in HALF_WIDTHS if 0.99 * shortest <= h < 0.5 * duration) or (shortest,)
 
 
 def smooth_laws(w: Windows) -> tuple[Term, ...]:

@@ -75,10 +75,8 @@ def long_enough(log: Log) -> None:
     parts = list(pairwise((*log.starts, len(time))))
     fits = [b - a >= SAMPLING.fewest and time[b - 1] - time[a] >= SAMPLING.shortest for a, b in parts]
     if not any(fits):
-        raise RecordingError(
-            f"none of its {len(fits)} segments between gaps lasts {SAMPLING.shortest:g} s: record without losing "
-            "samples"
-        )
+        which = "the recording does not last" if len(fits) == 1 else f"none of its {len(fits)} segments lasts"
+        raise RecordingError(f"{which} {SAMPLING.shortest:g} s without a gap: record longer, without losing samples")
     short = [b - a for (a, b), fit in zip(parts, fits, strict=True) if not fit]
     if short:
         numbers = {"count": Quantity(len(short)), "samples": Quantity(sum(short))}

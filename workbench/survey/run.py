@@ -16,7 +16,8 @@ from typing import Any
 from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
 from pendulum_env.recording import Source
-from workbench.mistakes import InputError
+from pendulum_env.settings import use_writer
+from workbench.mistakes import InputError, write_option
 from workbench.survey.diagnosis import Settings, describe_error, diagnose_source
 from workbench.survey.recordings import SurveyedRecording
 from workbench.survey.result import read_result
@@ -133,6 +134,7 @@ def cluster_workers(address: str) -> Iterator[Executor]:
     except (OSError, ValueError) as error:
         raise InputError(f"there is no Dask cluster at {address}: {error}") from None
     with client:
+        client.run(use_writer, write_option)  # messages name options, as in processes of this computer
         executor = client.get_executor(pure=False)
         try:
             yield executor

@@ -75,7 +75,7 @@ def test_segments_too_short_to_use_are_left_out_and_told_and_refused_where_there
     assert [len(part) for part in recording.segments] == [2000, 2700]
     assert "50 samples in a segment shorter than 0.2 s are left out" in noted(recording)
     time = np.concatenate([np.arange(50) / 1000 + second for second in range(20)])
-    with pytest.raises(RecordingError, match=r"none of its 20 segments between gaps lasts 0\.2 s"):
+    with pytest.raises(RecordingError, match=r"none of its 20 segments lasts 0\.2 s"):
         read_recording(motion(time))
 
 
