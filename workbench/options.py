@@ -50,6 +50,12 @@ def number(low: float, high: float = LARGE) -> Callable[[str], float]:
     return _within(float, low, high, f"a number from {low:g} to {high:g}")
 
 
+def between(low: float, high: float) -> Callable[[str], float]:
+    """Converter for argparse: a number between low and high, neither of them itself."""
+    inside = math.nextafter(low, high), math.nextafter(high, low)
+    return _within(float, *inside, f"a number above {low:g} and below {high:g}")
+
+
 def whole(low: int, high: int = 10**DIGITS) -> Callable[[str], int]:
     """Converter for argparse: a whole number from low to high."""
     return _within(int, low, high, f"a whole number from {low} to {high}")

@@ -81,6 +81,13 @@ WORDS = [  # with files of `folder`
     ("diagnose run.csv --fix gravity", "NAME=VALUE"),
     ("diagnose run.csv --bound gravity=1", "NAME=LOW:HIGH"),
     ("identify run.csv --fix gravity=nan", "'nan' should be a number from -1e+09 to 1e+09"),
+    *(
+        (
+            f"diagnose run.csv --significance {value}",
+            f"--significance: '{value}' should be a number above 0 and below 1",
+        )
+        for value in ("0", "1", "-0.1", "5", "nan", "5%")
+    ),
     ("diagnose run.csv --report report.pdf", "name it"),
     ("effects backlahs", "did you mean backlash?"),
     ("record -o nowhere/run.csv", "there is no folder"),

@@ -119,6 +119,15 @@ def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, few_effect
     assert page.lstrip().lower().startswith("<!doctype html>") and f"<code>pendulum-ident {line}</code>" in page
 
 
+@pytest.mark.parametrize(("option", "limit"), [("", 0.05), (" --significance 0.01", 0.01)])
+def test_diagnose_judges_gains_by_the_significance_that_is_asked_for(runs, few_effects, done, option, limit):
+    done(f"diagnose train.csv --holdout holdout.csv --json d.json{option}")
+    found = held("d.json")
+    gates = [gate for one in found["candidates"] for gate in one["gates"] if gate["name"] == "p_value"]
+    assert found["selected"] == ["stribeck"] and len(gates) > 1
+    assert all(gate["limit"] == limit and gate["passed"] == (gate["value"] <= limit) for gate in gates)
+
+
 def test_record_plays_what_a_diagnosis_suggests(monkeypatch, done):
     """Small swings under gravity look like a spring: the next experiment goes further, and no doubt is left."""
     known = {id: effects()[id] for id in ("spring", "gravity_tilt")}

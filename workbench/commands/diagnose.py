@@ -5,11 +5,12 @@ import math
 
 from estimators.diagnosis.experiment import USUAL
 from estimators.diagnosis.run import diagnose
+from estimators.selection.criterion import Criterion
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from workbench.inputs import opened, write_json, write_model, write_page, wrote
 from workbench.narrator.diagnosis import diagnosis_json
-from workbench.options import LIMITS, READING, ROBOT, declare, number
+from workbench.options import LIMITS, READING, ROBOT, between, declare, number
 from workbench.story import MORE, tell_diagnosis
 from workbench.terminal import Terminal
 
@@ -24,7 +25,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         recordings --holdout {READING} --drive {ROBOT}
         --model  start from its terms (default: the paper's four; of an arm, friction at each joint)
         --only  look for these effects only; of an arm at every joint, or at one, as stribeck@elbow
-        --without {LIMITS} --instruments --verbose
+        --without {LIMITS} --instruments
+        --significance P  largest p-value of the gain of an effect that is added, above 0 and below 1
+            (default {Criterion.p_value:g}); a smaller one asks for clearer evidence
+        --verbose
         --all  as --verbose, with every effect, also those that could not be judged
         --max-torque NM  largest torque of a suggested experiment [N m] (default {USUAL:g}, at most ten times the
             largest recorded)
@@ -36,6 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         -o, --output MODEL.json  write the final model
         """,
         pendulums=("max_torque", "max_angle", "max_speed", "experiment"),
+        significance=(between(0.0, 1.0), Criterion.p_value),
         max_torque=number(0.1, MOST_TORQUE),
         max_angle=number(0.01, math.inf),
         max_speed=number(0.01, math.inf),
@@ -53,6 +58,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             given.holdout,
             asked.model.terms,
             progress,
+            criterion=Criterion(p_value=arguments.significance),
             by_reference=arguments.instruments is not None,
             **{name: getattr(arguments, name) for name in ASKED},
         )
