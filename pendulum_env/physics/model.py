@@ -389,7 +389,7 @@ class Model(Mapping[str, Estimate]):
             ModelError: if the file is missing, is no JSON or is no model; the message names the file.
         """
         try:
-            return cls.from_json(read_json(path, "write a model by its `save`"))
+            return cls.from_json(read_json(path, "a model is written by `Model.save` or by `identify`"))
         except Unreadable as error:
             raise ModelError(str(error)) from None
         except ModelError as error:

@@ -11,6 +11,7 @@ from estimators.schemes.six import Integral, Scheme, scheme
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Gravity, Inertia, Model, ModelError
+from pendulum_env.physics.limits import LimitsError
 from pendulum_env.plant import hide, make_plant
 from pendulum_env.recording import RecordingError, Source, read_recording, write_recording, write_study
 from workbench.export import export
@@ -48,6 +49,7 @@ ANOTHER_ORDER = (
     (lambda r: write_recording("run.csv", r), "first argument .* str"),
     (lambda r: write_study("study.toml", [Source(Path("run.csv"))]), "first argument is of type str"),
     (lambda r: write_report("page.html", compare(MODEL, r)), "first argument"),
+    (lambda r: write_report(MODEL, "page.html"), "no Model: compare it first"),
     (lambda r: export("mjcf", MODEL), "first argument is of type str"),
 )
 
@@ -63,6 +65,7 @@ WRONG = [
     (lambda r: identify(r, bounds={"coulomb": 0.3}), TypeError, "give a dictionary, as in"),
     (lambda r: identify(r, bounds=["coulomb"]), TypeError, "give a dictionary, as in"),
     (lambda r: identify(r, fixed={"gravity": "2"}), TypeError, "give a dictionary, as in"),
+    (lambda r: identify(r, fixed={"stribeck": 1.0}), LimitsError, "the model has no parameter 'stribeck'"),
     (lambda r: diagnose(r, "tuesday.csv"), RecordingError, r"tuesday\.csv: there is no such file"),
     (lambda r: add(MODEL, "spring", r, [r, 3]), TypeError, "is not a recording"),
     (lambda r: identify(identify(r, schemes="energy")), TypeError, "is not a recording"),

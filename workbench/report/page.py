@@ -111,10 +111,12 @@ def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -
         path: of the file, written whole or not at all.
 
     Raises:
-        TypeError: if the arguments are in another order.
+        TypeError: if the arguments are in another order, or the result is another one.
         OSError: if the file cannot be written.
     """
     check_order("write_report(result, path)", (result, Diagnosis | Comparison), (path, str | os.PathLike))
+    if not isinstance(result, Diagnosis | Comparison):
+        raise TypeError(f"a report shows a diagnosis or a comparison, no {type(result).__name__}: compare it first")
     write_whole(Path(path), render_comparison(result) if isinstance(result, Comparison) else render(result))
 
 

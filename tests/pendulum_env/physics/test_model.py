@@ -113,7 +113,7 @@ def covered(**changes: object) -> dict:
         (covered(parameters=["mass", "gravity", "viscous", "coulomb"]), "does not tell of inertia"),
         (covered(matrix=np.eye(4)[:3].tolist()), "4 rows"),
         (covered(matrix=(-np.eye(4)).tolist()), "a variance below zero"),
-        (b"\xff\xfe\x00", "is not JSON; write a model"),
+        (b"\xff\xfe\x00", "is not JSON; a model is written"),
         ("nowhere", "cannot be read"),
     ],
 )
