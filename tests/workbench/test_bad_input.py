@@ -61,6 +61,7 @@ WORDS = [  # with files of `folder`
     ("identify run.csv --columns time", "'time' should be QUANTITY=NAME"),
     ("diagnose run.csv --columns time=t,angle=q", "not for 'angle'"),
     ("compare m.json run.csv --columns time=t,time=ms:ms", "time is named twice"),
+    ("add spring model.json run.csv", "model.json is a file: the order is MODEL.json EFFECT RECORDING"),
     ("record --excitation chrip -o x.csv", "did you mean chirp?"),
     ("record --theta coulomb=100 --seconds 1.5 -o x.csv", "the arm never moves"),
     ("record --counts 1 --seconds 1.5 -o x.csv", "or turn it by less than one of the 1 --counts"),

@@ -1,6 +1,7 @@
 """`add`: one more effect in a model, refit, with the errors before and after."""
 
 import argparse
+from pathlib import Path
 
 from estimators.diagnosis.addition import add
 from estimators.free_swings import known_by
@@ -46,5 +47,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _effect(text: str) -> str:
+    if Path(text).is_file():
+        raise argparse.ArgumentTypeError(f"{text} is a file: the order is MODEL.json EFFECT RECORDING")
     known_effect(text.partition("@")[0], addition)
     return text
