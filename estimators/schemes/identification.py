@@ -41,7 +41,7 @@ from pendulum_env.arms.joints import body_of
 from pendulum_env.lookup import find
 from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import BASE, Model, Term
-from pendulum_env.physics.limits import Bounds, LimitsError
+from pendulum_env.physics.limits import Bounds, LimitsError, collect_limits
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording
 from pendulum_env.recording.columns import NONE
@@ -184,9 +184,8 @@ def identify(
     body = body_of(terms)
     recordings = chosen_recordings(recordings, body=body)
     terms, _ = within_limits(terms, {}, fixed, bounds)
-    names = {column.name for term in terms for column in term.columns}
-    names |= {term.full(parameter.name) for term in terms for parameter in term.nonlinear_parameters}
-    if absent := [name for name in (*(fixed or ()), *(bounds or ())) if name not in names]:
+    limits = collect_limits(terms)
+    if absent := [name for name in (*(fixed or ()), *(bounds or ())) if name not in limits]:
         raise LimitsError(f"the model has no parameter '{absent[0]}': add its effect to the terms, or leave it out")
     found = (_of_links if isinstance(body, Body) else _of_one_joint)(recordings, terms, chosen)
     log_format = format_of(recordings)
