@@ -80,6 +80,9 @@ def test_a_backend_keeps_its_contract(settings):
         first = backend.enable(Start())
         assert (first.time, first.torque, first.status) == (0.0, 0.0, Status.RUNNING)
         samples = [backend.exchange(2.0) for _ in range(50)]
+        for sample in samples:
+            if sample.fault is not None:
+                raise Disturbed(sample.fault)
         np.testing.assert_allclose([s.time for s in samples], np.arange(1, 51) / backend.traits.rate, atol=1e-9)
         assert all(s.status is Status.RUNNING and np.isfinite([s.position, s.torque]).all() for s in samples)
         backend.disable()
