@@ -1,4 +1,4 @@
-"""What chooses the torque: signals, planning and learning agents, and how they compare."""
+"""Policies that choose excitation torques: signals, planners and trained networks, and their comparison."""
 
 from typing import TYPE_CHECKING
 

@@ -1,8 +1,8 @@
-"""Choosing the motion of an arm as a task: the speeds of all joints at the next knot, paid for what the motion teaches.
+"""Environments in which an agent chooses the motion of an arm: the speeds of all joints at the next knot.
 
-The arm follows a `Reference` by its own controller, within limits of angle, speed and torque. What such a motion
-teaches does not depend on the parameters that are to be learnt, so nothing has to be simulated to choose it, and a
-policy plays the whole motion in advance: `plan`.
+The arm follows a `Reference` with its own controller, within limits of angle, speed and torque. The information of the
+motion does not depend on the unknown parameters, so no simulation is needed, and `plan_motion` plans a whole motion in
+advance.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from agents.observer import BOUND, DECADES, Batch
-from agents.task import Seen, Task, TaskVector
+from agents.observer import LOG_SCALE, OBSERVATION_BOUND, Batch
+from agents.task import Task, TaskState, TaskVector
 from estimators.arms.excitation import PRIOR, Moving, objection, to_rest
 from estimators.arms.limits import USUAL, Limits, limits_of
 from estimators.arms.reference import HOLD, Reference
@@ -27,37 +27,42 @@ from pendulum_env.lookup import with_known_arguments
 from pendulum_env.mistake import Mistake
 from pendulum_env.policy import Policy, State
 
-SECONDS = (2.0, 10.0)  # length of an episode, where nobody says
-SHARES = {"angle": (0.2, 1.0), "speed": (0.3, 1.5), "torque": (0.8, 1.2), "acceleration": (0.7, 2.5)}  # of the limits
-TORQUE = 12.0  # [N m], the bound where neither file nor argument has one
-PLAYS = 256  # of a policy, of which the best is taken
-PACE = 5.0  # [s], by which the time left is divided in the observation
+SECONDS = (2.0, 10.0)  # [s], range of the random duration of an episode
+SHARES = {
+    "angle": (0.2, 1.0),
+    "speed": (0.3, 1.5),
+    "torque": (0.8, 1.2),
+    "acceleration": (0.7, 2.5),
+}  # random factors of the limits
+TORQUE = 12.0  # [N m], default bound of the torque
+N_SAMPLED_MOTIONS = 256  # drawn from a policy; the best is used
+TIME_SCALE = 5.0  # [s], divisor of the time left in the observation
 
 
-def observe(moving: Moving, left: float) -> Batch:
-    """Observations (B, 8 n + 2 P + 1) of motions at a knot, with so much time left [s]."""
+def compute_observation(moving: Moving, left: float) -> Batch:
+    """Compute observations (B, 8 n + 2 P + 1) of motions at a knot with the time left [s]."""
     q, (low, high, speed, torque, acceleration) = moving.position, moving.limits
     own = np.log(moving.information.diagonal(axis1=1, axis2=2) / PRIOR)
     known = -np.log(moving.variances * PRIOR)
     where = [np.sin(q), np.cos(q), (2 * q - low - high) / (high - low), moving.speed / speed]
     rise = speed / acceleration / USUAL.rise
     limits = [(high - low) / (2 * np.pi), speed / USUAL_SPEED, torque / TORQUE, rise]
-    time = np.full((len(q), 1), left / PACE)
-    seen = np.concatenate([*where, *limits, own / DECADES, known / DECADES, time], axis=1)
-    return np.clip(seen, -BOUND, BOUND).astype(np.float32)
+    time = np.full((len(q), 1), left / TIME_SCALE)
+    seen = np.concatenate([*where, *limits, own / LOG_SCALE, known / LOG_SCALE, time], axis=1)
+    return np.clip(seen, -OBSERVATION_BOUND, OBSERVATION_BOUND).astype(np.float32)
 
 
 class ArmExcitationDesignVector(TaskVector):
-    """B motions of an arm whose parameters are to be learnt; made by `gymnasium.make_vec`.
+    """B motions of an arm with unknown parameters; made by `gymnasium.make_vec`.
 
-    Action (B, n): speeds of the joints at the next knot, 0.1 s later, as shares of the largest, in [-1, 1]; they are
-    reached as far as limits of angle, speed and torque allow. Observation (B, 8 n + 2 P + 1): of the joints sin q,
-    cos q, q and q' as shares of their limits, and these limits; log information and log variance of base parameters and
-    friction; the time left. Reward: by how much the log of the RMS standard error, relative to the parameters of the
-    file, falls [nat]. Episodes end together, after 2 to 10 s.
+    Action (B, n): speeds of the joints at the next knot, 0.1 s later, as shares of the largest, in [-1, 1]; limits of
+    angle, speed and torque apply. Observation (B, 8 n + 2 P + 1): for each joint sin q, cos q, q and q' as shares of
+    their limits, and these limits; log information and log variance of base parameters and friction; the time left.
+    Reward: decrease of the log of the RMS standard error, relative to the parameters of the file [nat]. Episodes end
+    together, after 2 to 10 s.
 
-    `info`: `speed` at the knot (B, n), `variances` as shares of the parameters and for a noise of one on the mean
-    torque of 20 ms (B, P).
+    `info` has `speed` at the knot (B, n), and `variances` (B, P), relative to the parameters, for a noise of one on the
+    mean torque of 20 ms.
     """
 
     @with_known_arguments
@@ -79,84 +84,86 @@ class ArmExcitationDesignVector(TaskVector):
         Args:
             num_envs: number B of motions.
             robot: file of the arm, URDF or MJCF; the links of `PlanarArm-v0` by default.
-            seconds: length of an episode; drawn anew for each by default.
-            max_angle: to either side of zero [rad], if less than the file's.
-            max_speed: [rad/s], if less than the file's; 4 by default.
-            max_torque: of every joint [N m], if less than the file's; 12 by default.
-            max_acceleration: [rad/s^2]; by default full speed takes 0.2 s.
-            draw: whether each episode has limits of its own: 0.2 to 1 times these angles, 0.3 to 1.5 times these
-                speeds, 0.8 to 1.2 times these torques, full speed after 0.08 to 0.29 s.
-            autoreset_mode: as of the pendulums.
+            seconds: duration of an episode [s]; random by default.
+            max_angle: largest angle to either side of zero [rad]; the limit of the file applies, too.
+            max_speed: largest speed [rad/s], 4 by default; the limit of the file applies, too.
+            max_torque: largest torque of each joint [N m], 12 by default; the limit of the file applies, too.
+            max_acceleration: largest acceleration [rad/s^2]; by default full speed is reached in 0.2 s.
+            draw: draw random limits for each episode: 0.2 to 1 times these angles, 0.3 to 1.5 times these speeds, 0.8
+                to 1.2 times these torques, full speed after 0.08 to 0.29 s.
+            autoreset_mode: when the next episodes begin.
 
         Raises:
             ValueError: if an argument is out of its range, or the file is no robot.
         """
         if seconds is not None and not HOLD <= seconds < np.inf:
-            raise Mistake(f"an episode cannot last {seconds:g} s: give {HOLD:g} s or more")
+            raise Mistake(f"an episode of {seconds:g} s is too short: give {HOLD:g} s or more")
         self.body = body_in(PlanarArm()) if robot is None else read_body(robot)
         torque = TORQUE if max_torque is None else max_torque
         self.body.refuse_impossible_links()
         self.limits = limits_of(self.body, max_angle, max_speed, torque, max_acceleration)
         self._seconds, self._draw = seconds, draw
         self._moving = Moving(self.body, self.limits, num_envs)
-        super().__init__(num_envs, observe(self._moving, 1.0).shape[1], len(self.body.joints), autoreset_mode)
+        super().__init__(
+            num_envs, compute_observation(self._moving, 1.0).shape[1], len(self.body.joints), autoreset_mode
+        )
 
-    def _begin(self, options: dict[str, Any]) -> Seen:
+    def _begin_episodes(self, options: dict[str, Any]) -> TaskState:
         limits, rng = self.limits, self.np_random
         if self._draw:
             angle, speed, torque, acceleration = (rng.uniform(*share, (self.num_envs, 1)) for share in SHARES.values())
-            home = np.clip(0.0, limits.low, limits.high)  # zero may be none of their positions
+            home = np.clip(0.0, limits.low, limits.high)  # zero may be outside of the limits
             low, high = home + (limits.low - home) * angle, home + (limits.high - home) * angle
             limits = Limits(
                 low, high, limits.speed * speed, limits.torque * torque, limits.acceleration * speed * acceleration
             )
         seconds = rng.uniform(*SECONDS) if self._seconds is None else self._seconds
-        self._moving, self._left = Moving(self.body, limits, self.num_envs), round(seconds / HOLD)
-        return self._seen()
+        self._moving, self._steps_left = Moving(self.body, limits, self.num_envs), round(seconds / HOLD)
+        return self._task_state()
 
-    def _go(self, shares: Array) -> Seen:
+    def _apply_actions(self, shares: Array) -> TaskState:
         self._moving.go(np.clip(shares, -1.0, 1.0))
-        return self._seen()
+        return self._task_state()
 
-    def _seen(self) -> Seen:
+    def _task_state(self) -> TaskState:
         info = {"speed": self._moving.speed, "variances": self._moving.variances}
-        return observe(self._moving, self._left * HOLD), self._moving.worth, info
+        return compute_observation(self._moving, self._steps_left * HOLD), self._moving.worth, info
 
 
 class ArmExcitationDesign(Task):
-    """One motion of an arm: `ArmExcitationDesignVector` with a batch of one, without its first axis."""
+    """One motion of an arm: `ArmExcitationDesignVector` with a batch of one, without the first axis."""
 
     metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own interface)
 
     def __init__(self, **arguments: Any) -> None:
-        """Make it; the arguments are those of the batch but for the number of motions."""
+        """Make the environment with the arguments of `ArmExcitationDesignVector`, without `num_envs`."""
         super().__init__(ArmExcitationDesignVector(1, **arguments))
 
 
-def plan(policy: Policy, body: Body, limits: Limits, seconds: float) -> Reference:
-    """The motion that a policy chooses for an arm, of many that it draws by its odds the best within limits.
+def plan_motion(policy: Policy, body: Body, limits: Limits, seconds: float) -> Reference:
+    """Plan the motion of an arm with a policy.
 
-    After `seconds` it is brought to rest. A policy knows nothing of the arm but what it observes: one of as many joints
-    and parameters is not told from that which it was trained for. It has learnt `SHARES` of the usual limits, and
-    motions of `SECONDS`; beyond, it may do worse than chance. Nobody gets more torque than in training, 12 N m.
+    `N_SAMPLED_MOTIONS` motions are drawn from the policy, and the best within the limits is returned. It ends at rest
+    after `seconds`. The torque is limited to 12 N m, as in training. A policy was trained with `SHARES` of the default
+    limits and with durations of `SECONDS`; outside of these it may be worse than a random motion.
 
     Raises:
-        ValueError: if the policy was trained for an arm of other numbers of joints or parameters.
-        IdentificationError: if its motion needs more torque than there is, or a joint never moves.
+        ValueError: if the policy was trained for another number of joints or parameters.
+        IdentificationError: if each motion needs more torque than allowed, or leaves a joint at rest.
     """
     limits = limits._replace(torque=np.minimum(limits.torque, TORQUE))
-    moving = Moving(body, limits, PLAYS)
+    moving = Moving(body, limits, N_SAMPLED_MOTIONS)
     state: State = (np.random.default_rng(0),)
     start, speeds = moving.position[0], [moving.speed]
     for left in range(round(seconds / HOLD), 0, -1):
-        begins = np.full(PLAYS, len(speeds) == 1)
-        action, state = policy.predict(observe(moving, left * HOLD), state, begins, deterministic=False)
+        begins = np.full(N_SAMPLED_MOTIONS, len(speeds) == 1)
+        action, state = policy.predict(compute_observation(moving, left * HOLD), state, begins, deterministic=False)
         moving.go(np.clip(np.asarray(action, dtype=float), -1.0, 1.0))
         speeds.append(moving.speed)
-    told = ""
+    reason = ""
     for best in np.argsort(-moving.worth)[:, None]:
         motion = to_rest(body, moving.chosen(best), start, [speed[best] for speed in speeds])
-        if not (against := objection(motion, limits)):
+        if not (problem := objection(motion, limits)):
             return motion
-        told = told or against
-    raise IdentificationError(f"{body.name}: under the policy {told}")
+        reason = reason or problem
+    raise IdentificationError(f"{body.name}: under the policy {reason}")

@@ -1,4 +1,4 @@
-"""Comparison of excitation policies on the same plants: errors of the online estimator, beside those of baselines."""
+"""Comparison of excitation policies and baselines by the errors of the online estimator on the same plants."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from agents.baselines import BASELINE, RANDOM
-from agents.contenders import baselines as make_baselines
-from agents.contenders import contender
-from agents.evaluation import CLOSE, FRESH, MOMENTS, Outcome, observe
-from agents.observer import COUNT, INPUTS
+from agents.contenders import make_baselines as make_baselines
+from agents.contenders import make_contender
+from agents.evaluation import ACCURACIES, REPORT_TIMES, SEED_OFFSET, Outcome, evaluate_policy
+from agents.observer import N_PARAMETERS, OBSERVATION_SIZE
 from estimators.progress import Progress, no_progress
 from pendulum_env._typing import JSON, Array
 from pendulum_env.mistake import Mistake
@@ -24,8 +24,8 @@ from pendulum_env.reading import shown
 
 SCHEMA = "pendulum-ident/evaluation@2"
 RESAMPLES = 2000
-EXCESS = 1.05  # action beyond which it is no rounding error of a full one
-PART = 160  # plants at most that are simulated together; how many workers there are changes nothing
+MAX_ACTION = 1.05  # a larger action is not a rounding error of 1
+PLANTS_PER_JOB = 160  # largest number of plants in one simulation; the result does not depend on the number of workers
 Statistic = Callable[[Array, Array], float]
 
 
@@ -34,8 +34,8 @@ class PolicyComparison:
     """Outcomes of policies on the same plants; `print` shows a table.
 
     Attributes:
-        outcomes: by name of the policy, the baselines first. `outcomes["mine"].parameter_errors` are the relative
-            errors of inertia, gravity, viscous and dry friction (T, N, 4) after each tick of 20 ms, on N plants.
+        outcomes: by name of the policy, baselines first. `outcomes["mine"].parameter_errors` are the relative errors
+            of inertia, gravity, viscous and dry friction (T, N, 4) after each tick of 20 ms, on N plants.
         settings: of the comparison.
     """
 
@@ -44,44 +44,48 @@ class PolicyComparison:
 
     @property
     def baseline(self) -> str:
-        """The policy that all others are compared with, the first."""
+        """Return the name of the first policy, the reference of all others."""
         return next(iter(self.outcomes))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Causes of figures that say nothing about the choice of torque, one sentence each."""
+        """List problems of policies that make their figures meaningless, one sentence each."""
         notes = []
         for name, own in self.outcomes.items():
             if still := int(np.sum(own.speed == 0)):
                 plants = "" if still == len(own.speed) else f" on {still} of {len(own.speed)} plants"
                 notes.append(f"{name} never moves the joint{plants}: nothing can be estimated there")
-            if (most := float(own.action.max())) > EXCESS:
+            if (most := float(own.action.max())) > MAX_ACTION:
                 notes.append(f"{name} asks for up to {most:.1f} times the peak torque: actions are shares of it")
         return tuple(notes)
 
     def records(self) -> list[dict[str, Any]]:
-        """One dictionary for each policy, medians over the plants.
+        """Return one dictionary for each policy, with medians over the plants.
 
-        `error_10s` is the RMS of the four relative errors, `inertia_error` and so on are those of single parameters at
-        the end, `time_to_1_percent` is the time from which on all stay within 1 % [s], infinite if they do not;
-        `gain` is the error of the baseline at the end over that of the policy, `information_gain` the same of the
-        fourth root of det M. Above 1, both are better than the baseline.
+        `error_10s` is the RMS of the four relative errors. `inertia_error` and so on are the final errors of single
+        parameters. `time_to_1_percent` is the time after which all errors stay within 1 % [s], or infinite. `gain` is
+        the final error of the baseline divided by the error of the policy. `information_gain` is the ratio of the
+        fourth roots of det M. Above 1, the policy is better than the baseline.
         """
         base = self.outcomes[self.baseline]
         rows = []
         for name, own in self.outcomes.items():
             row: dict[str, Any] = {"policy": name}
-            row |= {f"error_{moment:g}s": _median(error) for moment, error in zip(MOMENTS, own.errors, strict=True)}
+            row |= {
+                f"error_{moment:g}s": _median(error) for moment, error in zip(REPORT_TIMES, own.errors, strict=True)
+            }
             last = np.abs(own.parameter_errors[-1])
             row |= {f"{parameter}_error": _median(last[:, k]) for k, parameter in enumerate(PAPER)}
-            row |= {f"time_to_{100 * b:g}_percent": _median(time) for b, time in zip(CLOSE, own.close, strict=True)}
-            row["gain"] = improvement(own.errors[-1], base.errors[-1])
+            row |= {
+                f"time_to_{100 * b:g}_percent": _median(time) for b, time in zip(ACCURACIES, own.close, strict=True)
+            }
+            row["gain"] = compute_gain(own.errors[-1], base.errors[-1])
             row["information_gain"] = information_ratio(own.log_det[-1], base.log_det[-1])
             rows.append(row)
         return rows
 
     def json(self) -> JSON:
-        """Quartiles of all figures, and gains over the baseline with intervals; infinite figures are null."""
+        """Return quartiles of all figures, and gains over the baseline with intervals; infinite figures are null."""
         base = self.outcomes[self.baseline]
         policies = {name: _policy_json(outcome, base) for name, outcome in self.outcomes.items()}
         return {
@@ -93,9 +97,12 @@ class PolicyComparison:
         }
 
     def __str__(self) -> str:
-        header = [f"error at {moment:g} s [%]" for moment in MOMENTS] + ["1 % after [s]", f"gain over {self.baseline}"]
+        header = [f"error at {moment:g} s [%]" for moment in REPORT_TIMES] + [
+            "1 % after [s]",
+            f"gain over {self.baseline}",
+        ]
         rows = [
-            [f"{100 * row[f'error_{moment:g}s']:.3f}" for moment in MOMENTS]
+            [f"{100 * row[f'error_{moment:g}s']:.3f}" for moment in REPORT_TIMES]
             + [f"{row['time_to_1_percent']:.2f}", f"{row['gain']:.2f}"]
             for row in self.records()
         ]
@@ -123,14 +130,14 @@ def compare_policies(
     executor: Executor | None = None,
     progress: Progress = no_progress,
 ) -> PolicyComparison:
-    """Let policies excite the same fresh plants for 10 s, and compare the errors of the online estimator.
+    """Compare policies by the errors of the online estimator after 10 s of excitation of the same new plants.
 
     A policy is one of these:
 
     - an object with `predict(observation, deterministic=...)`, such as a model of stable-baselines3. It gets the
       observations (B, 20) of `ExcitationDesignVector` and returns shares of the peak torque (B, 1). `state` and
       `episode_start` are passed if `predict` takes them;
-    - a class of such objects, which is made without arguments;
+    - a class of such objects, created without arguments;
     - an open-loop signal: an excitation of `pendulum_env.excitation`, or a function of time [s] that returns a torque
       [N m]. An excitation drawn for less than 10 s repeats.
 
@@ -144,14 +151,14 @@ def compare_policies(
         seed: of plants, noise and signals.
         effects: hidden in the plants, as `stribeck=0.4` or `{"stribeck": 0.4}`.
         spread: relative half width within which the parameters of the plants are drawn.
-        max_speed: beyond which no torque drives the arm on [rad/s].
-        max_turns: to either side, beyond which no torque drives the arm outwards.
+        max_speed: speed above which no torque accelerates the arm [rad/s].
+        max_turns: turns to either side above which no torque drives the arm outwards.
         scheme: of the estimator.
-        executor: processes that do the work, to which policies are pickled; None works in this process.
+        executor: pool of processes; policies are pickled. None uses this process.
         progress: called with the name of a policy and the share of the work.
 
     Raises:
-        ValueError: if a policy or a name is none that is known, or a number is out of its range.
+        ValueError: if a policy or a name is unknown, or a number is out of its range.
 
     Examples:
         >>> from agents import compare_policies
@@ -171,18 +178,18 @@ def compare_policies(
     if taken := [name for name in policies if name in baselines]:
         raise Mistake(f"a policy and a baseline are both called {taken[0]}: rename the policy")
     if plants < 1:
-        raise Mistake(f"a comparison of policies needs 1 plant or more, got {plants}")
-    inputs = INPUTS + (max_turns is not None)
+        raise Mistake(f"plants is {plants}: give 1 or more")
+    inputs = OBSERVATION_SIZE + (max_turns is not None)
     contenders = make_baselines(baselines, constraint)
-    contenders |= {name: contender(name, policy, constraint, inputs) for name, policy in policies.items()}
+    contenders |= {name: make_contender(name, policy, constraint, inputs) for name, policy in policies.items()}
     if not contenders:
         raise Mistake("there is nothing to compare: give a policy or a baseline")
     limits = {"max_speed": max_speed, "max_turns": max_turns}
     task: dict[str, float] = {"spread": spread} | {name: one for name, one in limits.items() if one is not None}
-    sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
+    sizes = [min(PLANTS_PER_JOB, plants - first) for first in range(0, plants, PLANTS_PER_JOB)]
     setting: dict[str, Any] = {"effects": list_effects(effects), "task": task, "scheme_id": scheme}
     jobs = [
-        partial(observe, make, constraint, size, seed=seed + 4 * FRESH * part, **setting)
+        partial(evaluate_policy, make, constraint, size, seed=seed + 4 * SEED_OFFSET * part, **setting)
         for make in contenders.values()
         for part, size in enumerate(sizes)
     ]
@@ -199,19 +206,19 @@ def compare_policies(
 
 
 def information_ratio(policy: Array, base: Array) -> float:
-    """Median of (det M / det M_base)^(1/4), of log determinants on the same plants; NaN where neither moves."""
+    """Compute the median of (det M / det M_base)^(1/4) over the plants; NaN where neither policy moves the joint."""
     with np.errstate(invalid="ignore"):
-        return float(np.median(np.exp((policy - base) / COUNT)))
+        return float(np.median(np.exp((policy - base) / N_PARAMETERS)))
 
 
-def improvement(policy: Array, base: Array) -> float:
-    """Median of the baseline over that of the policy: above 1 is better; NaN where half never get there."""
+def compute_gain(policy: Array, base: Array) -> float:
+    """Divide the median of the baseline by that of the policy; NaN where one of them is infinite."""
     numbers = float(np.median(base)), float(np.median(policy))
     return numbers[0] / numbers[1] if np.isfinite(numbers).all() else float("nan")
 
 
-def interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) -> tuple[float, float]:
-    """Bootstrap interval of 95 % over plants, the same plants for both."""
+def bootstrap_interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) -> tuple[float, float]:
+    """Compute the bootstrap interval of 95 % of a statistic; both policies use the same resampled plants."""
     picks = np.random.default_rng(seed).integers(len(policy), size=(RESAMPLES, len(policy)))
     values = [statistic(policy[pick], base[pick]) for pick in picks]
     with np.errstate(invalid="ignore"):  # of infinite values
@@ -224,11 +231,11 @@ def _median(values: Array) -> float:
 
 
 def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
-    moments, bounds = [f"{moment:g} s" for moment in MOMENTS], [f"{100 * bound:g} %" for bound in CLOSE]
+    moments, bounds = [f"{moment:g} s" for moment in REPORT_TIMES], [f"{100 * bound:g} %" for bound in ACCURACIES]
     names = [f"error {moment}" for moment in moments] + [f"time to {bound}" for bound in bounds]
     series = zip(names, [*outcome.errors, *outcome.close], [*base.errors, *base.close], strict=True)
-    gains = {name: _against(improvement, own, usual) for name, own, usual in series}
-    gains["information"] = _against(information_ratio, outcome.log_det[-1], base.log_det[-1])
+    gains = {name: _ratio_json(compute_gain, own, usual) for name, own, usual in series}
+    gains["information"] = _ratio_json(information_ratio, outcome.log_det[-1], base.log_det[-1])
     return {
         "error": dict(zip(moments, map(_quartiles, outcome.errors), strict=True)),
         "cramer_rao": dict(zip(moments, map(_quartiles, outcome.bound), strict=True)),
@@ -242,13 +249,13 @@ def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
     }
 
 
-def _against(statistic: Statistic, policy: Array, base: Array) -> JSON:
-    values = statistic(policy, base), *interval(statistic, policy, base)
+def _ratio_json(statistic: Statistic, policy: Array, base: Array) -> JSON:
+    values = statistic(policy, base), *bootstrap_interval(statistic, policy, base)
     return dict(zip(("ratio", "low", "high"), map(_finite, values), strict=True))
 
 
 def _quartiles(values: Array) -> list[float | None]:
-    """Lower quartile, median, upper quartile."""
+    """Return lower quartile, median and upper quartile."""
     return [_finite(value) for value in np.quantile(values, [0.25, 0.5, 0.75], method="closest_observation")]
 
 

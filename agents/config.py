@@ -1,4 +1,4 @@
-"""Everything a training depends on, so that a file of a few lines repeats it."""
+"""Configuration of a training; a file with these settings repeats the training."""
 
 from __future__ import annotations
 
@@ -11,42 +11,42 @@ from msgspec import Meta
 from pendulum_env.lookup import find
 from pendulum_env.reading import convert
 
-ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
-OF_SPEED = (-1.0, -0.4, -0.04, 0.04, 0.4, 1.0)  # with a crawl, in which dry friction is told from viscous best
-USUAL: dict[str, dict[str, Any]] = {  # what a constraint changes
+MAX_ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, about 100 bytes each
+SPEED_LEVELS = (-1.0, -0.4, -0.04, 0.04, 0.4, 1.0)  # the slow levels distinguish dry from viscous friction
+DEFAULTS: dict[str, dict[str, Any]] = {  # defaults that depend on the constraint
     "peak": {},
-    "arm": {"pendulums": 256, "rollout": 50, "steps": 8_000_000, "batch": 3200, "gamma": 1.0, "levels": OF_SPEED},
+    "arm": {"pendulums": 256, "rollout": 50, "steps": 8_000_000, "batch": 3200, "gamma": 1.0, "levels": SPEED_LEVELS},
     "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000, "gamma": 0.985},
 }
 
 
 @dataclass(frozen=True)
 class Config:
-    """Everything a training depends on.
+    """Configuration of a training.
 
     Attributes:
-        constraint: of the torque, "peak" or "rms"; "arm" to choose the motion of an arm.
-        robot: file of the arm, URDF or MJCF; the links of `PlanarArm-v0` without one.
+        constraint: of the torque, "peak" or "rms"; "arm" for the motion of an arm.
+        robot: URDF or MJCF file of the arm; the links of `PlanarArm-v0` by default.
         seed: of plants, noise, network and exploration.
-        steps: decisions in all.
-        pendulums: or motions of an arm, that learn together.
+        steps: total number of decisions.
+        pendulums: number of pendulums, or of motions of an arm, in a batch.
         batch: decisions in a step of the optimiser.
-        learning_rate: falls linearly to zero.
-        gamma: discount per decision; of pendulums, patient trainings, with 0.99, are later to know every parameter to
-            1 %, of arms, where what is known in the end counts, there is none.
+        learning_rate: initial value; it falls linearly to zero.
+        gamma: discount per decision. For pendulums, 0.99 reaches 1 % in all parameters later than 0.97. For arms, only
+            the final information counts, so there is no discount.
         hidden: width of the two hidden layers.
-        rollout: decisions of each between updates.
+        rollout: decisions of each pendulum between updates.
         epochs: passes over a rollout.
         entropy: weight of the exploration bonus.
-        levels: torque levels, shares of the peak, or levels of each joint's speed.
-        price_rate: by which the price of torque follows a relative excess of the budget, per decision; under "rms".
-        head_start: decisions added to t in the weight of a reward; without any, nothing is worth while at the start.
+        levels: of the torque, as shares of the peak; or of the speed of each joint, as shares of the largest.
+        price_rate: rate of the price of torque per relative excess of the budget and decision; for "rms".
+        head_start: decisions added to t in the weight of a reward, so that early rewards count.
         checkpoint: decisions between two checkpoints.
     """
 
     constraint: str = "peak"
     robot: str = ""
-    seed: Annotated[int, Meta(ge=0, le=2**20 - 1)] = 0  # beyond, plants of an evaluation would be drawn
+    seed: Annotated[int, Meta(ge=0, le=2**20 - 1)] = 0  # larger seeds belong to evaluations
     steps: Annotated[int, Meta(ge=1, le=10**12)] = 1_200_000
     pendulums: Annotated[int, Meta(ge=1, le=100_000)] = 64
     batch: Annotated[int, Meta(ge=1, le=10**7)] = 2000
@@ -63,20 +63,20 @@ class Config:
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Config:
-        """The usual configuration of a constraint, but for the settings by name.
+        """Create a configuration from settings by name; the constraint decides the defaults.
 
         Raises:
-            ValueError: if a setting or the constraint is unknown, or a value makes no sense.
+            ValueError: if a setting or the constraint is unknown, or a value is out of its range.
         """
-        usual = find("constraint", str(settings.get("constraint", cls.constraint)), USUAL)
-        config = convert({**usual, **settings}, cls)
+        defaults = find("constraint", str(settings.get("constraint", cls.constraint)), DEFAULTS)
+        config = convert({**defaults, **settings}, cls)
         if config.robot and config.constraint != "arm":
-            raise ValueError(f"robot is of the constraint arm, not of {config.constraint}")
+            raise ValueError(f'robot needs constraint = "arm", not {config.constraint}')
         if len(config.levels) < 2:
-            raise ValueError("levels should be 2 shares of the peak at least")
+            raise ValueError(f"levels has {len(config.levels)} values: give two or more")
         decisions = config.pendulums * config.rollout
-        if decisions > ROLLOUT:
-            raise ValueError(f"pendulums times rollout is {decisions}, at most {ROLLOUT} decisions are possible")
+        if decisions > MAX_ROLLOUT:
+            raise ValueError(f"pendulums times rollout is {decisions}: give at most {MAX_ROLLOUT} decisions")
         if config.batch > decisions:
-            raise ValueError(f"batch ({config.batch}) has to be within the {decisions} decisions of a rollout")
+            raise ValueError(f"batch is {config.batch}: give at most the {decisions} decisions of a rollout")
         return config

@@ -1,4 +1,4 @@
-"""Policies of every form that a comparison takes, as policies of `ExcitationDesignVector`."""
+"""Conversion of policies of every accepted form into policies of `ExcitationDesignVector`."""
 
 from __future__ import annotations
 
@@ -13,28 +13,33 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.baselines import BASELINES, Signals, baseline
+from agents.baselines import BASELINES, SignalPolicy, make_baseline
 from agents.network import Network
-from agents.observer import CONSTRAINTS, EPISODE, INPUTS, TICK, Batch
+from agents.observer import CONSTRAINTS, EPISODE, OBSERVATION_SIZE, TICK, Batch
 from pendulum_env._typing import Array
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake, told
 from pendulum_env.policy import Policy, State
 from pendulum_env.reading import shown
 
-Contender = Callable[[int], Policy]  # makes a policy from the seed of its random numbers
+Contender = Callable[[int], Policy]  # makes a policy from a seed
 ACTIONS = gym.spaces.Box(-1.0, 1.0, (1,), dtype=np.float32)
-ARGUMENTS = ("state", "episode_start", "deterministic")  # of `predict`, beside the observation
+ARGUMENTS = ("state", "episode_start", "deterministic")  # optional arguments of `predict`
 
 
-class Checked:
-    """A policy whose `predict` may take fewer arguments and return actions only; its actions are checked."""
+class CheckedPolicy:
+    """Policy with checked actions; `predict` of the wrapped policy may take fewer arguments and return only actions."""
 
-    def __init__(self, name: str, policy: Any, inputs: int = INPUTS) -> None:
-        """Take the policy, its name in messages, and the length of an observation.
+    def __init__(self, name: str, policy: Any, inputs: int = OBSERVATION_SIZE) -> None:
+        """Wrap a policy.
+
+        Args:
+            name: in messages.
+            policy: object with `predict`.
+            inputs: length of an observation.
 
         Raises:
-            Mistake: if the policy declares other observations or actions than those of the task.
+            Mistake: if the spaces of the policy differ from those of the task.
         """
         seen, chosen = (getattr(policy, kind, None) for kind in ("observation_space", "action_space"))
         if isinstance(seen, gym.Space) and seen.shape != (inputs,):
@@ -49,10 +54,10 @@ class Checked:
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Batch, State]:
-        """Shares of the peak torque (B, 1) for observations (B, N).
+        """Return shares of the peak torque (B, 1) for observations (B, N).
 
         Raises:
-            Mistake: if the policy fails, or returns anything but one finite number for each pendulum.
+            Mistake: if the policy fails, or does not return one finite number for each pendulum.
         """
         given = dict(zip(ARGUMENTS, (state, episode_start, deterministic), strict=True))
         try:
@@ -71,8 +76,8 @@ class Checked:
         return shares.reshape(batch, 1), state
 
 
-def contender(name: str, policy: Any, constraint: str, inputs: int = INPUTS) -> Contender:
-    """Return a function that makes the policy anew; it is picklable if the policy is.
+def make_contender(name: str, policy: Any, constraint: str, inputs: int = OBSERVATION_SIZE) -> Contender:
+    """Return a function that makes the policy from a seed; it is picklable if the policy is.
 
     Args:
         name: in messages.
@@ -82,15 +87,15 @@ def contender(name: str, policy: Any, constraint: str, inputs: int = INPUTS) -> 
         inputs: length of an observation.
 
     Raises:
-        ValueError: if the policy is of no such form, or does not fit the task.
+        ValueError: if the form of the policy is unknown, or the policy does not fit the task.
     """
     make = partial(_make, name, policy, constraint, inputs)
     make(0)
     return make
 
 
-def baselines(names: Any, constraint: str) -> dict[str, Contender]:
-    """Contenders among `BASELINES`, by name.
+def make_baselines(names: Any, constraint: str) -> dict[str, Contender]:
+    """Return functions that make the named `BASELINES`.
 
     Raises:
         ValueError: if a name is unknown.
@@ -98,14 +103,14 @@ def baselines(names: Any, constraint: str) -> dict[str, Contender]:
     for name in names:
         find("baseline", name, BASELINES)
     find("constraint", constraint, CONSTRAINTS)
-    return {name: partial(baseline, name, constraint) for name in names}
+    return {name: partial(make_baseline, name, constraint) for name in names}
 
 
 def load_class(text: str) -> type:
-    """Import the class of `module:Class`; modules in the current folder are found, too.
+    """Import a class given as `module:Class`; the current folder is searched, too.
 
     Raises:
-        Mistake: if there is no such module or class, or its import fails.
+        Mistake: if the module or class does not exist, or the import fails.
     """
     module, _, name = text.partition(":")
     if os.getcwd() not in sys.path:
@@ -128,16 +133,16 @@ def _make(name: str, policy: Any, constraint: str, inputs: int, seed: int) -> Po
     if isinstance(policy, Network) and policy.constraint != constraint:
         raise Mistake(f"policy {name} was trained under the constraint {policy.constraint}, not {constraint}")
     if hasattr(policy, "predict"):
-        return Checked(name, policy, inputs)
+        return CheckedPolicy(name, policy, inputs)
     signal = getattr(policy, "signal", policy)
     if not callable(signal):
         known = "an object with predict, a class, an excitation or a function of time"
         raise Mistake(f"policy {name} is {shown(policy)}: give {known}")
-    return Signals(partial(np.array, _shares(name, signal, constraint)))
+    return SignalPolicy(partial(np.array, _sample_signal(name, signal, constraint)))
 
 
-def _shares(name: str, signal: Callable[[float], Any], constraint: str) -> Array:
-    """Torque of a signal at the start of each tick (T,) [share of the peak]."""
+def _sample_signal(name: str, signal: Callable[[float], Any], constraint: str) -> Array:
+    """Sample the torque of a signal at the start of each tick (T,) [share of the peak]."""
     peak = find("constraint", constraint, CONSTRAINTS).peak
     try:
         torque = np.array([float(signal(tick * TICK)) for tick in range(round(EPISODE / TICK))])

@@ -1,4 +1,4 @@
-"""A trained policy as it ships: a small network in NumPy, so that using it needs neither torch nor unpickling."""
+"""Trained policies as small NumPy networks, which need neither torch nor pickle."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.observer import ARM, CONSTRAINTS, INPUTS, mirrored
+from agents.observer import ARM, CONSTRAINTS, OBSERVATION_SIZE, mirror_observation
 from pendulum_env._typing import Array
 from pendulum_env.files import replacing
 from pendulum_env.lookup import find
@@ -18,21 +18,21 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.policy import State
 from pendulum_env.reading import Unreadable, read_arrays, shown
 
-LARGEST_WEIGHT = 1e6  # far beyond any that a training finds, and no sum of them overflows
-SHIPPED = Path(__file__).parent / "policies"
-NAMES = (*CONSTRAINTS, ARM)  # of those that ship, one for each
+MAX_WEIGHT = 1e6  # larger weights are refused: no training finds them, and their sums may overflow
+POLICY_FOLDER = Path(__file__).parent / "policies"
+POLICY_NAMES = (*CONSTRAINTS, ARM)  # of the policies in the package
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Network:
-    """Perceptron with tanh between its layers; it sees a pendulum turn forwards.
+    """Perceptron with tanh between its layers; observations of a pendulum are mirrored to positive velocity.
 
     Attributes:
         weights: of the layers, each (outputs, inputs).
         biases: of the layers, each (outputs,).
-        levels: torque as a share of the peak (L,), of which the one with the highest output is played; of an arm the
-            speed of each joint as a share of the largest, each with L outputs of its own.
-        constraint: it was trained under, or "arm".
+        levels: torques as shares of the peak (L,); the one with the highest output is played. For an arm, speeds of a
+            joint as shares of the largest; each joint has L outputs.
+        constraint: of the training: "peak", "rms" or "arm".
     """
 
     weights: Sequence[Array]
@@ -43,20 +43,23 @@ class Network:
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], State]:
-        """Actions (n,) or (B, n) of `ExcitationDesign` or `ArmExcitationDesign`, drawn by their odds if asked.
+        """Return actions (n,) or (B, n) of `ExcitationDesign` or `ArmExcitationDesign`.
 
-        The state is what draws them, `(numpy.random.Generator,)`; without one, each call draws by chance.
+        Actions are random unless `deterministic`. The state is `(numpy.random.Generator,)`; by default each call makes
+        a new one.
 
         Raises:
-            ValueError: if the observation is of another length than those of its training.
+            ValueError: if the length of the observation differs from the training.
         """
         if np.shape(observation)[-1] != self.weights[0].shape[1]:
             seen, known = np.shape(observation)[-1], self.weights[0].shape[1]
-            if self.constraint == ARM or (seen, known) != (INPUTS + 1, INPUTS):
+            if self.constraint == ARM or (seen, known) != (OBSERVATION_SIZE + 1, OBSERVATION_SIZE):
                 trained = f"the policy ({self.constraint}) was trained on observations of {known} numbers"
-                raise Mistake(f"{trained}, this one has {seen}")
-            observation = np.asarray(observation)[..., :INPUTS]  # one that knows no limit of turns does not see it
-        x, sign = (observation, np.ones(())) if self.constraint == ARM else mirrored(observation)
+                raise Mistake(f"{trained}, not {seen}: use the observations of its task")
+            observation = np.asarray(observation)[
+                ..., :OBSERVATION_SIZE
+            ]  # a policy trained without a limit on turns ignores it
+        x, sign = (observation, np.ones(())) if self.constraint == ARM else mirror_observation(observation)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.tanh(x @ weight.T + bias)
         output = x @ self.weights[-1].T + self.biases[-1]
@@ -68,10 +71,10 @@ class Network:
         return (sign[..., None] * self.levels[best]).astype(np.float32), state
 
     def save(self, path: str | Path) -> None:
-        """Write an NPZ file; arrays only.
+        """Write the arrays to an NPZ file.
 
         Raises:
-            OSError: if it cannot be written; it names the file.
+            OSError: if the file cannot be written.
         """
         layers: dict[str, Any] = {f"weight{k}": weight.astype(np.float32) for k, weight in enumerate(self.weights)}
         layers |= {f"bias{k}": bias.astype(np.float32) for k, bias in enumerate(self.biases)}
@@ -80,7 +83,7 @@ class Network:
 
     @classmethod
     def load(cls, path: str | Path) -> Network:
-        """Read what `save` wrote.
+        """Read a file written by `save`.
 
         Raises:
             Unreadable: if the file cannot be read, or is no policy.
@@ -104,32 +107,33 @@ class Network:
             if own.ndim != axes:
                 raise ValueError(f"{name} has {own.ndim} axes, where {axes} {'are' if axes > 1 else 'is'} needed")
             are_numbers = own.dtype.kind in "iuf" and own.size > 0  # NaN fails the comparison
-            if not (are_numbers and (np.abs(own.astype(np.longdouble)) <= LARGEST_WEIGHT).all()):
-                raise ValueError(f"{name} holds something else than numbers up to {LARGEST_WEIGHT:g}")
+            if not (are_numbers and (np.abs(own.astype(np.longdouble)) <= MAX_WEIGHT).all()):
+                raise ValueError(f"{name} holds something else than numbers up to {MAX_WEIGHT:g}")
         *parameters, levels = (arrays[name].astype(float) for name in names)
         weights, biases = parameters[:count], parameters[count:]
         seen, constraint = weights[0].shape[-1], str(arrays["constraint"])
         of_arm, outputs = constraint == ARM, biases[-1].size
-        inputs = seen if of_arm or seen == INPUTS + 1 else INPUTS  # one more with limited turns
+        inputs = seen if of_arm or seen == OBSERVATION_SIZE + 1 else OBSERVATION_SIZE  # one more with limited turns
         sizes = [inputs, *(bias.size for bias in biases)]
         actions = outputs % levels.size == 0 if of_arm else outputs == levels.size
         if [w.shape for w in weights] != [*zip(sizes[1:], sizes, strict=False)] or not actions:
             raise ValueError("its layers, outputs and levels do not follow from one another")
-        if constraint not in NAMES:
-            raise ValueError(f"its constraint is {shown(constraint)}, none of {', '.join(NAMES)}")
+        if constraint not in POLICY_NAMES:
+            raise ValueError(f"its constraint is {shown(constraint)}, none of {', '.join(POLICY_NAMES)}")
         if np.abs(levels).max() > 1.0:
             raise ValueError("a level is beyond 1, the peak")
         return cls(weights, biases, levels, constraint)
 
 
 def load(name: str) -> Network:
-    """Policy that ships with the package, or from a file NAME.npz.
+    """Load a policy of the package, or from a file NAME.npz.
 
-    By the constraint it was trained under, "peak" or "rms", or "arm": that for the links of `PlanarArm-v0`.
+    The policies of the package are "peak" and "rms", by the constraint of the training, and "arm", for the links of
+    `PlanarArm-v0`.
 
     Raises:
-        ValueError: if there is none of that name, or the file cannot be read, or is no policy.
+        ValueError: if the name is unknown, or the file cannot be read, or is no policy.
     """
     if name.endswith(".npz"):
         return Network.load(name)
-    return Network.load(find("policy", name, {id: SHIPPED / f"{id}.npz" for id in NAMES}))
+    return Network.load(find("policy", name, {id: POLICY_FOLDER / f"{id}.npz" for id in POLICY_NAMES}))

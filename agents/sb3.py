@@ -1,4 +1,4 @@
-"""Policies that stable-baselines3 has saved; importing this module imports torch."""
+"""Policies saved by stable-baselines3; this module imports torch."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from pendulum_env.reading import check_size
 
 
 def load_policy(path: str | Path) -> Any:
-    """Load the policy of a model that any algorithm of stable-baselines3 has saved as `.zip`.
+    """Load the policy of a model that an algorithm of stable-baselines3 saved as `.zip`.
 
-    Reading the file runs the pickles in it: load only files of your own.
+    The file contains pickles, which can run code: load only trusted files.
 
     Raises:
-        Mistake: if the file cannot be read, or is no such model.
+        Mistake: if the file cannot be read, or is no model.
     """
     check_size(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of versions other than those that saved it
+            warnings.simplefilter("ignore")  # about versions that differ from those of the file
             data, parameters, _ = load_from_zip_file(path, device="cpu")
         if data is None:
             raise ValueError("it holds no description of the policy")

@@ -1,6 +1,6 @@
-"""What every task of choosing an excitation is: episodes that last equally long, end together, and pay what they teach.
+"""Base classes of the excitation tasks of a pendulum (`agents.design_env`) and an arm (`agents.arm_env`).
 
-A pendulum's (`agents.design_env`) and an arm's (`agents.arm_env`) say how episodes begin and what an action does.
+All episodes of a batch have the same length and end together. The reward is the gain of information.
 """
 
 from __future__ import annotations
@@ -14,42 +14,59 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from agents.observer import BOUND, Batch
+from agents.observer import OBSERVATION_BOUND, Batch
 from pendulum_env._typing import Array
 from pendulum_env.lookup import find
 
 Bools = NDArray[np.bool_]
-Seen = tuple[Batch, Array, dict[str, Any]]  # observations (B, N), what is known (B,) [nat], and the info
+TaskState = tuple[Batch, Array, dict[str, Any]]  # observations (B, N), information (B,) [nat], info
 
 
 class TaskVector(VectorEnv[Batch, Batch, Array]):
-    """B episodes of a task, with actions in [-1, 1]; the reward is the growth of what is known."""
+    """B episodes of a task, with actions in [-1, 1]; the reward is the gain of information.
 
-    options: tuple[str, ...] = ()  # of a reset
-    _left = 0  # actions until these episodes end
+    Attributes:
+        options: names of the options of `reset`.
+    """
+
+    options: tuple[str, ...] = ()
+    _steps_left = 0  # steps until the end of the episodes
 
     def __init__(self, num_envs: int, inputs: int, actions: int, autoreset_mode: AutoresetMode | str) -> None:
-        """Take the number of episodes, how many numbers are seen and chosen, and when the next episodes begin."""
+        """Create the spaces.
+
+        Args:
+            num_envs: number B of episodes.
+            inputs: length of an observation.
+            actions: length of an action.
+            autoreset_mode: when the next episodes begin.
+        """
         self.num_envs, self.render_mode = num_envs, None
         self.autoreset = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
-        self.single_observation_space = gym.spaces.Box(-BOUND, BOUND, (inputs,), dtype=np.float32)
+        self.single_observation_space = gym.spaces.Box(
+            -OBSERVATION_BOUND, OBSERVATION_BOUND, (inputs,), dtype=np.float32
+        )
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (actions,), dtype=np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
     @abstractmethod
-    def _begin(self, options: dict[str, Any]) -> Seen:
-        """Begin episodes of `_left` actions."""
+    def _begin_episodes(self, options: dict[str, Any]) -> TaskState:
+        """Begin episodes of `_steps_left` steps."""
 
     @abstractmethod
-    def _go(self, shares: Array) -> Seen:
-        """Act by shares of the largest (B, A)."""
+    def _apply_actions(self, shares: Array) -> TaskState:
+        """Apply actions: shares of the largest torque or speeds (B, A)."""
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Batch, dict[str, Any]]:
-        """Begin episodes; the seed, of a list the first, draws all that is drawn.
+        """Begin episodes.
+
+        Args:
+            seed: of all random numbers; the first of a list is used.
+            options: by name, of `options`.
 
         Raises:
             ValueError: if an option is unknown or impossible.
@@ -57,44 +74,44 @@ class TaskVector(VectorEnv[Batch, Batch, Array]):
         super().reset(seed=seed[0] if isinstance(seed, list) else seed)
         for name in options or {}:
             find("option of reset", name, dict.fromkeys(self.options))
-        return self._look(self._begin(options or {}))
+        return self._store(self._begin_episodes(options or {}))
 
     def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
         self, actions: Batch
     ) -> tuple[Batch, Array, Bools, Bools, dict[str, Any]]:
-        """Act by shares of the largest torque or speeds (B, A).
+        """Apply actions: shares of the largest torque or speeds (B, A).
 
         Raises:
-            ValueError: if an action is no number, or there is not one for each.
+            ValueError: if the shape of the actions is wrong, or one of them is not finite.
         """
         shares = np.asarray(actions, dtype=float)
         if shares.shape != self.action_space.shape or not np.isfinite(shares).all():
-            raise ValueError(f"actions are {self.action_space.shape} numbers, not {actions}")
-        nobody = np.zeros(self.num_envs, dtype=bool)
-        if self._left <= 0 and self.autoreset is AutoresetMode.NEXT_STEP:
-            observation, info = self._look(self._begin({}))
-            return observation, np.zeros(self.num_envs), nobody, nobody.copy(), info
-        before, self._left = self._known, self._left - 1
-        observation, info = self._look(self._go(shares))
-        reward = self._known - before
-        truncated = np.full(self.num_envs, self._left <= 0)
-        if self._left <= 0 and self.autoreset is AutoresetMode.SAME_STEP:
+            raise ValueError(f"actions are {actions}: give finite numbers of shape {self.action_space.shape}")
+        terminated = np.zeros(self.num_envs, dtype=bool)
+        if self._steps_left <= 0 and self.autoreset is AutoresetMode.NEXT_STEP:
+            observation, info = self._store(self._begin_episodes({}))
+            return observation, np.zeros(self.num_envs), terminated, terminated.copy(), info
+        before, self._steps_left = self._information, self._steps_left - 1
+        observation, info = self._store(self._apply_actions(shares))
+        reward = self._information - before
+        truncated = np.full(self.num_envs, self._steps_left <= 0)
+        if self._steps_left <= 0 and self.autoreset is AutoresetMode.SAME_STEP:
             final = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
-            observation, info = self._look(self._begin({}))
+            observation, info = self._store(self._begin_episodes({}))
             info |= final
-        return observation, reward, nobody, truncated, info
+        return observation, reward, terminated, truncated, info
 
-    def _look(self, seen: Seen) -> tuple[Batch, dict[str, Any]]:
-        observation, self._known, info = seen
-        everyone = np.ones(self.num_envs, dtype=bool)
-        return observation, info | {f"_{name}": everyone for name in info}
+    def _store(self, state: TaskState) -> tuple[Batch, dict[str, Any]]:
+        observation, self._information, info = state
+        mask = np.ones(self.num_envs, dtype=bool)  # Gymnasium's: each environment has the value
+        return observation, info | {f"_{name}": mask for name in info}
 
 
 class Task(gym.Env[Batch, Batch]):
-    """One episode of a task: a batch of one, without its first axis; it is truncated in the end, never terminated."""
+    """One episode of a task; it ends by truncation. A batch of one, without the first axis."""
 
     def __init__(self, batch: TaskVector) -> None:
-        """Take the batch of one."""
+        """Create the environment from a batch of one."""
         self._batch = batch
         self.observation_space = batch.single_observation_space
         self.action_space = batch.single_action_space
@@ -103,17 +120,17 @@ class Task(gym.Env[Batch, Batch]):
         """Begin an episode."""
         super().reset(seed=seed)
         observation, info = self._batch.reset(seed=seed, options=options)
-        self._paid = 0.0
+        self._episode_reward = 0.0
         return observation[0], self._show(info)
 
     def step(self, action: Batch) -> tuple[Batch, float, bool, bool, dict[str, Any]]:
-        """Act by shares of the largest torque or speeds (A,)."""
+        """Apply an action: shares of the largest torque or speeds (A,)."""
         observation, reward, _, truncated, info = self._batch.step(np.reshape(action, (1, -1)))
-        self._paid += float(reward[0])
+        self._episode_reward += float(reward[0])
         return observation[0], float(reward[0]), False, bool(truncated[0]), self._show(info)
 
     def _show(self, info: dict[str, Any]) -> dict[str, Any]:
-        """Info of the only one of a batch."""
+        """Return the info without the axis of the batch; render in mode human."""
         self._last = _first(info)
         if self.render_mode == "human":
             self.render()
@@ -121,6 +138,6 @@ class Task(gym.Env[Batch, Batch]):
 
 
 def _first(info: dict[str, Any]) -> dict[str, Any]:
-    """Info of the first of a batch, without masks."""
-    own = {name: value for name, value in info.items() if not name.startswith("_")}
-    return {name: _first(value) if isinstance(value, dict) else value[0] for name, value in own.items()}
+    """Return the info of the first environment, without masks."""
+    values = {name: value for name, value in info.items() if not name.startswith("_")}
+    return {name: _first(value) if isinstance(value, dict) else value[0] for name, value in values.items()}

@@ -1,7 +1,7 @@
-"""Training a policy that chooses excitations: PPO of stable-baselines3 on batched pendulums.
+"""Training of excitation policies with PPO of stable-baselines3 on batched pendulums.
 
-A training that was killed goes on where it last wrote a checkpoint and ends with the same policy: the checkpoint holds
-everything that the rest depends on, pendulums and random numbers included.
+An interrupted training resumes from its last checkpoint and ends with the same policy: the checkpoint includes
+pendulums and random number generators.
 """
 
 from __future__ import annotations
@@ -26,62 +26,62 @@ from agents.arm_env import ArmExcitationDesignVector
 from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.network import Network
-from agents.observer import ARM, mirrored
+from agents.observer import ARM, mirror_observation
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
 from pendulum_env.files import write_whole
 from pendulum_env.mistake import Mistake
 from pendulum_env.reading import Unreadable, read_own
 
-CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
+CHECKPOINT = "training.pkl"  # in the folder of a training, with policies `steps-N.npz` and `tensorboard`
 
 
 class CheckpointError(Mistake):
-    """A folder that holds another training than the one asked for, or one that was not to be resumed."""
+    """The folder holds a training with another configuration, or one that must not be resumed."""
 
 
-class InLevels(VectorWrapper):
-    """Actions in levels, as a `Network` chooses them: places among those of the configuration (B, n)."""
+class DiscreteActions(VectorWrapper):
+    """Wrapper with discrete actions: indices of the levels of the configuration (B, n)."""
 
     def __init__(self, env: Any, config: Config) -> None:
-        """Take the environment; the configuration has the levels."""
+        """Wrap an environment."""
         super().__init__(env)
         self._levels = np.array(config.levels)
         self.single_action_space = gym.spaces.MultiDiscrete([len(config.levels)] * env.single_action_space.shape[0])
         self.action_space = batch_space(self.single_action_space, env.num_envs)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Play levels (B, n); what is known in the end counts, and nothing is to be expected after it."""
+        """Apply levels (B, n); the end of an episode is reported as a termination, since nothing follows it."""
         observation, reward, _, ends, info = self.env.step(self._levels[actions])
         return observation, reward, ends, np.zeros_like(ends), info
 
 
-class LearntOn(InLevels):
-    """Torque in levels, seen as if the arm turned forwards, as a `Network` sees it, and paid by its worth in the end.
+class TrainingTask(DiscreteActions):
+    """Wrapper for training: discrete torques, mirrored observations, and weighted rewards.
 
-    Rewards grow with t: as log det grows like log t, a row is then worth what it adds to log det in the end. Under a
-    budget of torque, the square of the command has a price, that rises until the mean command keeps the budget: the
-    environment enforces it anyway, but an agent that spends it at once learns little of what came later.
+    The weight of a reward grows with t: log det grows like log t, so a weighted row is worth its share of the final log
+    det. With a torque budget, the square of the command has a price, which rises until the mean command keeps the
+    budget. The environment enforces the budget anyway; the price keeps an agent from spending it at once.
     """
 
     env: ExcitationDesignVector
-    scale = 100.0  # decisions; keeps rewards as large as they were
+    scale = 100.0  # decisions, divisor of the weight
 
     def __init__(self, env: ExcitationDesignVector, config: Config) -> None:
-        """Take the environment; the configuration has levels, head start and the rate of the price."""
+        """Wrap an environment."""
         super().__init__(env, config)
         self._head_start, self._tick = config.head_start, 0
         peak, rms = env.constraint.peak, env.constraint.rms
         self._per_rms, self._rate = (0.0, 0.0) if rms is None else (peak / rms, config.price_rate)
-        self.price = 0.0  # [nat], of a torque of the budget's size over a decision
+        self.price = 0.0  # [nat] of the RMS torque of the budget over one decision
 
     def reset(self, **given: Any) -> tuple[Any, dict[str, Any]]:
-        """Reset, and see it forwards."""
+        """Reset the environment, and mirror the observation."""
         observation, info = self.env.reset(**given)
-        return self._see(observation), info
+        return self._mirror(observation), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Play levels (B, 1), weigh the reward, charge for the command, and adjust the price."""
+        """Apply levels (B, 1), weight the reward, subtract the price of the command, and adjust the price."""
         share = self._sign[:, None] * self._levels[actions]
         observation, reward, terminated, truncated, info = self.env.step(share)
         excess = (self._per_rms * share[:, 0]) ** 2 - 1.0
@@ -89,47 +89,46 @@ class LearntOn(InLevels):
         self._tick = 0 if truncated.all() else self._tick + 1
         self.price = max(0.0, self.price + self._rate * float(excess.mean()))
         if "final_obs" in info:
-            info["final_obs"] = mirrored(info["final_obs"])[0].astype(np.float32)
-        return self._see(observation), reward, terminated, truncated, info
+            info["final_obs"] = mirror_observation(info["final_obs"])[0].astype(np.float32)
+        return self._mirror(observation), reward, terminated, truncated, info
 
-    def _see(self, observation: Any) -> Any:
-        turned, self._sign = mirrored(observation)
-        return turned.astype(np.float32)
+    def _mirror(self, observation: Any) -> Any:
+        mirrored, self._sign = mirror_observation(observation)
+        return mirrored.astype(np.float32)
 
 
 def train(config: Config, tell: Progress | None = None, folder: Path | None = None, resume: bool = False) -> Network:
     """Train a policy; the same configuration gives the same policy on the same machine.
 
     Args:
-        config: what to do.
+        config: of the training.
         tell: called with the progress, as text and as a share.
-        folder: for what is kept on the way: the last checkpoint, policies `steps-N.npz`, and a log for TensorBoard if
-            that is installed.
-        resume: whether to go on from the checkpoint in the folder; without one, it begins.
+        folder: of the last checkpoint, policies `steps-N.npz`, and a log for TensorBoard if that is installed.
+        resume: continue from the checkpoint in the folder, if there is one.
 
     Raises:
-        CheckpointError: if the folder holds a training that is not to be resumed, or one of another configuration.
-        OSError: if the folder cannot be written to.
+        CheckpointError: if the folder holds a training and `resume` is false, or a training of another configuration.
+        OSError: if the folder is not writable.
     """
-    torch.set_num_threads(1)  # small networks gain nothing from more, and results then repeat
+    torch.set_num_threads(1)  # one thread: results repeat, and small networks gain nothing from more
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     if folder is None or not (folder / CHECKPOINT).exists():
         model = make_model(config)
     elif resume:
-        model = _restore(folder / CHECKPOINT, config)
+        model = _read_checkpoint(folder / CHECKPOINT, config)
     else:
-        raise CheckpointError(f"{folder}: holds a training already: resume it (--resume), or name another folder")
+        raise CheckpointError(f"{folder}: holds a training already: resume it (--resume), or choose another folder")
     if model.num_timesteps < config.steps:
         log = None if folder is None or find_spec("tensorboard") is None else str(folder / "tensorboard")
         model.tensorboard_log = log
-        callback, left = _Watch(config, tell, folder), config.steps - model.num_timesteps
+        callback, left = _TrainingCallback(config, tell, folder), config.steps - model.num_timesteps
         model.learn(left, callback, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="training")
-    return export(model, config)
+    return export_network(model, config)
 
 
 def make_model(config: Config) -> PPO:
-    """What learns, before it has."""
+    """Make an untrained model of stable-baselines3."""
     env = BatchedVecEnv(make_task(config))
     model = PPO(
         policy="MlpPolicy",
@@ -148,16 +147,16 @@ def make_model(config: Config) -> PPO:
     return model
 
 
-def make_task(config: Config) -> InLevels:
-    """What is learnt on."""
+def make_task(config: Config) -> DiscreteActions:
+    """Make the environment of a training."""
     many: dict[str, Any] = {"num_envs": config.pendulums, "autoreset_mode": "SameStep"}
     if config.constraint == ARM:
-        return InLevels(ArmExcitationDesignVector(robot=config.robot or None, draw=True, **many), config)
-    return LearntOn(ExcitationDesignVector(constraint=config.constraint, **many), config)
+        return DiscreteActions(ArmExcitationDesignVector(robot=config.robot or None, draw=True, **many), config)
+    return TrainingTask(ExcitationDesignVector(constraint=config.constraint, **many), config)
 
 
-def export(model: PPO, config: Config) -> Network:
-    """What a policy needs to act, without what it needs to learn."""
+def export_network(model: PPO, config: Config) -> Network:
+    """Export the policy of a model as a `Network`."""
     modules = [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
     layers = [layer for layer in modules if isinstance(layer, torch.nn.Linear)]
     weights, biases = zip(
@@ -166,20 +165,20 @@ def export(model: PPO, config: Config) -> Network:
     return Network(weights, biases, np.array(config.levels), config.constraint)
 
 
-def _keep(path: Path, model: PPO, config: Config) -> None:
-    """Write a checkpoint, whole or not at all."""
+def _write_checkpoint(path: Path, model: PPO, config: Config) -> None:
+    """Write a checkpoint atomically."""
     bare = copy(model)
-    bare._logger = None  # type: ignore[assignment]  # open files, opened anew when resumed
+    bare._logger = None  # type: ignore[assignment]  # it has open files; resuming opens new ones
     state = {
         "config": asdict(config),
-        "model": bare,  # with its pendulums
+        "model": bare,  # includes the pendulums
         "random": (random.getstate(), np.random.get_state(), torch.get_rng_state()),  # noqa: NPY002  (of SB3)
     }
     write_whole(path, cloudpickle.dumps(state), private=True)
 
 
-def _restore(path: Path, config: Config) -> PPO:
-    """What `_keep` wrote. Reading a pickle runs what is in it, so it has to be this user's own."""
+def _read_checkpoint(path: Path, config: Config) -> PPO:
+    """Read a checkpoint. A pickle can run code, so the file must belong to this user."""
     try:
         packed = read_own(path)
     except Unreadable as error:
@@ -187,19 +186,19 @@ def _restore(path: Path, config: Config) -> PPO:
     try:
         state = cloudpickle.loads(packed)
         before, model, (python, numpy, torched) = state["config"], state["model"], state["random"]
-    except Exception as error:  # whatever a broken or foreign pickle may raise
+    except Exception as error:  # a broken or foreign pickle may raise anything
         raise CheckpointError(f"{path}: is no checkpoint of this version ({type(error).__name__})") from None
     for name, value in asdict(config).items():
         if (begun := before.get(name)) != value:
-            raise CheckpointError(f"{path}: was begun with {name} = {begun}, not {value}: a resumed training keeps it")
+            raise CheckpointError(f"{path}: has {name} = {begun}, not {value}: resume it with the same configuration")
     random.setstate(python)
     np.random.set_state(numpy)  # noqa: NPY002
     torch.set_rng_state(torched)
     return model
 
 
-class _Watch(BaseCallback):
-    """Reports the progress and keeps checkpoints and policies on the way."""
+class _TrainingCallback(BaseCallback):
+    """Callback that reports progress and writes checkpoints and policies."""
 
     def __init__(self, config: Config, tell: Progress | None, folder: Path | None) -> None:
         super().__init__()
@@ -213,14 +212,14 @@ class _Watch(BaseCallback):
         self._gained.append(float(self.locals["rewards"].mean()))
         return True
 
-    def _on_rollout_start(self) -> None:  # what was learnt from the rollout before is in the model now
+    def _on_rollout_start(self) -> None:  # the model has learnt from the last rollout
         if self._gained:
-            self._look()
+            self._report()
 
     def _on_training_end(self) -> None:
-        self._look(at_end=True)
+        self._report(at_end=True)
 
-    def _look(self, at_end: bool = False) -> None:
+    def _report(self, at_end: bool = False) -> None:
         done, config, mean = self.num_timesteps, self._config, float(np.mean(self._gained))
         self._gained = []
         self.logger.record("rollout/reward", mean)
@@ -229,5 +228,5 @@ class _Watch(BaseCallback):
         if self._folder is not None and (at_end or done // config.checkpoint > self._kept // config.checkpoint):
             assert isinstance(self.model, PPO)
             self._kept = done
-            export(self.model, config).save(self._folder / f"steps-{done}.npz")
-            _keep(self._folder / CHECKPOINT, self.model, config)
+            export_network(self.model, config).save(self._folder / f"steps-{done}.npz")
+            _write_checkpoint(self._folder / CHECKPOINT, self.model, config)

@@ -1,4 +1,4 @@
-"""Batched pendulums as stable-baselines3 wants them."""
+"""Batched pendulums as a vector environment of stable-baselines3."""
 
 from __future__ import annotations
 
@@ -13,40 +13,39 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 class BatchedVecEnv(VecEnv):
     """A Gymnasium vector environment as a stable-baselines3 VecEnv, without a loop over its environments.
 
-    The vector environment has to start anew within the same step (`autoreset_mode="SameStep"`), as VecEnvs do. Infos
-    are empty but for an episode's last observation: thousands of dictionaries in each step would cost more than the
-    physics; `last_info` is the vector environment's own.
+    The vector environment must reset within the same step (`autoreset_mode="SameStep"`), as a VecEnv does. Infos are
+    empty except for the last observation of an episode, since thousands of dictionaries per step would cost more than
+    the physics. `last_info` is the info of the vector environment.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
         """Wrap a vector environment.
 
         Raises:
-            ValueError: if it starts anew in another way.
+            ValueError: if its autoreset mode is not `SAME_STEP`.
         """
         mode = env.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.SAME_STEP:
             raise ValueError(
-                f"stable-baselines3 needs pendulums that start anew within a step, these have {mode}: make them with "
-                "autoreset_mode='SameStep'"
+                f"the autoreset mode of the environment is {mode}: stable-baselines3 needs autoreset_mode='SameStep'"
             )
         self.env = env
         self.last_info: dict[str, Any] = {}
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> VecEnvObs:
-        """Begin an episode with all; the seed of `seed` is used once."""
+        """Reset all environments; the seed of `seed` is used once."""
         observation, self.last_info = self.env.reset(seed=self._seeds[0])
         self._reset_seeds()
         self.reset_infos = [{} for _ in range(self.num_envs)]
         return np.asarray(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keep the actions (B, A)."""
+        """Store the actions (B, A)."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Step all."""
+        """Step all environments with the stored actions."""
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
         self.last_info = info
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -62,22 +61,22 @@ class BatchedVecEnv(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """An attribute of the vector environment, once for each of the pendulums asked for."""
+        """Return an attribute of the vector environment, once for each index."""
         return [getattr(self.env, attr_name, None) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the vector environment; all pendulums share it."""
+        """Set an attribute of the vector environment for all pendulums."""
         setattr(self.env, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of the vector environment once; each of the pendulums asked for gets the same answer."""
+        """Call a method of the vector environment once, and return its result for each index."""
         answer = getattr(self.env, method_name)(*method_args, **method_kwargs)
         return [answer for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: VecEnvIndices = None) -> list[bool]:
-        """Whether the vector environment is wrapped so, for each of the pendulums asked for."""
+        """Return whether the vector environment has a wrapper, once for each index."""
         layer: Any = self.env
         while layer is not layer.unwrapped and not isinstance(layer, wrapper_class):
             layer = layer.env

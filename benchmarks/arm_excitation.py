@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from agents import load
-from agents.arm_env import TORQUE, plan
-from agents.comparison import improvement, interval
+from agents.arm_env import TORQUE, plan_motion
+from agents.comparison import bootstrap_interval, compute_gain
 from estimators.arms.excitation import PRIOR, design_excitation, sizes, telling
 from estimators.arms.following import follow
 from estimators.arms.limits import limits_of
@@ -147,7 +147,7 @@ def deviation(motion: Any, seconds: float) -> float:
 
 def agent(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
     """The policy that ships."""
-    return plan(load("arm"), body, limits_of(body, **limits), seconds)
+    return plan_motion(load("arm"), body, limits_of(body, **limits), seconds)
 
 
 def by_knots(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
@@ -216,8 +216,8 @@ def two_link(bodies: int, seed: int, limits: dict[str, float]) -> None:
         told[name] = np.array(made).T
         gains = []
         for found, base in zip(told[name], told[BASE], strict=True):
-            low, high = interval(improvement, found, base)
-            gains.append(f"{1 / improvement(found, base):.2f} ({1 / high:.2f} to {1 / low:.2f})")
+            low, high = bootstrap_interval(compute_gain, found, base)
+            gains.append(f"{1 / compute_gain(found, base):.2f} ({1 / high:.2f} to {1 / low:.2f})")
         (angle, speed) = np.max(most, axis=0)
         middle = ", ".join(f"{100 * np.median(found):.3f}" for found in told[name])
         print(

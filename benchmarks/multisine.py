@@ -10,8 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from agents.baselines import FOUND, FREQUENCIES, foresee, signal
-from agents.observer import CONSTRAINTS, COUNT, NOMINAL, PRIOR, Constraint, log_det
+from agents.baselines import FREQUENCIES, WEIGHTS_FILE, multisine_torque, predict_rows
+from agents.observer import CONSTRAINTS, INFORMATION_PRIOR, N_PARAMETERS, NOMINAL, Constraint, log_det
 from estimators.progress import Progress
 from pendulum_env._typing import Array
 
@@ -38,7 +38,7 @@ def optimise(
     except ModuleNotFoundError:
         raise ModuleNotFoundError("optimising a signal needs the extra rl: pip install 'pendulum-ident[rl]'") from None
 
-    theta = NOMINAL * (1 + SPREAD * np.random.default_rng(seed).uniform(-1, 1, (plants, COUNT)))
+    theta = NOMINAL * (1 + SPREAD * np.random.default_rng(seed).uniform(-1, 1, (plants, N_PARAMETERS)))
     start = np.zeros(2 * len(FREQUENCIES))
     start[list(PAPER)] = 1.0
     options = {"seed": seed + 1, "maxiter": generations, "verbose": -9}  # to cma, a seed of 0 is the clock
@@ -53,11 +53,11 @@ def optimise(
 
 def taught(weights: Array, theta: Array, constraint: Constraint) -> Array:
     """Mean over plants (B, P) of log det information after an episode under each of C signals (2 F, C) [nat]."""
-    torque = signal(weights, constraint)  # (T, C)
+    torque = multisine_torque(weights, constraint)  # (T, C)
     rest = np.zeros(len(theta))
-    rows, usable = foresee(np.repeat(torque[:, None], len(theta), axis=1), theta, rest, rest)
+    rows, usable = predict_rows(np.repeat(torque[:, None], len(theta), axis=1), theta, rest, rest)
     rows = rows * usable[..., None]
-    information = PRIOR * np.eye(COUNT) + np.einsum("tbci,tbcj->bcij", rows, rows, optimize=True)
+    information = INFORMATION_PRIOR * np.eye(N_PARAMETERS) + np.einsum("tbci,tbcj->bcij", rows, rows, optimize=True)
     return np.asarray(log_det(information).mean(axis=0))
 
 
@@ -67,11 +67,11 @@ def _say(name: str, text: str, share: float) -> None:
 
 def main() -> None:
     """Find those of both constraints anew."""
-    found = json.loads(FOUND.read_text())
+    found = json.loads(WEIGHTS_FILE.read_text())
     for name, constraint in CONSTRAINTS.items():
         weights = optimise(constraint, tell=partial(_say, name))
         found[name] = np.round(weights / np.abs(weights).max(), 4).tolist()
-    FOUND.write_text(json.dumps(found) + "\n")
+    WEIGHTS_FILE.write_text(json.dumps(found) + "\n")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import pytest
 from scipy.io import savemat
 
 from agents.config import Config
-from agents.network import SHIPPED, Network
+from agents.network import POLICY_FOLDER, Network
 from benchmarks.two_link import TwoLink
 from pendulum_env.arms import read_body
 from pendulum_env.arms.joints import arm_base, at_joint
@@ -123,7 +123,7 @@ FORMATS: dict[str, Format] = {
     "rig": (".toml", load_rig, kept("rig.toml")),
     "study": (".toml", read_sources, kept("study.toml")),
     "training": (".toml", read_training, kept("training.toml")),
-    "policy": (".npz", Network.load, lambda _: (SHIPPED / "peak.npz").read_bytes()),
+    "policy": (".npz", Network.load, lambda _: (POLICY_FOLDER / "peak.npz").read_bytes()),
     **{f"recording{end}": (end, read_recording, stored) for end in (".csv", ".csv.gz", ".npz", ".parquet")},
     "recording.mat": (".mat", read_recording, matlab),
     "recording.h5": (".h5", read_recording, hdf5),

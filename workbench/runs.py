@@ -16,8 +16,8 @@ from typing import Any, Self
 import gymnasium as gym
 import numpy as np
 
-from agents.arm_env import plan
-from agents.baselines import separating
+from agents.arm_env import plan_motion
+from agents.baselines import make_separating_signal
 from agents.network import load
 from agents.observer import ARM, CONSTRAINTS, EPISODE, Pilot
 from estimators.arms.excitation import design_excitation
@@ -154,7 +154,7 @@ def _experiment(
         return suggestion.signal or STILL, arguments.seconds or suggestion.seconds, suggestion.release
     seconds = arguments.seconds or (SECONDS if arguments.until is None else LONGEST)
     if arguments.until is not None and kind is None:
-        return separating(arguments.amplitude), seconds, None
+        return make_separating_signal(arguments.amplitude), seconds, None
     return excitation(kind or "paper", rng, seconds, arguments.amplitude), seconds, None
 
 
@@ -270,7 +270,7 @@ def _motion(
     limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
     limits["max_acceleration"] = arguments.max_acceleration
     if learnt:
-        return plan(load(arguments.policy or ARM), body, limits_of(body, **limits), seconds)
+        return plan_motion(load(arguments.policy or ARM), body, limits_of(body, **limits), seconds)
     return design_excitation(body, seconds, **limits, rng=rng)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from agents import ARM_DESIGN, Network, load
-from agents.arm_env import TORQUE, plan
+from agents.arm_env import TORQUE, plan_motion
 from agents.config import Config
 from agents.training import make_task, train
 from benchmarks import six_joint
@@ -36,7 +36,7 @@ def test_a_training_ends_in_a_policy_that_plays_whole_motions(tmp_path):
     network = train(Config.of(SMALL), folder=tmp_path)
     network.save(tmp_path / "arm.npz")
     loaded, body = Network.load(tmp_path / "arm.npz"), body_in(PlanarArm())
-    motions = [plan(policy, body, limits_of(body, max_torque=TORQUE), 2.0) for policy in (network, loaded)]
+    motions = [plan_motion(policy, body, limits_of(body, max_torque=TORQUE), 2.0) for policy in (network, loaded)]
     np.testing.assert_allclose(motions[0].speeds, motions[1].speeds, atol=1e-6)
     assert len(motions[0].speeds) >= 21 and not motions[0].speeds[-1].any()
     np.testing.assert_array_equal(train(Config.of(SMALL)).weights[0], network.weights[0])
@@ -56,7 +56,7 @@ def test_nothing_is_to_be_expected_after_the_end_of_a_motion():
 @pytest.mark.parametrize(("limits", "seconds"), [({}, 5.0), ({"max_angle": 1.5, "max_speed": 3.0}, 8.0)])
 def test_the_policy_that_ships_teaches_as_much_as_planning_and_more_than_series(limits, seconds):
     body, limits = body_in(PlanarArm()), {"max_torque": TORQUE, **limits}
-    motion = plan(load("arm"), body, limits_of(body, **limits), seconds)
+    motion = plan_motion(load("arm"), body, limits_of(body, **limits), seconds)
     series = random_fourier(body, seconds, np.random.default_rng(0), **limits)
     assert deviation(motion, seconds) < 0.7 * deviation(series, seconds)
     assert deviation(motion, seconds) < 1.05 * deviation(design_excitation(body, seconds, **limits), seconds)
@@ -80,25 +80,25 @@ def test_limits_are_kept_however_large_acceleration_and_small_torque_may_be(aske
     names = ("max_angle", "max_speed", "max_torque", "max_acceleration")
     asked = {name: own for name, own in zip(names, asked, strict=True) if own is not None}
     limits = limits_of(body, **asked)
-    for motion in (plan(load("arm"), body, limits, 5.0), design_excitation(body, 5.0, **asked)):
+    for motion in (plan_motion(load("arm"), body, limits, 5.0), design_excitation(body, 5.0, **asked)):
         are_kept(motion, limits)
 
 
 def test_a_motion_is_the_best_of_many_that_are_drawn_and_the_same_each_time():
     policy, body = load("arm"), body_in(PlanarArm())
-    first, again = (plan(policy, body, limits_of(body), 2.0) for _ in range(2))
+    first, again = (plan_motion(policy, body, limits_of(body), 2.0) for _ in range(2))
     np.testing.assert_array_equal(first.speeds, again.speeds)
 
     class Sure:
         def predict(self, observation, state=None, episode_start=None, deterministic=True):
             return policy.predict(observation, state, episode_start, deterministic=True)
 
-    assert deviation(first, 2.0) < deviation(plan(Sure(), body, limits_of(body), 2.0), 2.0)
+    assert deviation(first, 2.0) < deviation(plan_motion(Sure(), body, limits_of(body), 2.0), 2.0)
 
 
 def test_a_policy_of_another_arm_is_refused():
     with pytest.raises(ValueError, match=r"the policy \(arm\) was trained on observations of"):
-        plan(load("arm"), six := six_joint.body(), limits_of(six), 1.0)
+        plan_motion(load("arm"), six := six_joint.body(), limits_of(six), 1.0)
 
 
 @pytest.mark.parametrize("asked", [[], ["--excitation", "rl"]])

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from agents.baselines import BASELINES, FREQUENCIES, baseline, foresee, separating, shipped, signal
+from agents.baselines import (
+    BASELINES,
+    FREQUENCIES,
+    load_weights,
+    make_baseline,
+    make_separating_signal,
+    multisine_torque,
+    predict_rows,
+)
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS, NOMINAL, log_det
 from benchmarks.multisine import PAPER, taught
@@ -11,7 +19,7 @@ from benchmarks.multisine import PAPER, taught
 
 def play(name: str, constraint: str, count: int = 3, steps: int = 60):
     env = ExcitationDesignVector(count, constraint=constraint)
-    policy, state = baseline(name, constraint, seed=4), None
+    policy, state = make_baseline(name, constraint, seed=4), None
     observation, _ = env.reset(seed=2)
     torques = []
     for k in range(steps):
@@ -32,7 +40,7 @@ def test_every_baseline_plays_within_the_constraint_and_repeats(name, constraint
 
 
 def test_signals_spend_the_whole_budget_and_differ_between_pendulums():
-    policy, state, shares = baseline("two-tone", "rms", seed=4), None, []
+    policy, state, shares = make_baseline("two-tone", "rms", seed=4), None, []
     for k in range(500):
         action, state = policy.predict(np.zeros((2, 20)), state, np.full(2, k == 0))
         shares.append(action[:, 0])
@@ -47,7 +55,7 @@ def test_looking_ahead_foresees_what_will_be_learnt():
     env.reset(seed=0)
     torque = np.concatenate([np.full((10, 4, 1), 6.0), np.full((10, 4, 1), -6.0)])
     theta = env.pendulums.theta.T
-    rows, usable = foresee(torque, theta, np.zeros(4), np.zeros(4))
+    rows, usable = predict_rows(torque, theta, np.zeros(4), np.zeros(4))
     rows = (rows * usable[..., None])[:, :, 0]
     before, compared = 0.1 * np.eye(4), 0
     for k in range(20):
@@ -71,10 +79,10 @@ def test_a_multisine_found_in_advance_teaches_more_than_the_papers_tones(constra
     theta = NOMINAL * (1 + np.random.default_rng(99).uniform(-0.3, 0.3, (20, 4)))  # other plants than it was found on
     paper = np.zeros(2 * len(FREQUENCIES))
     paper[list(PAPER)] = 1.0
-    signals = np.column_stack([paper, shipped(constraint)])
+    signals = np.column_stack([paper, load_weights(constraint)])
     first, better = taught(signals, theta, CONSTRAINTS[constraint])
     assert better > first + 0.3
-    torque = signal(signals, CONSTRAINTS[constraint])
+    torque = multisine_torque(signals, CONSTRAINTS[constraint])
     assert np.abs(torque).max() <= CONSTRAINTS[constraint].peak + 1e-9
     if constraint == "rms":
         assert np.sqrt(np.mean(torque**2, axis=0)) == pytest.approx(3.0)
@@ -82,7 +90,7 @@ def test_a_multisine_found_in_advance_teaches_more_than_the_papers_tones(constra
 
 def test_the_multisine_that_tells_effects_apart_is_bounded_and_begins_again():
     time = 0.01 + 0.02 * np.arange(1000)  # [s], twice its length
-    torque = separating(2.5).signal(time)
+    torque = make_separating_signal(2.5).signal(time)
     assert np.abs(torque).max() == pytest.approx(2.5)
     np.testing.assert_array_equal(torque[:500], torque[500:])
-    np.testing.assert_allclose(separating().signal(time), torque * 6.0 / 2.5)
+    np.testing.assert_allclose(make_separating_signal().signal(time), torque * 6.0 / 2.5)

@@ -9,8 +9,8 @@ from stable_baselines3 import A2C, SAC
 
 from agents import DESIGN, compare_policies, load
 from agents.baselines import BASELINES
-from agents.comparison import improvement, information_ratio, interval
-from agents.contenders import contender, load_class
+from agents.comparison import bootstrap_interval, compute_gain, information_ratio
+from agents.contenders import load_class, make_contender
 from agents.observer import TICK
 from agents.sb3 import load_policy
 from pendulum_env.excitation import TwoTone
@@ -79,7 +79,7 @@ def test_a_model_of_stable_baselines_acts_as_its_file(algorithm, tmp_path):
     observation = np.random.default_rng(0).uniform(-1, 1, (5, 20)).astype(np.float32)
     begun = np.ones(5, dtype=bool)
     first, second = (
-        contender("mine", policy, "peak")(0).predict(observation, None, begun, deterministic=True)[0]
+        make_contender("mine", policy, "peak")(0).predict(observation, None, begun, deterministic=True)[0]
         for policy in (model, load_policy(tmp_path / "model.zip"))
     )
     assert np.ptp(first) > 0
@@ -121,11 +121,11 @@ def test_ratios_and_their_intervals():
     rng = np.random.default_rng(0)
     base = rng.lognormal(0.0, 0.3, 400)
     policy = base / 2 * rng.lognormal(0.0, 0.05, 400)
-    low, high = interval(improvement, policy, base)
-    assert low < improvement(policy, base) < high
-    assert improvement(policy, base) == pytest.approx(2.0, rel=0.1)
+    low, high = bootstrap_interval(compute_gain, policy, base)
+    assert low < compute_gain(policy, base) < high
+    assert compute_gain(policy, base) == pytest.approx(2.0, rel=0.1)
     assert information_ratio(np.full(3, 4 * np.log(2.5)), np.zeros(3)) == pytest.approx(2.5)
-    assert np.isnan(improvement(np.full(4, np.inf), base))
+    assert np.isnan(compute_gain(np.full(4, np.inf), base))
     nothing = np.full(len(base), -np.inf)  # det M = 0
     assert np.isnan(information_ratio(nothing, nothing)) and information_ratio(nothing, base) == 0.0
 

@@ -8,7 +8,7 @@ import pytest
 
 from agents import DESIGN, load
 from agents.design_env import ExcitationDesignVector
-from agents.observer import CONSTRAINTS, NOMINAL, PRIOR, TICK, Observer, read
+from agents.observer import CONSTRAINTS, INFORMATION_PRIOR, NOMINAL, TICK, Observer, decode_observation
 from pendulum_env.plant import PAPER
 from tests.runge_kutta import stick_and_slip
 
@@ -47,7 +47,7 @@ def test_information_is_the_sum_of_outer_products_of_rows_that_are_fast_enough()
     seen = run(ExcitationDesignVector(count, torque_noise=0.0), steps)
     q = np.concatenate([np.zeros((count, 1)), np.concatenate(list(seen["positions"]), axis=1)], axis=1)
     window = np.interp(np.arange(HELD + 1), [0, 5, 15, 20], [0.0, 1.0, 1.0, 0.0]) / 15
-    M = np.tile(PRIOR * np.eye(4), (count, 1, 1))
+    M = np.tile(INFORMATION_PRIOR * np.eye(4), (count, 1, 1))
     for b in range(count):
         for k in range(steps):
             way = q[b, HELD * k : HELD * (k + 1) + 1]
@@ -58,7 +58,7 @@ def test_information_is_the_sum_of_outer_products_of_rows_that_are_fast_enough()
                 row = np.array([acceleration, window @ np.sin(way), velocity, np.sign(speed[0])]) * NOMINAL
                 M[b] += np.outer(row, row)
     np.testing.assert_allclose(seen["info"]["information"], M, rtol=1e-9, atol=1e-9)
-    gained = np.linalg.slogdet(M)[1] - 4 * np.log(PRIOR)
+    gained = np.linalg.slogdet(M)[1] - 4 * np.log(INFORMATION_PRIOR)
     np.testing.assert_allclose(seen["reward"].sum(axis=0), gained, rtol=1e-9)
 
 
@@ -76,14 +76,14 @@ def test_without_noise_the_estimates_are_the_parameters_of_the_plant(constraint)
 def test_an_observer_finds_the_parameters_of_a_motion_of_another_integrator(rate):
     inertia, gravity, viscous, coulomb = 0.07, 2.4, 0.3, 1.1
     observer = Observer(CONSTRAINTS["peak"], 1.5, rate)
-    command = np.repeat([6.0 * tones(k, 1)[0, 0] for k in range(75)], observer.held)
+    command = np.repeat([6.0 * tones(k, 1)[0, 0] for k in range(75)], observer.samples_per_tick)
     position, *_ = stick_and_slip(
         lambda t, q, v, u: u - gravity * np.sin(q) - viscous * v, lambda *_: coulomb, inertia, command, 1 / rate
     )
     observer.start(np.zeros(1), np.zeros(1))
     for k in range(75):
-        tick = slice(observer.held * k, observer.held * (k + 1))
-        observer.take(position[1:][tick, None], command[tick, None])
+        tick = slice(observer.samples_per_tick * k, observer.samples_per_tick * (k + 1))
+        observer.add_tick(position[1:][tick, None], command[tick, None])
     found = observer.estimates[0] * NOMINAL
     np.testing.assert_allclose(found, [inertia, gravity, viscous, coulomb], rtol=1e-4)
 
@@ -91,7 +91,7 @@ def test_an_observer_finds_the_parameters_of_a_motion_of_another_integrator(rate
 def test_an_observation_can_be_read_back():
     env = ExcitationDesignVector(5)
     seen = run(env, 150)
-    what = read(seen["observation"][-1])
+    what = decode_observation(seen["observation"][-1])
     q = seen["positions"][-1][:, -1]
     np.testing.assert_allclose(np.exp(1j * what.position), np.exp(1j * q), atol=1e-6)
     np.testing.assert_allclose(what.information, seen["info"]["information"], rtol=1e-4, atol=1e-3)
@@ -103,7 +103,7 @@ def test_stick_teaches_nothing_and_is_told():
     env = ExcitationDesignVector(2)
     seen = run(env, 25, action=lambda k, count: np.full((count, 1), 0.05))
     assert not seen["reward"].any()
-    assert (read(seen["observation"][-1]).stuck == 1).all()
+    assert (decode_observation(seen["observation"][-1]).stuck == 1).all()
 
 
 def test_the_peak_and_the_budget_hold():
@@ -113,10 +113,12 @@ def test_the_peak_and_the_budget_hold():
     seen = run(env, 100, action=lambda k, count: np.full((count, 1), (-1.0) ** (k // 7)))
     assert np.sqrt((seen["torque"] ** 2).mean(axis=0)) == pytest.approx(3.0)
     assert not seen["torque"][-50:].any()
-    assert read(seen["observation"][-1]).budget_left == pytest.approx(0.0, abs=1e-6)
+    assert decode_observation(seen["observation"][-1]).budget_left == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("arguments", "why"), [({"constraint": "peek"}, "mean peak"), ({"seconds": 0.0}, "last 0 s")])
+@pytest.mark.parametrize(
+    ("arguments", "why"), [({"constraint": "peek"}, "mean peak"), ({"seconds": 0.0}, "episode of 0 s")]
+)
 def test_what_makes_no_sense_is_refused(arguments, why):
     with pytest.raises(ValueError, match=why):
         ExcitationDesignVector(1, **arguments)

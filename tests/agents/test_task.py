@@ -73,7 +73,7 @@ def test_what_is_no_action_or_no_option_is_refused(id):
     env = made(id, 2)
     env.reset(seed=0)
     for action in (np.full(env.action_space.shape, np.nan), np.zeros(2)):
-        with pytest.raises(ValueError, match=r"actions are \(2, \d\) numbers"):
+        with pytest.raises(ValueError, match=r"finite numbers of shape \(2, \d\)"):
             env.step(action)
     with pytest.raises(ValueError, match="unknown option of reset"):
         env.reset(options={"plants": 1})

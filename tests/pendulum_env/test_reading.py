@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from msgspec import Struct
 
-from agents.network import SHIPPED, Network
+from agents.network import POLICY_FOLDER, Network
 from pendulum_env.files import write_whole
 from pendulum_env.reading import DIGITS, Number, Text, Unreadable, convert, read_json, read_own, read_toml
 from pendulum_env.recording import read_recording
@@ -100,7 +100,7 @@ def test_a_pipe_and_a_device_are_refused_at_once(tmp_path: Path) -> None:
     ],
 )
 def test_what_makes_no_policy_is_refused_with_the_reason(tmp_path: Path, changes: dict[str, Any], match: str) -> None:
-    with np.load(SHIPPED / "peak.npz") as file:
+    with np.load(POLICY_FOLDER / "peak.npz") as file:
         arrays = dict(file) | changes
     path = tmp_path / "policy.npz"
     np.savez(path, **{name: array for name, array in arrays.items() if array is not None})

@@ -51,7 +51,7 @@ DIAGNOSES = [
 RIGS = [(f"{'a' * 100_000} = 1", "unknown key 'aaa")]
 TRAININGS = [
     ("hidden = 1_000_000_000", "'hidden' is 1000000000: expected a whole number <= 4096"),
-    ("pendulums = 100_000\nrollout = 1000", "pendulums times rollout is 100000000, at most 50000000 decisions"),
+    ("pendulums = 100_000\nrollout = 1000", "pendulums times rollout is 100000000"),
 ]
 WORDS = [  # with files of `folder`
     ("", "COMMAND"),

@@ -4,7 +4,7 @@ import argparse
 
 import numpy as np
 
-from agents.network import NAMES as SHIPPED
+from agents.network import POLICY_NAMES as SHIPPED
 from agents.observer import EPISODE, Pilot
 from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.sensing import COUNTS

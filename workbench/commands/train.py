@@ -5,7 +5,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-from agents.config import USUAL, Config
+from agents.config import DEFAULTS, Config
 from agents.observer import ARM
 from pendulum_env.reading import read_toml
 from workbench.inputs import check_outputs, wrote
@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
             written, since reading it runs what is in it
         -o, --output FILE  policy, NAME.npz
         """,
-        constraint=one_of("constraint", USUAL),
+        constraint=one_of("constraint", DEFAULTS),
         seed=whole(0),
         steps=whole(1),
         output={"required": True},
