@@ -43,7 +43,8 @@ class ChannelSettings:
     friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # of the highest velocity: where friction, too, may bend
     bends: int = 3  # times that the torque of the model is refitted with columns that depend on it
     nearby: float = 1e-4  # [s], difference for derivatives
-    negligible: float = 0.02  # of a sample: neither smoothing nor a clock is as exact as that
+    negligible: float = 0.1  # of a sample: clocks, and the steps of simulators, are not more exact
+    least_sampled: float = 0.25  # of a sample, by which torque looks late that a controller sets twice a sample
     between: int = 4  # recordings from which on their scatter, too, tells a standard error
     fewest_stretches: int = 3  # below which their scatter tells nothing
 

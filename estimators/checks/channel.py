@@ -27,6 +27,7 @@ from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import project_out
+from estimators.selection.criterion import Criterion
 from estimators.selection.score import BLOCK, Blocks, cross_validated
 from estimators.signals.channel import Channel
 from estimators.signals.motion import load_in_newton_metres
@@ -268,7 +269,7 @@ class ChannelFits:
         none, delay = self.fit([np.zeros(2)]), self.delayed
         late = delay.delay
         lag = self.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
-        if not delay.stands(none) or abs(late) < SEARCH.negligible * self.period:  # a filtered torque is late, too
+        if not delay.stands(none) or self.is_negligible(late):  # a filtered torque is late, too
             # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
             spread = max(delay.delay_std, abs(late) / SEARCH.sure), max(lag.lag_std, abs(lag.lag) / SEARCH.sure)
             return replace(none, delay_std=spread[0], lag_std=spread[1])
@@ -279,6 +280,11 @@ class ChannelFits:
         is_filter = lag.predicts_better(delay) and lag.stands(none) and abs(lag.lag) >= self.period
         law, other = (lag, delay) if is_filter else (delay, lag)
         return law if law.excels(other) or not other.stands(none) else replace(law, rival=other.channel)
+
+    def is_negligible(self, delay: float) -> bool:
+        """Return whether a delay [s] is within the exactness of clocks, and torque is predicted as well without it."""
+        before, after = (float(np.linalg.norm(self.misfit(np.array([own, 0.0])))) for own in (0.0, delay))
+        return abs(delay) < SEARCH.negligible * self.period and after > (1 - Criterion.error_margin) * before
 
     def raised(self, channel: Channel) -> float:
         """By how much the channel's filter raises white noise of the log in the windows, at most."""
@@ -319,10 +325,14 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
             another torque of the one that was logged, as a lag does, are left out: they compete with the channel's.
 
     A law is reported if its delay or lag is `SEARCH.sure` standard errors from none, and if it surely predicts better
-    seconds to which it was not fitted. A filter is told from a delay where it surely predicts better, else both are
-    said. What looks logged late by half a sample, or by less since a controller held it for a while, was sampled unless
-    held torque surely predicts better; what looks late by more was, if that surely predicts better. Sampled torque is
-    late by half a sample unless another delay surely predicts better, and need not surely predict better than none.
+    seconds to which it was not fitted. A delay below `SEARCH.negligible` of a sample is none if torque is predicted as
+    well without it. A filter is told from a delay where it surely predicts better, else both are said.
+
+    Torque that is set n times a sample looks late by (1 - 1/n) / 2 of it. What looks late by a quarter to half a sample
+    was sampled unless held torque surely predicts better; what looks late by more was, if that surely predicts better.
+    Sampled torque is late by half a sample unless another delay surely predicts better, and need not surely predict
+    better than none.
+
     Recordings too short to tell give an alignment without a finding and with infinite standard errors.
 
     Raises:
@@ -346,7 +356,10 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
         is_half = half.agrees(free) and half.predicts_better(found) and not free.excels(half)
         return half if is_half else found
     other = sampled.simplest()
-    is_usual = found.delay + found.lag < 0.5 * fits.period + SEARCH.sure * (found.delay_std + found.lag_std)
+    late, spread = (found.delay + found.lag) / fits.period, (found.delay_std + found.lag_std) / fits.period
+    if late + SEARCH.sure * spread < SEARCH.least_sampled:
+        return found
+    is_usual = late < 0.5 + SEARCH.sure * spread
     is_sampled = not found.excels(other) if is_usual else other.excels(found)
     if not (is_sampled and other.is_late):
         return found

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from benchmarks.independent_plant import Experiment, Plant, random_case
@@ -12,12 +13,15 @@ from estimators.checks.channel import align, align_each
 from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.findings import Finding, Kind
 from estimators.signals.channel import Channel
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE
 from pendulum_env.physics.library import effect
 from pendulum_env.recording import Recording
 from tests import slow
 from tests.cases import TRUTH, recorded
 from tests.notes import noted
+from tests.two_link import body
+from tests.two_link import recorded as arm_recorded
 
 KINDS = ("two_tone", "multisine", "chirp", "prbs", "steps")
 
@@ -80,6 +84,34 @@ def test_torque_in_time_is_left_alone(excitation):
     assert found.finding is None
     assert found.delay_std < 2e-4
     assert found.apply(recording) is recording
+
+
+@pytest.mark.parametrize(("plant", "few"), [("pendulum", 0.08), ("arm", 0.05)])
+def test_a_delay_below_a_tenth_of_a_sample_is_none_and_one_of_more_is_corrected(plant, few):
+    if plant == "arm":
+        recording, beside = arm_recorded(seconds=6.0, rate=250.0), list(arm_base(body()))
+    else:
+        recording, beside = run("multisine", 250.0), []
+    motion = CubicSpline(recording.time, recording.position)
+    on_time, early, late = (
+        replace(recording, position=motion(recording.time + share / recording.rate)) for share in (0.0, few, 0.6)
+    )
+    for one in (on_time, early):
+        found = align([one], beside)
+        assert not found.is_found and found.finding is None and found.apply(one) is one
+    found = align([late], beside)
+    assert found.is_late and found.finding is not None
+    assert found.delay == pytest.approx(0.6 / 250.0, abs=0.02 / 250.0)
+    assert found.apply(late) is not late
+
+
+@pytest.mark.parametrize("share", [0.15, 0.2])
+def test_held_torque_that_is_late_by_less_than_a_controller_makes_it_was_not_sampled(share):
+    arm = arm_recorded(seconds=6.0, rate=250.0)
+    found = align(
+        [replace(arm, position=CubicSpline(arm.time, arm.position)(arm.time + share / 250.0))], arm_base(body())
+    )
+    assert found.finding.kind is Kind.TORQUE_LATE and found.delay == pytest.approx(share / 250.0, abs=0.05 / 250.0)
 
 
 @pytest.mark.parametrize(
