@@ -315,7 +315,7 @@ class Here:
 
     def close(self) -> OnlineDiagnosis:
         """What was said in the end."""
-        return self._diagnoser.said[0]
+        return self._diagnoser.diagnoses[0]
 
 
 class Apart:
@@ -330,7 +330,7 @@ class Apart:
         Raises OSError if it does not come up.
         """
         self._worker = Worker("diagnosis")
-        self._worker.send(partial(_judge, rate, smoothing))
+        self._worker.send(partial(_diagnose_samples, rate, smoothing))
         if not self._worker.connection.poll(self.ready) or isinstance(self._worker.hear(), End):
             self._worker.end()
             raise OSError("the process that diagnoses did not start: try again on a machine that does less")
@@ -364,7 +364,7 @@ class Apart:
         return found
 
 
-def _judge(rate: float, smoothing: Smoothing, connection: Connection[Any, Any]) -> OnlineDiagnosis:
+def _diagnose_samples(rate: float, smoothing: Smoothing, connection: Connection[Any, Any]) -> OnlineDiagnosis:
     attend()
     ordinary()  # a motor's loop, which began this, may be more urgent
     judge = Here(rate, smoothing)

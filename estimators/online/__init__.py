@@ -1,11 +1,11 @@
-"""Estimation and diagnosis while it runs: one sample in, what is known out.
+"""Online estimation and diagnosis, sample by sample.
 
     samples -> stream -> equations -> OnlineEstimator: parameters of all schemes
                  |
-               Binner -> bins of motion -> Diagnoser: which effect does the model lack, which parameters have changed?
+               Binner -> bins of motion -> Diagnoser: missing effects, changed parameters
 
-A stream is that of B pendulums, sample by sample (`stream`), or that of an arm's joints, chunk by chunk (`arm_stream`).
-Both take samples by `take(time, position, torque)` and start anew by `reset(which)`.
+A stream converts samples of B pendulums (`stream`), or samples of an arm in chunks (`arm_stream`), into equations. Both
+take samples by `take(time, position, torque)`, and restart by `reset(which)`.
 """
 
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from pendulum_env.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from estimators.online.diagnosis import Diagnoser, OnlineDiagnosis, Standing
+    from estimators.online.diagnosis import Diagnoser, OnlineDiagnosis, RankingEntry
     from estimators.online.estimates import Estimates, SchemeEstimate, SchemeEstimates
     from estimators.online.estimator import OnlineEstimator
     from estimators.online.joint_state import JointState
@@ -26,7 +26,7 @@ __all__ = [
     "JointState",
     "OnlineDiagnosis",
     "OnlineEstimator",
+    "RankingEntry",
     "SchemeEstimate",
     "SchemeEstimates",
-    "Standing",
 ]

@@ -1,31 +1,31 @@
-"""Samples of many plants, gathered in bins of motion: what models are compared on."""
+"""Bins of motion: averages of a few samples, on which models are compared."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators.online.arm_stream import stream_of
+from estimators.online.arm_stream import make_stream
 from estimators.online.rows import POSITION, TIME, TORQUE, VELOCITY
-from estimators.online.stream import Taken
+from estimators.online.stream import StreamEquations
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Term
 
-BIN = 0.01  # [s], over which rows are averaged: noise of the encoder averages out, effects do not
-BLOCK = 20  # bins, over which gains are summed
-MARGIN = 3  # instants of a bin beyond its rows: two before the first and one after the last
+BIN = 0.01  # [s], averaging time: long against encoder noise, short against effects
+BLOCK = 20  # bins in a block of gains
+MARGIN = 3  # instants of a bin without a row: two before the first and one after the last
 
 
 class Bin(NamedTuple):
-    """A bin of one joint, its rows those of the Hamiltonian scheme.
+    """Bin of one joint, with rows of the Hamiltonian scheme.
 
     Attributes:
-        joint: which of the plant's joints.
-        series: time, position, velocity and torque at its n + 3 instants (4, n + 3).
+        joint: index of the joint.
+        series: time, position, velocity and torque at n + 3 instants (4, n + 3).
         phi: mean row of the terms (P,).
-        y: mean torque over it, less that of what has no parameter [N m].
+        y: mean torque minus the torque of terms without parameters [N m].
     """
 
     joint: int
@@ -34,8 +34,8 @@ class Bin(NamedTuple):
     y: float
 
 
-class _Gathered:
-    """The bin to come of one joint of B plants."""
+class _JointBinner:
+    """Current bin of one joint of B plants."""
 
     def __init__(self, every: int, columns: int, batch: int) -> None:
         self._every, self._instants = every, np.zeros((every + MARGIN, 4, batch))
@@ -44,8 +44,8 @@ class _Gathered:
     def reset(self, which: Mask) -> None:
         self._count[which] = 0
 
-    def take(self, taken: Taken) -> Iterator[tuple[int, Array, Array]]:
-        """Take in an equation each; returns plant, series and mean equation (P + 1,) of bins that are complete."""
+    def take(self, taken: StreamEquations) -> Iterator[tuple[int, Array, Array]]:
+        """Add an equation of each plant; yield plant, series and mean equation (P + 1,) of complete bins."""
         ring, every = len(self._instants), self._every
         self._instants[self._step % ring] = taken.following[[TIME, POSITION, VELOCITY, TORQUE]]
         self._sum += np.where(taken.usable, taken.equations[:, 0], 0.0)
@@ -62,29 +62,36 @@ class _Gathered:
 
 
 class Binner:
-    """Gathers samples of B plants in bins; those in which a joint sticks, or almost, are left out.
+    """Collection of samples of B plants into bins; bins near stick are left out.
 
     Attributes:
-        every: samples in a bin.
-        joints: names of a plant's joints; one of no name is a pendulum's.
+        every: number of samples in a bin.
+        joints: names of the joints of a plant; a pendulum has one joint without a name.
     """
 
     def __init__(self, rate: float, terms: Sequence[Term], smoothing: Smoothing, batch: int = 1) -> None:
-        """Take the samples per second [Hz], terms whose rows are wanted, the smoothing of the measurement, and B."""
+        """Create a binner.
+
+        Args:
+            rate: sampling rate [Hz].
+            terms: whose rows are averaged.
+            smoothing: of the measurement.
+            batch: number B of plants.
+        """
         self.every = max(1, round(BIN * rate))
-        self._stream = stream_of(terms, [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
+        self._stream = make_stream(terms, [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
         self.joints = self._stream.joints
         columns = sum(len(term.columns) for term in terms)
-        self._each = [_Gathered(self.every, columns, batch) for _ in self.joints]
+        self._joint_binners = [_JointBinner(self.every, columns, batch) for _ in self.joints]
 
     def reset(self, which: Mask) -> None:
-        """What follows of those plants (B,) does not continue what came."""
+        """Restart plants (B,) with their next sample."""
         self._stream.reset(which)
-        for one in self._each:
+        for one in self._joint_binners:
             one.reset(which)
 
     def take(self, time: Array, position: Array, torque: Array) -> Iterator[tuple[int, Bin]]:
-        """Take in a sample of each, as `OnlineEstimator.take`; tells plants and their bins that are over."""
+        """Add a sample of each plant, as `OnlineEstimator.take`; yield plants and their complete bins."""
         for taken in self._stream.take(time, position, torque):
-            for b, series, mean in self._each[taken.joint].take(taken):
+            for b, series, mean in self._joint_binners[taken.joint].take(taken):
                 yield b, Bin(taken.joint, series, mean[:-1], float(mean[-1]))

@@ -1,4 +1,4 @@
-"""When samples come: at the rate, after a gap, or off the rate, which no filter bears."""
+"""Check of sample times: at the rate, after a gap, or off the rate."""
 
 import math
 
@@ -6,26 +6,26 @@ from pendulum_env.recording.sampling import SAMPLING
 
 
 class Clock:
-    """Refuses samples off the rate; once they have kept it, a longer time is a gap."""
+    """Check of sample times against a rate; after the first samples at the rate, a longer time is a gap."""
 
     def __init__(self, rate: float) -> None:
-        """Take the samples per second [Hz]."""
+        """Create a clock with a rate [Hz]."""
         self._rate, self._time, self._came = rate, -math.inf, False
 
     def restart(self) -> None:
-        """Time starts anew."""
+        """Accept any time next."""
         self._time = -math.inf
 
     def tick(self, time: float) -> bool:
-        """Take the time of a sample [s]; whether a gap lies before it.
+        """Check the time of a sample [s], and return whether a gap lies before it.
 
         Raises:
-            ValueError: if time does not go on, or more than a tenth of a period is missing or too much.
+            ValueError: if time does not increase, or differs by more than a tenth of a period from the rate.
         """
         passed = time - self._time
         if passed <= 0:
             raise ValueError(
-                f"a sample of {time:.6g} s comes after one of {self._time:.6g} s: reset where time begins anew"
+                f"a sample at {time:.6g} s follows one at {self._time:.6g} s: call reset where time restarts"
             )
         on_time, follows = 0.9 < passed * self._rate < 1.1, math.isfinite(passed)
         gap = follows and not on_time
@@ -35,11 +35,11 @@ class Clock:
         return gap
 
 
-def checked_rate(rate: float) -> float:
-    """A rate [Hz].
+def check_rate(rate: float) -> float:
+    """Return a rate [Hz].
 
     Raises:
-        ValueError: if it is no positive number.
+        ValueError: if it is not positive and finite.
     """
     if not 0 < rate < math.inf:
         raise ValueError(f"the rate cannot be {rate:g} Hz: give a positive number")

@@ -1,13 +1,13 @@
-"""Online diagnosis: the running model against itself with each effect of the library, by the one score.
+"""Online diagnosis: comparison of the running model with the same model plus each effect of the library.
 
 All models are fitted to the first seconds of motion. From then on the running model, alone and with each effect,
-predicts every bin before its update (`rivals`). The gains in log predictive density per second of motion are judged as
-offline, by a Bayesian bootstrap over these blocks (`estimators.selection.score`). An effect is reported as missing once
-the e-process passes its threshold (`evidence`), which follows from the accepted false alarms per hour.
+predicts every bin before its update (`competitors`). The gains in log predictive density per second of motion are
+scored as offline, by a Bayesian bootstrap over these blocks (`estimators.selection.score`). An effect is reported as
+missing when the e-process passes its threshold (`evidence`), which follows from the accepted false alarms per hour.
 
-One more challenger is the running model with forgetting (`forgetting`). After an alarm to which it contributed, all
-models are fitted again to what came since the likely time of a change (`change`). If they then predict better than any
-model from before, they take over: either an effect is missing since that time, or parameters have changed.
+The running model with forgetting (`forgetting`) also competes. After an alarm with evidence of forgetting, all models
+are fitted again to the bins since the likely time of a change (`change`). If these models predict better than the
+former ones, they replace them: either an effect is missing since that time, or parameters have changed.
 """
 
 from collections import deque
@@ -20,11 +20,11 @@ import numpy as np
 
 from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin, Binner
-from estimators.online.change import CHANGE, Fit, ParameterChange, find_change, fit
-from estimators.online.clock import checked_rate
-from estimators.online.contest import Contest, PlantBins
-from estimators.online.evidence import UsualGain, threshold_of
-from estimators.online.rivals import ONLINE, TIME
+from estimators.online.change import CHANGE, Fit, ParameterChange, find_change, fit_rows
+from estimators.online.clock import check_rate
+from estimators.online.competitors import ONLINE, TIME
+from estimators.online.evidence import ReferenceDistribution, compute_threshold
+from estimators.online.model_comparison import ModelComparison, PlantBins
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import Bootstrap
 from estimators.signals.measurements import Smoothing
@@ -37,17 +37,17 @@ from pendulum_env.physics.term import loads
 
 
 @dataclass(frozen=True)
-class Standing:
-    """Score of one effect beside the running model.
+class RankingEntry:
+    """Score of one effect added to the running model.
 
     Attributes:
         effect: its id.
-        probability: that it predicts best, of all effects and of none.
-        gain: log predictive density over the running model [nat].
-        error: its standard error, from the scatter between stretches [nat].
-        chance: p-value of the gain.
-        evidence: that it predicts better: log wealth of the bets on it [nat].
-        term: with the nonlinear parameters that predicted best.
+        probability: that the model with this effect predicts best of all.
+        gain: log predictive density minus that of the running model [nat].
+        error: standard error of the gain, from the scatter between blocks of a second [nat].
+        p_value: of the gain.
+        evidence: log wealth of the e-process for this effect [nat].
+        term: effect with the nonlinear parameters that predicted best.
         theta: parameters of the running model and, last, of the effect, by name.
     """
 
@@ -55,7 +55,7 @@ class Standing:
     probability: float
     gain: float
     error: float
-    chance: float
+    p_value: float
     evidence: float
     term: Term
     theta: Mapping[str, float]
@@ -68,7 +68,7 @@ class OnlineDiagnosis:
     Attributes:
         kind: "calibrating"; "nothing" while neither an effect nor another set of parameters predicts significantly
             better; "missing"; or "changed".
-        evidence: that an effect or forgetting predicts better: log of the mean wealth of the bets [nat].
+        evidence: log of the mean wealth of the e-process over effects and forgetting [nat].
         threshold: evidence of an alarm [nat].
         terms: of the running model.
         theta: its parameters by name.
@@ -77,8 +77,8 @@ class OnlineDiagnosis:
         none: probability that no effect predicts better than the running model.
         motion: time of motion since the model began to run [s].
         error: root mean square a-priori error of the running model over the last seconds of motion [N m].
-        added: ids of effects taken into it.
-        not_run: effects that cannot be followed online, with the reason.
+        added: ids of effects added to the running model.
+        not_run: effects without online diagnosis, with the reason.
         changed: change and standard error of each changed parameter in its unit, the most significant first; empty
             while an effect is missing.
         since: time of the last change, also of one by which an effect set in [s]; None while there is none.
@@ -87,7 +87,7 @@ class OnlineDiagnosis:
     kind: str
     terms: tuple[Term, ...] = ()
     theta: Mapping[str, float] = field(default_factory=dict)
-    ranking: tuple[Standing, ...] = ()
+    ranking: tuple[RankingEntry, ...] = ()
     group: tuple[str, ...] = ()
     none: float = 1.0
     evidence: float = -np.inf
@@ -101,14 +101,14 @@ class OnlineDiagnosis:
 
 
 class Diagnoser:
-    """Diagnoses B pendulums, or an arm, one sample of each per step.
+    """Online diagnosis of B pendulums, or of an arm, one sample of each per step.
 
     Attributes:
-        each: monitors, one a plant.
+        each: monitors, one per plant.
         rate: samples per second [Hz].
         batch: number B of plants.
-        threshold: from which evidence on something is missing [nat].
-        not_run: effects that cannot be followed online, with the reason.
+        threshold: evidence of an alarm [nat].
+        not_run: effects without online diagnosis, with the reason.
     """
 
     def __init__(
@@ -122,65 +122,67 @@ class Diagnoser:
         given: Fit | None = None,
         alarms_per_hour: float = 1.0,
     ) -> None:
-        """Take a model and the effects that it may lack.
+        """Create the diagnosis of a model.
 
         Args:
             rate: samples per second [Hz].
-            terms: of the model, with their nonlinear parameters set, of an arm its links first.
+            terms: of the model, with values of their nonlinear parameters; for an arm, the links come first.
             batch: number B of pendulums.
-            library: effects by id; None are all that are known.
-            smoothing: of the measurement; without one, that of the paper's encoder at this rate.
-            given: parameters of the model; those of the plant that differ significantly are reported as changed, until
-                an effect is added or undone, or parameters change.
-            alarms_per_hour: false ones that are accepted, on average, per hour of motion.
+            library: effects by id; None for all known effects.
+            smoothing: of the measurement; by default, that of the paper's encoder at this rate.
+            given: parameters of the model. Parameters of the plant that differ significantly are reported as changed,
+                until an effect is added or undone, or parameters change.
+            alarms_per_hour: accepted mean number of false alarms per hour of motion.
 
         Raises:
-            ValueError: if a number is out of its range, there are not as many parameters as the model has, or a term of
-                the model depends on the past.
+            ValueError: if a number is out of its range, the number of given parameters is wrong, or a term of the model
+                depends on the past.
         """
-        checked_rate(rate)
-        reasons = {term.id: reason for term in terms if (reason := hindrance(type(term)))}
+        check_rate(rate)
+        reasons = {term.id: reason for term in terms if (reason := find_obstacle(type(term)))}
         if reasons:
-            raise ValueError(f"{next(iter(reasons))} cannot be in a model that is diagnosed online: take it out of it")
+            raise ValueError(
+                f"{next(iter(reasons))} depends on the past and has no online diagnosis: remove it from the model"
+            )
         names = [column.name for term in terms for column in term.columns]
         if given is not None and len(given.theta) != len(names):
-            raise ValueError(f"{len(given.theta)} parameters are given, the model has {len(names)}: {', '.join(names)}")
+            raise ValueError(f"{len(given.theta)} parameters are given: give {len(names)}, {', '.join(names)}")
         library = effects() if library is None else library
-        self.not_run = {id: reason for id, effect in library.items() if (reason := hindrance(effect))}
+        self.not_run = {id: reason for id, effect in library.items() if (reason := find_obstacle(effect))}
         library = {id: effect for id, effect in library.items() if id not in self.not_run}
         links = [term for term in terms if isinstance(term, Links)]  # whose columns come with the bins
         self.rate, self.batch = rate, batch
         self._binner = binner = Binner(rate, links, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
         length, joints = binner.every / rate, binner.joints  # of a bin [s]
-        self.threshold = threshold_of(alarms_per_hour, BLOCK * length / len(joints))
+        self.threshold = compute_threshold(alarms_per_hour, BLOCK * length / len(joints))
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
         plant = PlantBins(tuple(joints), length / len(joints), 1 / rate)
         self.each = tuple(EffectMonitor(terms, library, plant, blank, given) for _ in range(batch))
 
     @property
-    def said(self) -> tuple[OnlineDiagnosis, ...]:
+    def diagnoses(self) -> tuple[OnlineDiagnosis, ...]:
         """Return the diagnosis of each plant."""
-        return tuple(one.said for one in self.each)
+        return tuple(one.diagnosis for one in self.each)
 
     def reset(self, which: Mask | None = None) -> None:
-        """Begin anew with the next sample of those plants (B,); of all without an argument."""
+        """Restart plants (B,) with their next sample; all by default."""
         mask = np.ones(self.batch, dtype=bool) if which is None else which
         self._binner.reset(mask)
         for b in np.flatnonzero(mask):
             self.each[b].reset()
 
     def take(self, time: Array, position: Array, torque: Array) -> tuple[OnlineDiagnosis, ...]:
-        """Take in a sample of every plant, as `OnlineEstimator.take`; return the diagnosis of each."""
+        """Add a sample of every plant, as `OnlineEstimator.take`; return the diagnosis of each."""
         for plant, one in self._binner.take(time, position, torque):
             self.each[plant].take(one)
-        return self.said
+        return self.diagnoses
 
 
 class EffectMonitor:
-    """Diagnoses one plant: bins of its joints in, a diagnosis out.
+    """Online diagnosis of one plant from bins of its joints.
 
     Attributes:
-        said: the diagnosis.
+        diagnosis: the current diagnosis.
     """
 
     _change: ParameterChange | None
@@ -193,167 +195,181 @@ class EffectMonitor:
         blank: OnlineDiagnosis,
         given: Fit | None = None,
     ) -> None:
-        """Take model, effects, the plant, what is said at first, and parameters that the plant is compared with."""
+        """Create the monitor.
+
+        Args:
+            terms: of the running model.
+            library: effects by id.
+            plant: joints and length of bins.
+            blank: first diagnosis.
+            given: parameters to compare the plant with.
+        """
         self._base, self._library, self._plant, self._blank = tuple(terms), library, plant, blank
         self._given = given
         self.reset()
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Of the running model."""
+        """Return the terms of the running model."""
         return self._past[-1]
 
     def reset(self) -> None:
-        """Forget all that was measured, and all effects that were added; given parameters are compared again."""
+        """Remove all data and added effects; given parameters are compared again."""
         self._past = [self._base]
-        self._recent: deque[Bin] = deque(maxlen=2 * self._plant.bins_in(ONLINE.kept))
+        self._recent: deque[Bin] = deque(maxlen=2 * self._plant.bins_in(ONLINE.fit_time))
         self._begin()
         if self._given is not None:
-            self._change = self._change_from(self._given, CHANGE.compare)
+            self._change = self._change_from(self._given, CHANGE.comparison_time)
 
     def _begin(self, kept: Sequence[Bin] = ()) -> None:
-        """Begin to compare models, from kept bins; the comparison with given parameters ends."""
-        self._contest, self._change = self._contest_of(kept), None
-        self.said = replace(self._blank, terms=self.terms, added=self._added)
+        """Begin a comparison of models with kept bins; the comparison with given parameters ends."""
+        self._comparison, self._change = self._make_comparison(kept), None
+        self.diagnosis = replace(self._blank, terms=self.terms, added=self._added)
 
-    def _contest_of(self, kept: Sequence[Bin] = (), usual: UsualGain | None = None) -> Contest:
+    def _make_comparison(
+        self, kept: Sequence[Bin] = (), reference: ReferenceDistribution | None = None
+    ) -> ModelComparison:
         library = {id: effect for id, effect in self._library.items() if id not in self._added}
-        return Contest(self.terms, library, self._plant, kept, usual)
+        return ModelComparison(self.terms, library, self._plant, kept, reference)
 
     def _change_from(self, before: Fit, seconds: float, since: float | None = None) -> ParameterChange:
-        """Change from former parameters, to be reported after a time of motion [s]."""
+        """Create the change from former parameters; it is reported after a time of motion [s]."""
         names = [column.name for term in self.terms for column in term.columns]
         return ParameterChange(names, before, self._plant.bins_in(seconds), since)
 
     @property
     def _block(self) -> int:
-        """Bins of all joints in a block."""
+        """Return the number of bins of all joints in a block."""
         return BLOCK * len(self._plant.joints)
 
     @property
     def _added(self) -> tuple[str, ...]:
         return tuple(term.id for term in self.terms[len(self._base) :])
 
-    # ------------------------------------------------------------------------------------------------------ the model
+    # -------------------------------------------------------------------------------------------------- running model
 
     def add(self, effect: str) -> Term:
-        """Take an effect into the running model, with the shape that predicted best.
+        """Add an effect to the running model, with the nonlinear parameters that predicted best.
 
-        The comparison of models begins anew; that with given parameters ends.
+        The comparison of models restarts; the comparison with given parameters ends.
 
         Raises:
-            ValueError: if there is no effect of that id beside the model, or too little has been seen.
+            ValueError: if the effect is unknown, in the model already, or not tried yet.
         """
         find("effect that is run", effect, self._library)
         if effect in self._added:
-            raise ValueError(f"{effect} is in the model already: undo takes out what was added last")
-        term = next((term for (term,), _ in self._contest.leaders[1:] if term.id == effect), None)
+            raise ValueError(f"{effect} is in the model already: undo removes the effect that was added last")
+        term = next((term for (term,), _ in self._comparison.leaders[1:] if term.id == effect), None)
         if term is None:
             raise ValueError(f"{effect} has not been tried yet: wait until the diagnosis no longer calibrates")
         self._past.append((*self.terms, term))
-        self._begin(self._contest.kept)
+        self._begin(self._comparison.fit_bins)
         return term
 
     def undo(self) -> None:
-        """Take out the effect that was added last.
+        """Remove the effect that was added last.
 
-        The comparison of models begins anew; that with given parameters ends.
+        The comparison of models restarts; the comparison with given parameters ends.
 
         Raises:
-            ValueError: if none was added.
+            ValueError: if no effect was added.
         """
         if len(self._past) == 1:
-            raise ValueError("no effect was added that could be undone")
+            raise ValueError("the model has no added effect: call add first")
         self._past.pop()
-        self._begin(self._contest.kept)
+        self._begin(self._comparison.fit_bins)
 
     # ---------------------------------------------------------------------------------------------------------- a bin
 
     def take(self, one: Bin) -> None:
-        """Take in a bin of motion."""
+        """Add a bin of motion."""
         self._recent.append(one)
-        ended = self._contest.take(one)
-        if self._contest.has_begun_to_move(one.joint):
+        ended = self._comparison.take(one)
+        if self._comparison.has_begun_to_move(one.joint):
             change = self._change
-            self._begin(self._contest.kept)
+            self._begin(self._comparison.fit_bins)
             self._change = change
         elif ended:
-            self._judge()
+            self._check_alarm()
 
-    def _judge(self) -> None:
-        """Look for the cause of an alarm, and renew the diagnosis if it is time."""
-        contest, threshold = self._contest, self._blank.threshold
-        change, evidence = float(contest.bets.each[-1]), contest.bets.joint
-        is_known = self.said.kind == "missing"
-        # what is missing already is evidence all the time: forgetting then has to suffice alone
-        is_suspect = change >= threshold + np.log(len(contest.bets.each)) if is_known else change >= CHANGE.suspect
+    def _check_alarm(self) -> None:
+        """Look for the cause of an alarm, and update the diagnosis once per second of motion."""
+        comparison, threshold = self._comparison, self._blank.threshold
+        change, evidence = float(comparison.e_process.log_wealth[-1]), comparison.e_process.log_mean_wealth
+        is_known = self.diagnosis.kind == "missing"
+        # a missing effect gives evidence all the time: forgetting alone must then reach the threshold
+        is_suspect = (
+            change >= threshold + np.log(len(comparison.e_process.log_wealth))
+            if is_known
+            else change >= CHANGE.min_evidence
+        )
         if evidence >= threshold and is_suspect:
-            if (row := self._row_of_change()) is None:
-                return  # a change is judged when enough has been seen since
+            if (row := self._locate_change()) is None:
+                return  # too early to compare a change
             if self._accept_change(row):
-                self._tell()
+                self._update_diagnosis()
                 return
-            contest.bets.restart(-1)
-        if contest.is_stretch or (contest.bets.joint >= threshold and not is_known):
-            self._tell()
+            comparison.e_process.restart(-1)
+        if comparison.is_stretch or (comparison.e_process.log_mean_wealth >= threshold and not is_known):
+            self._update_diagnosis()
 
-    def _row_of_change(self) -> int | None:
-        """Return the number of the recent bin from which on other parameters fit best; None if it is too early."""
-        recent, plant, risen = list(self._recent), self._plant, self._contest.risen
-        calibrate = ceil(ONLINE.calibrate / plant.length)
-        needed = calibrate + plant.bins_in(CHANGE.judged)
+    def _locate_change(self) -> int | None:
+        """Find the recent bin after which other parameters fit best; None if it is too early."""
+        recent, plant, risen = list(self._recent), self._plant, self._comparison.n_since_change
+        calibrate = ceil(ONLINE.calibration_time / plant.length)
+        needed = calibrate + plant.bins_in(CHANGE.prediction_time)
         if risen < needed:
             return None
         last = len(recent) - needed
         first = min(max(calibrate, len(recent) - risen - calibrate), last)
-        row = find_change(*self._contest.rows(recent), first, last + BLOCK)
+        row = find_change(*self._comparison.rows(recent), first, last + BLOCK)
         return min(row, last) if row <= last or risen >= 2 * needed else None
 
     def _accept_change(self, change: int) -> bool:
-        """Go on with models fitted since a change, if they predict what came since better than those before it."""
+        """Replace the models by those fitted since a change, if these predict the bins since then better."""
         recent, plant = list(self._recent), self._plant
-        contest = self._contest_of(usual=deepcopy(self._contest.usual))
-        predicted = len(recent) - change - ceil(ONLINE.calibrate / plant.length)
+        comparison = self._make_comparison(reference=deepcopy(self._comparison.reference))
+        predicted = len(recent) - change - ceil(ONLINE.calibration_time / plant.length)
         since = recent[change + predicted % BLOCK :]  # whole blocks
         for one in since:
-            contest.take(one)
-        blocks = len(contest.blocks)
-        if contest.best_density(blocks) < self._contest.best_density(blocks) + self._blank.threshold:
+            comparison.take(one)
+        blocks = len(comparison.blocks)
+        if comparison.best_density(blocks) < self._comparison.best_density(blocks) + self._blank.threshold:
             return False
-        before = fit(*self._contest.rows(recent[:change]), self._block)
-        self._change = self._change_from(before, CHANGE.sure, float(recent[change].series[TIME, 0]))
-        self._contest = contest
+        before = fit_rows(*self._comparison.rows(recent[:change]), self._block)
+        self._change = self._change_from(before, CHANGE.report_time, float(recent[change].series[TIME, 0]))
+        self._comparison = comparison
         self._recent = deque(since, maxlen=self._recent.maxlen)
         return True
 
-    # -------------------------------------------------------------------------------------------------------- the word
+    # ------------------------------------------------------------------------------------------------------- diagnosis
 
-    def _tell(self) -> None:
-        contest = self._contest
-        leaders = contest.leaders
+    def _update_diagnosis(self) -> None:
+        comparison = self._comparison
+        leaders = comparison.leaders
         verdict = replace(
             self._blank,
             terms=self.terms,
             theta=self._theta(*leaders[0]),
-            motion=contest.seen * self._plant.length,
-            error=contest.error,
+            motion=comparison.n_predicted * self._plant.length,
+            error=comparison.error,
             added=self._added,
-            not_run={**self._blank.not_run, **contest.not_run},
+            not_run={**self._blank.not_run, **comparison.not_run},
         )
-        self.said = verdict if len(contest.blocks) < 2 else self._rank(verdict, leaders[1:])
+        self.diagnosis = verdict if len(comparison.blocks) < 2 else self._rank(verdict, leaders[1:])
 
     def _rank(self, verdict: OnlineDiagnosis, leaders: Sequence[tuple[tuple[Term, ...], Array]]) -> OnlineDiagnosis:
         """Return a verdict with the ranking of effects, and with changes of parameters."""
-        blocks, bets = self._contest.stretches[:, :-1], self._contest.bets
+        blocks, e_process = self._comparison.stretches[:, :-1], self._comparison.e_process
         bootstrap = Bootstrap(np.zeros(len(blocks), dtype=np.intp), np.random.default_rng(0))
         none, *odds = bootstrap.probabilities(list(blocks.T)).tolist()
         penalty = float(np.log(max(1, len(odds))))
         ranking = []
-        each = zip(leaders, blocks.T[1:], odds, bets.each[:-1].tolist(), strict=True)
-        for ((term,), theta), densities, probability, sure in each:
+        each = zip(leaders, blocks.T[1:], odds, e_process.log_wealth[:-1].tolist(), strict=True)
+        for ((term,), theta), densities, probability, log_wealth in each:
             gain = bootstrap.gain(densities, blocks[:, 0], penalty)
-            numbers = probability, gain.total, gain.error, gain.p_value, sure
-            ranking.append(Standing(term.id, *numbers, term, self._theta((term,), theta)))
+            numbers = probability, gain.total, gain.error, gain.p_value, log_wealth
+            ranking.append(RankingEntry(term.id, *numbers, term, self._theta((term,), theta)))
         ranking.sort(key=lambda one: (-round(one.probability, 3), -one.gain))
         is_missing = bool(ranking) and ranking[0].gain > 0 and self._has_missing_effect
         group = [ranking[0].effect] if is_missing else []
@@ -367,45 +383,51 @@ class EffectMonitor:
             ranking=tuple(ranking),
             group=tuple(dict.fromkeys(group)),
             none=none,
-            evidence=bets.joint,
+            evidence=e_process.log_mean_wealth,
             changed=changed,
             since=None if change is None else change.since,
         )
 
     @property
     def _has_missing_effect(self) -> bool:
-        """Return whether the bets on effects reach the threshold; after a change, which was an alarm, half of it.
+        """Return whether the evidence of effects reaches the threshold; half of it after a change, which was an alarm.
 
-        If another change is suspected, the whole threshold has to be reached: effects imitate a change.
+        While another change is suspected, the whole threshold applies: effects imitate a change.
         """
         after_change = self._change is not None and self._change.since is not None and not self._is_changing_again
-        after_change = after_change and len(self._contest.kept) < self._plant.bins_in(ONLINE.kept)
-        return self._contest.effect_evidence >= self._blank.threshold * (CHANGE.share if after_change else 1.0)
+        after_change = after_change and len(self._comparison.fit_bins) < self._plant.bins_in(ONLINE.fit_time)
+        return self._comparison.effect_evidence >= self._blank.threshold * (
+            CHANGE.threshold_share if after_change else 1.0
+        )
 
     @property
     def _is_changing(self) -> bool:
-        """Return whether the bet on forgetting suspects a change."""
-        return bool(self._contest.bets.each[-1] >= CHANGE.suspect)
+        """Return whether the evidence of forgetting suggests a change."""
+        return bool(self._comparison.e_process.log_wealth[-1] >= CHANGE.min_evidence)
 
     @property
     def _is_changing_again(self) -> bool:
         """Return whether a change is suspected, and was not in the first second of predictions."""
-        return self._is_changing and self._contest.seen - self._contest.risen >= self._plant.bins_in(CHANGE.judged)
+        return (
+            self._is_changing
+            and self._comparison.n_predicted - self._comparison.n_since_change
+            >= self._plant.bins_in(CHANGE.prediction_time)
+        )
 
     def _compare(self) -> None:
-        """Compare parameters with former ones, unless they seem to change again."""
-        contest = self._contest
+        """Compare parameters with former ones, unless another change is suspected."""
+        comparison = self._comparison
         if self._change is not None and not self._is_changing:
-            if self._change.is_due(len(contest.kept)):
-                self._change.compare(*contest.rows(contest.kept), self._block)
+            if self._change.is_due(len(comparison.fit_bins)):
+                self._change.compare(*comparison.rows(comparison.fit_bins), self._block)
 
     def _theta(self, more: tuple[Term, ...], theta: Array) -> dict[str, float]:
         names = [column.name for term in (*self.terms, *more) for column in term.columns]
         return dict(zip(names, theta.tolist(), strict=False))
 
 
-def hindrance(effect: type[Term]) -> Obstacle | None:
-    """Return why an effect cannot be followed online; None if it can."""
+def find_obstacle(effect: type[Term]) -> Obstacle | None:
+    """Return why an effect has no online diagnosis; None if it has one."""
     if effect.start is not Term.start:
         return Obstacle.HAS_STATE
     if effect.delay is not Term.delay:

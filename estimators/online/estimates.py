@@ -12,19 +12,19 @@ from pendulum_env.notebook import card, note, shown, table
 from pendulum_env.words import Table, plus_minus
 
 
-@dataclass(eq=False)  # not frozen, which takes its time: one is made at every sample
+@dataclass(eq=False)  # not frozen, which is slow: one is made at every sample
 class Estimates:
     """Estimates of B pendulums by S schemes after a sample.
 
     Attributes:
-        index: of the newest sample that is used, counted from 0; negative while too few have come in (B,).
-        time: of that sample: the measurement must be smoothed, and stick be ruled out, on both sides of it (B,) [s].
-        theta: (B, S, P) in the order of the terms' columns.
-        error: a-priori prediction errors, 0 where the equation was not used (B, S) [the scheme's unit].
+        index: of the newest sample in use, from 0; negative while there are too few samples (B,).
+        time: of that sample [s] (B,). It is older than the last sample by the reach of smoothing and guards.
+        theta: (B, S, P) in the order of the columns of the terms.
+        error: a-priori prediction errors in the unit of the scheme, 0 where the equation was not used (B, S).
         usable: which equations were used (B, S).
-        regressor: phi of the torque balance at the instant, 0 in stick (B, P); None of an arm.
-        spread: gives P.
-        judge: what turns P into a covariance.
+        regressor: phi of the torque balance at that sample, 0 in stick (B, P); None for an arm.
+        unit_covariance: returns P.
+        scale_covariance: converts P into a covariance.
     """
 
     index: Index
@@ -33,25 +33,25 @@ class Estimates:
     error: Array
     usable: Mask
     regressor: Array | None
-    spread: Callable[[], Array]
-    judge: Callable[[Array], Array]
+    unit_covariance: Callable[[], Array]
+    scale_covariance: Callable[[Array], Array]
 
     @cached_property
     def P(self) -> Array:
-        """The recursion's covariance for unit noise (B, S, P, P)."""
-        return self.spread()
+        """Return the covariance for unit noise (B, S, P, P)."""
+        return self.unit_covariance()
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance of theta, honest under correlated errors (B, S, P, P); computed when it is asked for."""
-        return self.judge(self.P)
+        """Compute the covariance of theta, valid under correlated errors (B, S, P, P)."""
+        return self.scale_covariance(self.P)
 
 
 class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metaclass,misc]  # for Gymnasium
-    """What one scheme knows, by name; looked up when it is asked for, as few steps are looked at.
+    """Estimates of one scheme, by name; computed when they are read.
 
-    theta (P,), covariance (P, P), prediction_error, and P (P, P), the covariance for unit noise, of one plant; of a
-    batch with a first axis over all, and with the masks (B,) of Gymnasium's vector environments, as `_theta`.
+    The names are theta (P,), covariance (P, P), prediction_error, and P (P, P), the covariance for unit noise. A batch
+    has a first axis B, and the masks (B,) of vector environments of Gymnasium, such as `_theta`.
     """
 
     __slots__ = ("_now", "_pendulum", "_scheme", "units")
@@ -64,7 +64,7 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
     }
 
     def __init__(self, now: Estimates, scheme: int, pendulum: int | slice, units: Mapping[str, str]) -> None:
-        """Take all estimates, which of them are meant, and the units of the parameters by name, in order."""
+        """Select the estimates of a scheme and a pendulum, or of all; units are those of the parameters, by name."""
         self._now, self._scheme, self._pendulum, self.units = now, scheme, pendulum, units
 
     def __getitem__(self, name: str) -> Any:
@@ -87,15 +87,15 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
     __hash__ = None  # type: ignore[assignment]  # as of any mapping
 
     def copy(self) -> dict[str, Any]:
-        """All that it knows, computed."""
+        """Return all values as a dictionary."""
         return {name: self[name] for name in self}
 
     def __reduce__(self) -> tuple[type[dict[str, Any]], tuple[dict[str, Any]]]:
-        return dict, (self.copy(),)  # for another process, which has no recursion to ask
+        return dict, (self.copy(),)  # a process without the recursion gets the values
 
 
 class SchemeEstimates(dict[str, Any]):
-    """Estimates of several schemes, a `SchemeEstimate` by id; of a batch with Gymnasium's masks, as `_dynamic`."""
+    """Estimates of several schemes, a `SchemeEstimate` by id; a batch has masks of Gymnasium, such as `_dynamic`."""
 
     def _repr_html_(self) -> str:
         return shown(self)
@@ -103,7 +103,7 @@ class SchemeEstimates(dict[str, Any]):
 
 @shown.register
 def show_estimates(found: SchemeEstimates) -> str:
-    """Estimates of several schemes as they are now; of a batch, those of its first plant."""
+    """Render the estimates of several schemes; of a batch, those of the first plant."""
     schemes = {id: own for id, own in found.items() if isinstance(own, SchemeEstimate)}
     units = {name: of for own in schemes.values() for name, of in own.units.items()}
     rows = []

@@ -1,20 +1,20 @@
-"""One statistic for all alternatives to a model, effects and changes: its evidence, and the threshold of an alarm.
+"""Evidence for effects and changes by an e-process, and the threshold of an alarm.
 
-Each block of time gives a factor e with a conditional mean of at most one while the model holds: a bet, 1 + s g / c,
-stakes a share s of the wealth on the gain g of a block, with losses of at most c. Gains may have any distribution
-whose losses stay below c. The mean over several shares is again such a bet. Factors multiply to wealth M, which
-restarts from one wherever it is below, so that a later change is detected as fast,
+Each block of time gives a factor e = 1 + s g / c, with the stake s, the gain g of the block, and a bound c of losses.
+While the model holds, the conditional mean of e is at most one, for any distribution of gains with losses below c. The
+mean over several stakes has the same property. The factors multiply to wealth M, which restarts from one whenever it is
+below, so that a later change is detected as fast,
 
     M <- max(M, 1) e.
 
-The mean time until M, or its mean over challengers, reaches A is at least A blocks: the threshold follows from the
+The mean time until M, or its mean over competitors, reaches A is at least A blocks. The threshold follows from the
 accepted alarms per hour.
 
-The bound c is not known: it is 1.5 times the largest loss so far, and a larger loss is clipped to c in its own block.
-A clipped loss gives a conditional mean slightly above one, so the threshold holds approximately.
+The bound c is unknown: 1.5 times the largest loss so far is used, and a larger loss is clipped to c in its block. The
+threshold is therefore approximate.
 
-No model of a real machine is complete: a model with forgetting always predicts a little better. What counts as its gain
-is what exceeds its usual gain (`UsualGain`).
+No model of a real machine is complete, so a model with forgetting always predicts slightly better. Its gain counts only
+above its usual gain (`ReferenceDistribution`).
 
 Source: Lorden, Annals of Mathematical Statistics 42(6), 1971, for the restarts; Shafer and Vovk, Game-Theoretic
 Foundations for Probability and Finance, 2019; Shin, Ramdas and Rinaldo, E-detectors, New England Journal of Statistics
@@ -26,70 +26,70 @@ import numpy as np
 from pendulum_env._typing import Array
 
 HOUR = 3600.0
-SHARES = np.array([0.05, 0.2, 0.8])  # of the wealth at stake
-MOST = 10.0  # units, the largest gain of a block: no single block decides
-UNIT = 1.0  # nat, the least unit
-MARGIN = 1.5  # times the largest loss so far, the unit
-MEMORY = 300  # blocks, memory of the usual gain
-FEWEST = 8  # blocks, before a gain is more than usual
-OUTLIER = 2.0  # standard deviations above the usual gain, as which a larger gain is learnt
+STAKES = np.array([0.05, 0.2, 0.8])  # shares of the wealth
+MAX_GAIN = 10.0  # in units of c, so that no single block decides
+MIN_LOSS_BOUND = 1.0  # [nat], least value of c
+MARGIN = 1.5  # ratio of c and the largest loss so far
+MEMORY = 300  # blocks, memory of the reference distribution
+MIN_BLOCKS = 8  # blocks before a gain counts
+OUTLIER_LIMIT = 2.0  # standard deviations above the mean, to which larger gains are clipped
 
 
-def threshold_of(alarms_per_hour: float, block: float) -> float:
-    """Log wealth of an alarm [nat], where blocks last that long [s].
+def compute_threshold(alarms_per_hour: float, block: float) -> float:
+    """Compute the log wealth of an alarm [nat] for a duration of blocks [s].
 
     Raises:
-        ValueError: if alarms would be as frequent as blocks, or there are none.
+        ValueError: if the number of alarms is not positive, or more than one per block.
     """
     if not 0 < alarms_per_hour < HOUR / block:
         raise ValueError(
-            f"alarms_per_hour ({alarms_per_hour:g}) has to be positive, and less than one a block of {block:g} s"
+            f"alarms_per_hour is {alarms_per_hour:g}: give a positive number below {HOUR / block:g}, one per block"
         )
     return float(np.log(HOUR / block / alarms_per_hour))
 
 
-class Bets:
-    """Wealth of K challengers, each with several shares at stake."""
+class EProcess:
+    """Wealth of K competitors, each with several stakes."""
 
-    def __init__(self, challengers: int) -> None:
-        """Take K."""
-        self._wealth = np.zeros((challengers, len(SHARES)))  # log M
-        self._unit = np.full(challengers, UNIT)
+    def __init__(self, competitors: int) -> None:
+        """Create an e-process for a number K of competitors."""
+        self._wealth = np.zeros((competitors, len(STAKES)))  # log M
+        self._bound = np.full(competitors, MIN_LOSS_BOUND)
 
     def take(self, gain: Array) -> None:
-        """A block has ended: what each challenger gained in it (K,) [nat]."""
-        won = np.clip(gain / self._unit, -1.0, MOST)
-        self._wealth = np.maximum(self._wealth, 0.0) + np.log1p(SHARES * won[:, None])
-        self._unit = np.maximum(self._unit, -MARGIN * gain)
+        """Add the gains of the competitors in a block (K,) [nat]."""
+        relative_gain = np.clip(gain / self._bound, -1.0, MAX_GAIN)
+        self._wealth = np.maximum(self._wealth, 0.0) + np.log1p(STAKES * relative_gain[:, None])
+        self._bound = np.maximum(self._bound, -MARGIN * gain)
 
-    def restart(self, challenger: int) -> None:
-        """Set the wealth of a challenger to one."""
-        self._wealth[challenger] = 0.0
+    def restart(self, competitor: int) -> None:
+        """Set the wealth of a competitor to one."""
+        self._wealth[competitor] = 0.0
 
     @property
-    def each(self) -> Array:
-        """Log wealth of each challenger (K,) [nat]."""
+    def log_wealth(self) -> Array:
+        """Return the log wealth of each competitor (K,) [nat]."""
         return np.asarray(np.logaddexp.reduce(self._wealth, axis=1) - np.log(self._wealth.shape[1]))
 
     @property
-    def joint(self) -> float:
-        """Log of the mean wealth over all challengers [nat]."""
-        return float(np.logaddexp.reduce(self.each) - np.log(max(1, len(self._wealth))))
+    def log_mean_wealth(self) -> float:
+        """Return the log of the mean wealth over all competitors [nat]."""
+        return float(np.logaddexp.reduce(self.log_wealth) - np.log(max(1, len(self._wealth))))
 
 
-class UsualGain:
-    """Mean and standard deviation of a challenger's gains so far; outliers count as smaller ones."""
+class ReferenceDistribution:
+    """Mean and standard deviation of the past gains of a competitor; outliers are clipped."""
 
     def __init__(self) -> None:
-        """Begin without any gain."""
+        """Create a distribution without gains."""
         self._count, self._mean, self._square = 0, 0.0, 0.0
 
     def excess(self, gain: float) -> float:
-        """Gain of a block beyond the usual one by a standard deviation, which is then learnt [nat]."""
+        """Return a gain minus the mean and one standard deviation of the past gains [nat]; add it to these."""
         std = float(np.sqrt(self._square))
         usual = max(0.0, self._mean + std)
         self._count = min(self._count + 1, MEMORY)
-        step = min(gain, self._mean + OUTLIER * std + UNIT) - self._mean
+        step = min(gain, self._mean + OUTLIER_LIMIT * std + MIN_LOSS_BOUND) - self._mean
         self._mean += step / self._count
         self._square += ((1.0 - 1.0 / self._count) * step**2 - self._square) / self._count
-        return gain - usual if self._count > FEWEST else 0.0
+        return gain - usual if self._count > MIN_BLOCKS else 0.0

@@ -1,9 +1,8 @@
-"""The running model with forgetting, which predicts better than the running model once parameters have changed.
+"""Mixture of models with forgetting, which predicts better than the running model after parameters have changed.
 
-Recursions with exponential forgetting, of the parameters and of the scale of their errors, start from the running
-model's fit. They predict by the mixture of several memories and the running model itself, weighted by their past
-likelihoods. The running model in the mixture bounds the loss while nothing changes. No weight falls below a share of
-the largest, so a memory recovers at once.
+Recursions with exponential forgetting of parameters and error scale start from the fit of the running model. The
+mixture of several memories and the running model is weighted by past likelihoods. The running model in the mixture
+bounds the loss while nothing changes. No weight falls below a share of the largest, so a memory recovers at once.
 
 Source: Herbster and Warmuth, Machine Learning 32, 1998 (mixtures that share); Ljung, System Identification, 2nd
 edition, section 11.2 (forgetting).
@@ -51,13 +50,13 @@ class ForgettingMixture:
         self._weight = np.full(1 + len(memories), LEAST_WEIGHT)  # of the running model and of each memory
         self._weight[0] = 0.0
 
-    def take(self, phi: Array, slope: Array, passed: float, y: float, density: float) -> float:
+    def take(self, phi: Array, slope: Array, y_slope: float, y: float, density: float) -> float:
         """Predict a row y = phi' theta, then learn from it.
 
         Args:
             phi: row (P,).
             slope: of phi by the torque (P,).
-            passed: slope of y by the torque.
+            y_slope: slope of y by the torque.
             y: left-hand side.
             density: log density of the row under the running model.
 
@@ -67,11 +66,11 @@ class ForgettingMixture:
         theta = np.array([model.theta[0, 0] for model in self._models])
         for model in self._models:
             model.take(phi[None, None], np.full((1, 1), y), np.ones((1, 1), dtype=bool))
-        unsure = np.array([model.variance[0, 0] / model.forgetting for model in self._models])
-        after = passed - theta @ slope
+        variance_ratio = np.array([model.variance[0, 0] / model.forgetting for model in self._models])
+        after = y_slope - theta @ slope
         squares = ((y - theta @ phi) / np.maximum(after, LEAST_SLOPE)) ** 2
-        each = cap_density(log_student(squares, self._square * unsure), after, density)
-        self._square += (weighted_squares(squares / unsure, self._square) - self._square) / self._memories
+        each = cap_density(log_student(squares, self._square * variance_ratio), after, density)
+        self._square += (weighted_squares(squares / variance_ratio, self._square) - self._square) / self._memories
         self._square = np.maximum(self._square, 1e-12)
         weight = self._weight + np.concatenate([[density], each])
         mixed = float(np.logaddexp.reduce(weight) - np.logaddexp.reduce(self._weight))

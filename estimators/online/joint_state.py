@@ -1,14 +1,14 @@
-"""A seventh estimator, beyond the paper: position, velocity and parameters in one state, by an unscented Kalman filter.
+"""Seventh estimator, not in the paper: position, velocity and parameters in one state of an unscented Kalman filter.
 
-The position is the only measurement. It is not differentiated, so there is no delay of smoothing, and the model's
-simulation includes stick and reversals, so there is no guard around stick. Each sigma point is a pendulum of its own,
-with its position, velocity and parameters, simulated under the held torque.
+The only measurement is the position. It is not differentiated, so smoothing adds no delay. The simulation of the model
+includes stick and reversals, so there is no guard around stick. Each sigma point is a pendulum with its own position,
+velocity and parameters, simulated under the held torque.
 
-The encoder noise is known. The noise of the acting torque is learnt from the innovations of the filter, which should
-have the predicted variance and no correlation between samples.
+The encoder noise is given. The noise of the torque is estimated from the innovations of the filter, which should have
+the predicted variance and no correlation between samples.
 
-The filter starts from a regression, whose estimates it repeats until the inertia is known to a tenth. From then on it
-uses only later samples, so that none counts twice.
+The filter starts from a regression, and returns its estimates until the inertia is known to a tenth. The filter then
+uses later samples only, so that no sample counts twice.
 
 Source: Julier and Uhlmann, Proceedings of the IEEE 92(3), 2004; the weights are those of Arasaratnam and Haykin,
 Cubature Kalman Filters, IEEE Transactions on Automatic Control 54(6), 2009; for the noise, Mehra, On the Identification
@@ -25,7 +25,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.online.confidence import Wandering, wandered
+from estimators.online.confidence import RandomWalkCovariance, random_walk_std
 from estimators.online.estimates import Estimates
 from estimators.signals.motion import SLOWEST
 from pendulum_env._typing import Array, Mask
@@ -36,16 +36,16 @@ from pendulum_env.physics.term import Memory, zero
 
 @dataclass(frozen=True)
 class JointStateSettings:
-    """Numbers of the joint-state filter; chosen on simulated plants by `benchmarks.joint_state`."""
+    """Settings of the joint-state filter, chosen on simulated plants by `benchmarks.joint_state`."""
 
-    known: float = 0.1  # of the inertia, the standard error at which the filter takes over
-    motion: float = 1.0  # [s], that the regression has to have seen until then
-    doubt: float = 0.1  # of each parameter, that is added to its standard error then
-    speed: float = 5.0  # [rad/s], standard deviation of the velocity before it is known
-    shaken: float = 0.1  # [N m], standard deviation of the torque that acts about the measured one, before it is known
-    learn: float = 0.5  # [s], in which its logarithm follows
-    outlier: float = 3.0  # standard deviations, limit of an innovation in learning the noise
-    finest: float = 1e-7  # [rad], below which position is not said to be known: the step itself errs
+    inertia_std: float = 0.1  # relative standard error of the inertia at which the filter starts
+    motion_time: float = 1.0  # [s] of motion in the regression before the filter starts
+    added_std: float = 0.1  # relative, added to the standard error of each parameter at the start
+    velocity_std: float = 5.0  # [rad/s], standard deviation of the initial velocity
+    torque_std: float = 0.1  # [N m], initial standard deviation of the torque about the measured one
+    learning_time: float = 0.5  # [s], time constant of the log of the torque noise
+    outlier_limit: float = 3.0  # standard deviations, to which innovations are clipped in the estimate of the noise
+    min_position_noise: float = 1e-7  # [rad], least position noise: integration errors are as large
 
 
 FILTER = JointStateSettings()
@@ -53,12 +53,12 @@ FILTER = JointStateSettings()
 
 @dataclass(frozen=True)
 class JointState:
-    """Position, velocity and parameters in one state, by filterpy's unscented Kalman filter; the error is in radians.
+    """Scheme with position, velocity and parameters in one state of an unscented Kalman filter; errors are in radians.
 
-    Runs online only, beside any of the six.
+    It runs online only, together with any of the six schemes.
 
     Attributes:
-        torque_noise: standard deviation of the torque that acts about the measured one, white [N m]; None learns it.
+        torque_noise: standard deviation of the white torque noise [N m]; None estimates it.
     """
 
     torque_noise: float | None = None
@@ -67,16 +67,16 @@ class JointState:
 
     def __post_init__(self) -> None:
         if self.torque_noise is not None and not 0 < self.torque_noise < np.inf:
-            raise ValueError(f"torque_noise cannot be {self.torque_noise}: give a positive number, or None to learn it")
+            raise ValueError(f"torque_noise is {self.torque_noise}: give a positive number, or None to estimate it")
 
 
 class JointFilters:
-    """One filter for each of B pendulums; those that have not started yet are None.
+    """Filters of B pendulums; a filter is None before its start.
 
-    Each starts from a regression, the last of those beside it, and repeats its estimates until then.
+    Each filter starts from the last regression, and returns the estimates of the regression before.
 
     Attributes:
-        position_noise: standard deviation of positions [rad], of filters that start from now on.
+        position_noise: standard deviation of positions [rad] for filters that start later.
     """
 
     def __init__(
@@ -89,74 +89,84 @@ class JointFilters:
         forgetting: float,
         walk: Array,
     ) -> None:
-        """Take the time between samples [s], the noise of positions [rad], and the rest as `OnlineEstimator` does."""
-        self._begin = functools.partial(_Filter, torque_noise, tuple(terms), period, forgetting, walk)
+        """Create the filters.
+
+        Args:
+            torque_noise: of `JointState`.
+            terms: of the model.
+            period: between samples [s].
+            batch: number B of pendulums.
+            position_noise: standard deviation of positions [rad].
+            forgetting: factor, as of `OnlineEstimator`.
+            walk: random walk of the parameters, as of `OnlineEstimator`.
+        """
+        self._make_filter = functools.partial(_Filter, torque_noise, tuple(terms), period, forgetting, walk)
         self._period, self.position_noise = period, position_noise
         columns = [column for term in terms for column in term.columns]
         self._inertia = next((k for k, column in enumerate(columns) if column.mass is not zero), None)
         self.filters: list[_Filter | None] = [None] * batch
-        self.error = np.zeros((batch, 1))  # what was new in the last sample [rad]
-        self._surprise = Wandering((batch, 1), period)
+        self.error = np.zeros((batch, 1))  # last innovations [rad]
+        self._innovations = RandomWalkCovariance((batch, 1), period)
 
     def reset(self, which: Mask) -> None:
-        """Those of the B start anew, from a regression."""
-        self.filters = [None if anew else one for one, anew in zip(self.filters, which, strict=True)]
-        self._surprise.reset(which)
+        """Restart filters (B,) from a regression."""
+        self.filters = [None if is_reset else one for one, is_reset in zip(self.filters, which, strict=True)]
+        self._innovations.reset(which)
 
     @property
     def running(self) -> Mask:
-        """Which have started (B,)."""
+        """Return which filters have started (B,)."""
         return np.array([one is not None for one in self.filters])
 
-    def take(self, time: Array, position: Array, torque: Array, anew: Mask, lent: Estimates) -> None:
-        """Take in a sample of every pendulum, and start where the last regression knows enough.
+    def take(self, time: Array, position: Array, torque: Array, anew: Mask, regression: Estimates) -> None:
+        """Update with a sample of every pendulum, and start filters where the last regression is accurate enough.
 
-        Those that begin anew (B,), as after a gap, keep their parameters, but not position and velocity.
+        Pendulums that restart (B,), as after a gap, keep their parameters, and lose position and velocity.
         """
-        self.error, new = np.zeros((2, len(self.filters), 1))
+        self.error, relative = np.zeros((2, len(self.filters), 1))
         for b, one in enumerate(self.filters):
             if one is None:
-                if lent.usable[b, -1]:
-                    self.filters[b] = self._started(lent, b)
+                if regression.usable[b, -1]:
+                    self.filters[b] = self._start_filter(regression, b)
                 continue
-            one.lost = one.lost or bool(anew[b])
+            one.is_lost = one.is_lost or bool(anew[b])
             if not np.isfinite(position[b] + torque[b]):
                 continue
             try:
-                self.error[b, 0], new[b, 0] = one.take(time[b], position[b], torque[b])
+                self.error[b, 0], relative[b, 0] = one.take(time[b], position[b], torque[b])
             except np.linalg.LinAlgError:  # no longer positive definite: another start
                 self.filters[b] = None
-        if self._surprise.take(new, new, self.running[:, None]):
-            self._surprise.close()
+        if self._innovations.take(relative, relative, self.running[:, None]):
+            self._innovations.close()
 
-    def _started(self, lent: Estimates, b: int) -> _Filter | None:
-        theta, covariance = lent.theta[b, -1], lent.covariance[b, -1]
-        if self._inertia is None or lent.index[b] * self._period < FILTER.motion:
+    def _start_filter(self, regression: Estimates, b: int) -> _Filter | None:
+        theta, covariance = regression.theta[b, -1], regression.covariance[b, -1]
+        if self._inertia is None or regression.index[b] * self._period < FILTER.motion_time:
             return None
-        if not 0 < np.sqrt(covariance[self._inertia, self._inertia]) < FILTER.known * theta[self._inertia]:
+        if not 0 < np.sqrt(covariance[self._inertia, self._inertia]) < FILTER.inertia_std * theta[self._inertia]:
             return None
-        noise = max(self.position_noise, FILTER.finest)
-        return self._begin(noise, theta, covariance + np.diag((FILTER.doubt * theta) ** 2))
+        noise = max(self.position_noise, FILTER.min_position_noise)
+        return self._make_filter(noise, theta, covariance + np.diag((FILTER.added_std * theta) ** 2))
 
-    def beside(self, now: Estimates) -> Estimates:
-        """Estimates with this one in the place of the last regression, whose own it repeats until it runs."""
+    def append_estimates(self, now: Estimates) -> Estimates:
+        """Replace the estimates of the last regression by those of filters that have started."""
         theta, P, covariance = now.theta.copy(), now.P.copy(), now.covariance.copy()
-        error, usable, noise = now.error.copy(), now.usable.copy(), np.maximum(self._surprise.noise, 1.0)
+        error, usable, noise = now.error.copy(), now.usable.copy(), np.maximum(self._innovations.noise, 1.0)
         error[:, -1:], usable[:, -1] = self.error, self.running
         for b, one in enumerate(self.filters):
             if one is not None:
                 theta[b, -1], P[b, -1], covariance[b, -1] = one.theta, one.P, noise[b] * one.P
-        spread, judge = functools.partial(np.asarray, P), functools.partial(_get_covariance, covariance)
-        return replace(now, theta=theta, error=error, usable=usable, spread=spread, judge=judge)
+        unit, scale = functools.partial(np.asarray, P), functools.partial(_get_covariance, covariance)
+        return replace(now, theta=theta, error=error, usable=usable, unit_covariance=unit, scale_covariance=scale)
 
 
 def _get_covariance(covariance: Array, P: Array) -> Array:
-    """Return a covariance that needs no P."""
+    """Return a covariance that does not depend on P."""
     return covariance
 
 
 class _Filter:
-    """The filter of one pendulum: state [q, q', theta]."""
+    """Filter of one pendulum with state [q, q', theta]."""
 
     def __init__(
         self,
@@ -169,12 +179,12 @@ class _Filter:
         theta: Array,
         P: Array,
     ) -> None:
-        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # loads scipy.stats, which takes long
+        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # loads scipy.stats, which is slow
 
         self._terms, self._period, self._walk = terms, period, walk
-        self._learns = torque_noise is None
-        self.log_variance = 2 * np.log(FILTER.shaken if torque_noise is None else torque_noise)
-        known = 2 + int(sum(term.delay for term in terms) / period)  # commands that may act within a period
+        self._estimates_noise = torque_noise is None
+        self.log_variance = 2 * np.log(FILTER.torque_std if torque_noise is None else torque_noise)
+        known = 2 + int(sum(term.delay for term in terms) / period)  # number of commands that act within a period
         self._commands = deque(known * [0.0], maxlen=known)
         self._memory: Mapping[str, Memory] | None = None
         self._program: Prepared | None = None
@@ -185,8 +195,8 @@ class _Filter:
         self._ukf.P[2:, 2:] = P
         self._ukf.R[:] = position_noise**2
         self._fade = np.r_[1.0, 1.0, np.full(len(theta), forgetting**-0.5)]
-        self._last = 0.0  # of what was new, as far as it is remembered, of unit variance
-        self.lost = True
+        self._last = 0.0  # filtered past innovations, of unit variance
+        self.is_lost = True
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_program": None}  # a compiled program cannot be pickled
@@ -200,30 +210,30 @@ class _Filter:
         return self._ukf.P[2:, 2:]
 
     def take(self, time: float, position: float, torque: float) -> tuple[float, float]:
-        """Take in a sample; returns what was new in it [rad], and as a share of its standard deviation."""
+        """Update with a sample; return the innovation [rad], and the innovation in standard deviations."""
         ukf = self._ukf
         self._commands.append(torque)
-        if self.lost:
+        if self.is_lost:
             ukf.x[:2], ukf.P[:2], ukf.P[:, :2] = (position, 0.0), 0.0, 0.0
-            ukf.P[0, 0], ukf.P[1, 1] = ukf.R[0, 0], FILTER.speed**2
-            self.lost, self._memory = False, None
+            ukf.P[0, 0], ukf.P[1, 1] = ukf.R[0, 0], FILTER.velocity_std**2
+            self.is_lost, self._memory = False, None
             return 0.0, 0.0
         fade = self._fade if abs(ukf.x[1]) > SLOWEST else np.ones_like(self._fade)  # at rest, nothing is forgotten
         ukf.P *= np.outer(fade, fade)
         self._predict(time - self._period)
         ukf.update(position)
-        gain, new = float(ukf.K[0, 0]), float(ukf.y[0] / np.sqrt(ukf.S[0, 0]))
-        if self._learns:
-            bounded = min(max(new, -FILTER.outlier), FILTER.outlier)
-            # the more the torque's noise moves the joint against the encoder's, the more a surprise tells of it
-            told = gain * (bounded**2 - 1.0 + 2.0 * bounded * self._last)
-            self.log_variance += self._period / FILTER.learn * told
-            kept = 1.0 - gain
-            self._last = kept * self._last + np.sqrt(max(1.0 - kept**2, 0.0)) * bounded
-        return float(ukf.y[0]), new
+        gain, relative = float(ukf.K[0, 0]), float(ukf.y[0] / np.sqrt(ukf.S[0, 0]))
+        if self._estimates_noise:
+            bounded = min(max(relative, -FILTER.outlier_limit), FILTER.outlier_limit)
+            # the gain weights the innovation by the share of the torque noise in its variance
+            gradient = gain * (bounded**2 - 1.0 + 2.0 * bounded * self._last)
+            self.log_variance += self._period / FILTER.learning_time * gradient
+            decay = 1.0 - gain
+            self._last = decay * self._last + np.sqrt(max(1.0 - decay**2, 0.0)) * bounded
+        return float(ukf.y[0]), relative
 
     def _predict(self, time: float) -> None:
-        """Predict the state one period after `time`; state variables of terms follow the mean."""
+        """Predict the state one period after `time`; states of terms follow the mean."""
         ukf = self._ukf
         ukf.Q = self._process_noise()
         self._program = self._program or prepared(self._terms)
@@ -234,7 +244,7 @@ class _Filter:
             self._memory = after[-1].memory
 
     def _process_noise(self) -> Array:
-        """Covariance that a period adds: white torque noise, and parameters that wander."""
+        """Compute the process noise of a period: white torque noise, and the random walk of parameters."""
         ukf, period = self._ukf, self._period
         x = Samples(np.zeros(1), ukf.x[:1], ukf.x[1:2], np.zeros(1))
         balance = Balance(self._terms, ukf.x[2:])
@@ -242,7 +252,7 @@ class _Filter:
         speed = np.exp(self.log_variance) * (period / inertia) ** 2
         added = np.zeros_like(ukf.P)
         added[:2, :2] = speed * np.array([[period**2 / 3, period / 2], [period / 2, 1.0]])
-        added[2:, 2:] = np.diag(wandered(self._walk, ukf.x[2:]) ** 2 * period)
+        added[2:, 2:] = np.diag(random_walk_std(self._walk, ukf.x[2:]) ** 2 * period)
         return added
 
     def _forward(

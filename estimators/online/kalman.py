@@ -1,8 +1,8 @@
-"""The recursion by filterpy: each regression is a Kalman filter whose state is theta and stands still.
+"""Recursive least squares by the Kalman filter of filterpy, with theta as a constant state.
 
-A parameter that stands still has the transition F = 1 and no process noise, a row phi of the regression is the
-measurement matrix H, and errors of unit variance are R = 1: the filter is then recursive least squares. Forgetting is
-filterpy's fading memory, P / lambda before each equation; unlike ours it does not return to P(0).
+The transition is F = 1 without process noise, a row phi of the regression is the measurement matrix H, and the error
+variance is R = 1. Forgetting is the fading memory of filterpy, P / lambda before each equation; unlike in
+`SquareRootLeastSquares`, P does not return to P(0).
 
 Source: Labbe, Kalman and Bayesian Filters in Python, 2015, and its library filterpy; Simon, Optimal State Estimation,
 2006, sections 3.3 and 7.4.
@@ -13,21 +13,21 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimators.online.recursion import check_ranges, widened
+from estimators.online.recursion import check_ranges, inflate_covariance
 from estimators.regression.recursive import PRIOR
 from pendulum_env._typing import Array, Mask
 
 
 class KalmanLeastSquares:
-    """theta and P of (B, S) regressions with P parameters each, one after the other; attributes as of ours."""
+    """theta and P of (B, S) regressions, one after the other; attributes as of `SquareRootLeastSquares`."""
 
     def __init__(self, batch: tuple[int, int], parameters: int, prior: float = PRIOR, forgetting: float = 1.0) -> None:
-        """Take the shape (B, S), the number of parameters, P(0) on the diagonal and the forgetting factor.
+        """Create the filters; arguments as of `SquareRootLeastSquares`.
 
         Raises:
             ValueError: if prior or forgetting is out of its range.
         """
-        from filterpy.kalman import KalmanFilter  # loads scipy.stats, for which who does not ask for it need not wait
+        from filterpy.kalman import KalmanFilter  # loads scipy.stats, which is slow
 
         check_ranges(prior, forgetting)
         self.prior, self.forgetting = prior, forgetting
@@ -38,18 +38,18 @@ class KalmanLeastSquares:
         self.error, self.squares, self.count = np.zeros((3, *batch))
 
     def reset(self, which: Mask) -> None:
-        """Those of the B start anew."""
+        """Restart plants (B,)."""
         self.theta = np.where(which[:, None, None], 0.0, self.theta)
         self.error, self.squares, self.count = np.where(which[:, None], 0.0, [self.error, self.squares, self.count])
         self.P = np.where(which[:, None, None, None], self.prior * np.eye(self.P.shape[-1]), self.P)
 
-    def spread(self) -> Callable[[], Array]:
-        """What gives P of now, also later."""
+    def unit_covariance(self) -> Callable[[], Array]:
+        """Return a function that returns the current P, also later."""
         return functools.partial(np.asarray, self.P)
 
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
-        """Take in one equation y = phi' theta each: phi (B, S, P), y (B, S); those not usable change nothing."""
-        theta, P, error = self.theta.copy(), self.P.copy(), np.zeros_like(y)  # what was handed out stays as it is
+        """Update with one equation y = phi' theta each: phi (B, S, P), y (B, S); unusable ones change nothing."""
+        theta, P, error = self.theta.copy(), self.P.copy(), np.zeros_like(y)  # copies: returned arrays must not change
         for at in map(tuple, np.argwhere(usable)):
             self._filter.x, self._filter.P, self._filter.H = theta[at][:, None], P[at], phi[at][None]
             self._filter.predict()  # P = P / lambda
@@ -61,6 +61,6 @@ class KalmanLeastSquares:
         self.count = np.where(usable, self.forgetting * self.count + 1.0, self.count)
         self.theta, self.P, self.error = theta, P, error
 
-    def widen(self, increase: Array) -> None:
-        """Add a diagonal (B, S, P) to P: the parameters may have moved since."""
-        self.P = widened(self.P, increase, self.prior)
+    def inflate(self, increase: Array) -> None:
+        """Add a diagonal (B, S, P) to P."""
+        self.P = inflate_covariance(self.P, increase, self.prior)

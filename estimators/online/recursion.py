@@ -1,7 +1,7 @@
 """Recursive least squares for many regressions at once, in square-root form.
 
-P = S S' is kept as its factor S, so that it is symmetric and positive definite by construction, however many equations
-come in; the estimates are those of the paper's (6), and of filterpy. Source: Potter's update, in Bierman, Factorization
+P = S S' is stored as its factor S, so that it stays symmetric and positive definite. The estimates equal those of the
+paper's equation (6) and of filterpy. Source: Potter's update, in Bierman, Factorization
 Methods for Discrete Sequential Estimation, 1977, chapter II.
 """
 
@@ -22,13 +22,19 @@ class SquareRootLeastSquares:
 
     Attributes:
         error: last a-priori errors (B, S), 0 where an equation was not used.
-        squares: sum of squared errors, discounted like the equations (B, S).
-        count: equations taken in, discounted likewise (B, S).
+        squares: sum of squared errors, with forgetting (B, S).
+        count: number of equations, with forgetting (B, S).
         variance: of the last a-priori errors for unit noise, 1 + phi' P phi (B, S).
     """
 
     def __init__(self, batch: tuple[int, int], parameters: int, prior: float = PRIOR, forgetting: float = 1.0) -> None:
-        """Take the shape (B, S), the number of parameters, P(0) on the diagonal and the forgetting factor.
+        """Create the recursions.
+
+        Args:
+            batch: shape (B, S).
+            parameters: number P of parameters.
+            prior: P(0) on the diagonal.
+            forgetting: factor lambda.
 
         Raises:
             ValueError: if prior or forgetting is out of its range.
@@ -43,7 +49,7 @@ class SquareRootLeastSquares:
 
     @property
     def theta(self) -> Array:
-        """Estimates (B, S, P)."""
+        """Return the estimates (B, S, P)."""
         return self._theta
 
     @theta.setter
@@ -53,7 +59,7 @@ class SquareRootLeastSquares:
 
     @property
     def root(self) -> Array:
-        """Factor of P for unit noise (B, S, P, P), of now."""
+        """Return the current factor of P for unit noise (B, S, P, P)."""
         lanes_last = self._machine.now["root"]
         return lanes_last.transpose(2, 0, 1).copy().reshape(*self._batch, *lanes_last.shape[:2])
 
@@ -62,25 +68,25 @@ class SquareRootLeastSquares:
         self._machine.now["root"][:] = root.reshape(-1, *root.shape[2:]).transpose(1, 2, 0)
 
     def reset(self, which: Mask) -> None:
-        """Those of the B start anew."""
+        """Restart plants (B,)."""
         lanes = np.broadcast_to(which[:, None], self._batch).ravel()
         self._machine.reset(lanes)
-        self._told()
+        self._read_state()
         root = self.root
         root[which] = np.sqrt(self.prior) * np.eye(root.shape[-1])
         self.root = root
 
     @property
     def P(self) -> Array:
-        """Covariance for unit noise (B, S, P, P)."""
+        """Return the covariance for unit noise (B, S, P, P)."""
         return _square(self.root)
 
-    def spread(self) -> Callable[[], Array]:
-        """What gives P of now, also later: few steps are looked at."""
+    def unit_covariance(self) -> Callable[[], Array]:
+        """Return a function that computes the current P, also later."""
         return functools.partial(_square, self.root)
 
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
-        """Take in one equation y = phi' theta each: phi (B, S, P), y (B, S); those not usable change nothing."""
+        """Update with one equation y = phi' theta each: phi (B, S, P), y (B, S); unusable ones change nothing."""
         given, size = self._machine.given, phi.shape[-1]
         given["phi"][:] = phi.reshape(-1, size).T
         given["y"][:], given["used"][:] = y.ravel(), usable.ravel()
@@ -88,41 +94,41 @@ class SquareRootLeastSquares:
             given["turn"][:] = np.arange(size)[:, None] == self._turn % size
             self._turn += 1
         self._machine.step()
-        self._told()
+        self._read_state()
 
-    def _told(self) -> None:
+    def _read_state(self) -> None:
         now = self._machine.now
-        self._theta = now["theta"].T.copy().reshape(*self._batch, -1)  # what was handed out stays as it is
+        self._theta = now["theta"].T.copy().reshape(*self._batch, -1)  # a copy: returned arrays must not change
         self.error, self.squares, self.count, self.variance = now["sums"].copy().reshape(4, *self._batch)
 
-    def widen(self, increase: Array) -> None:
-        """Add a diagonal (B, S, P) to P: the parameters may have moved since."""
-        self.root = np.asarray(np.linalg.cholesky(widened(self.P, increase, self.prior)), dtype=float)
+    def inflate(self, increase: Array) -> None:
+        """Add a diagonal (B, S, P) to P."""
+        self.root = np.asarray(np.linalg.cholesky(inflate_covariance(self.P, increase, self.prior)), dtype=float)
 
 
-def widened(spread: Array, increase: Array, prior: float) -> Array:
-    """P (..., P, P) with an increase (..., P) added to its diagonal, no further than P(0)."""
-    wider = spread.copy()
+def inflate_covariance(P: Array, increase: Array, prior: float) -> Array:
+    """Add an increase (..., P) to the diagonal of P (..., P, P), up to P(0)."""
+    wider = P.copy()
     diagonal = np.einsum("...ii->...i", wider)  # a view
     diagonal += np.minimum(increase, np.maximum(prior - diagonal, 0.0))
     return wider
 
 
 def check_ranges(prior: float, forgetting: float) -> None:
-    """Refuse what no recursion can do.
+    """Check the arguments of a recursion.
 
     Raises:
         ValueError: if prior or forgetting is out of its range.
     """
     if not 0 < prior < np.inf:
-        raise ValueError(f"the prior P(0) cannot be {prior:g}: give a positive number")
+        raise ValueError(f"prior P(0) is {prior:g}: give a positive number")
     if not 0 < forgetting <= 1:
-        raise ValueError(f"the forgetting factor cannot be {forgetting:g}: give 1, or a little less")
+        raise ValueError(f"forgetting is {forgetting:g}: give 1, or slightly less")
 
 
 @functools.cache
 def _update(size: int, forgetting: float, prior: float) -> Step:
-    """One equation y = phi' theta taken in, in symbols; what is not used changes nothing."""
+    """Build the update by one equation y = phi' theta, in symbols; an unused equation changes nothing."""
     given = {"phi": names("phi", size), "y": names("y"), "used": names("used")}
     theta, root, sums = names("theta", size), names("root", size, size), names("sums", 4)
     used = given["used"]
@@ -135,20 +141,20 @@ def _update(size: int, forgetting: float, prior: float) -> Step:
     error = given["y"] * used - row @ theta
     relative = error / total
     # S = (S - raised f' / (total + sqrt(lambda total))) / sqrt(lambda)
-    left = root - np.outer(raised, f / (total + np.sqrt(power * total)))
+    new_root = root - np.outer(raised, f / (total + np.sqrt(power * total)))
     if forgetting < 1:
         given["turn"] = names("turn", size)
-        left = _forget(left / np.sqrt(power), given["turn"] * used, size * (1.0 - forgetting) / prior)
+        new_root = _fade_information(new_root / np.sqrt(power), given["turn"] * used, size * (1.0 - forgetting) / prior)
     _, squares, count, _ = sums
-    told = np.array([error, power * (squares + error * relative), power * count + used, total])
-    after = {"theta": theta + raised * relative, "root": left, "sums": told}
+    new_sums = np.array([error, power * (squares + error * relative), power * count + used, total])
+    after = {"theta": theta + raised * relative, "root": new_root, "sums": new_sums}
     return Step(given, {"theta": theta, "root": root, "sums": sums}, after)
 
 
-def _forget(root: Any, direction: Any, share: float) -> Any:
-    """Let the information J = 1 / P fade to lambda J + (1 - lambda) J(0): what is not excited returns to P(0).
+def _fade_information(root: Any, direction: Any, share: float) -> Any:
+    """Let the information J = 1 / P fade to lambda J + (1 - lambda) J(0), so that unexcited directions return to P(0).
 
-    The second part comes one direction at a time, each in its turn. Source: Gunnarsson, Combining tracking and
+    The second part is added one direction at a time, in turn. Source: Gunnarsson, Combining tracking and
     regularization in recursive least squares identification, CDC 1996.
     """
     f = np.sqrt(share) * (direction @ root)

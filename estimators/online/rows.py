@@ -1,4 +1,4 @@
-"""The three views of the torque balance, sample by sample, and which samples are clear of stick, in symbols."""
+"""Rows of the torque balance in its three views, and detection of stick, as symbolic recurrences."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,24 +12,26 @@ from pendulum_env.physics.symbols import Operand, Symbol, names
 from pendulum_env.physics.term import Law, zero
 
 VIEWS = ("torque", "impulse", "energy")
-TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, HELD = range(6)  # of an instant, as in `Measurements`
+TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, HELD = range(
+    6
+)  # indices of the values of an instant, as in `Measurements`
 
 
-class Course:
-    """What was: values at the instants before, as states of a recurrence.
+class History:
+    """Values at past instants, as states of a recurrence.
 
     Attributes:
-        before: names of what is remembered.
-        after: what it becomes.
+        before: symbols of the states.
+        after: their values after the next step.
     """
 
     def __init__(self) -> None:
-        """Nothing is remembered yet."""
+        """Create a history without states."""
         self.before: dict[str, Any] = {}
         self.after: dict[str, Any] = {}
 
-    def of(self, label: str, value: Any, times: int) -> list[Any]:
-        """A value now, and as it was at so many instants before."""
+    def remember(self, label: str, value: Any, times: int) -> list[Any]:
+        """Return a value now and at a number of past instants, the newest first."""
         if not isinstance(value, Symbol):
             return (times + 1) * [value]
         past = names(label, times)
@@ -37,14 +39,14 @@ class Course:
         return [value, *past]
 
 
-class Guarded(NamedTuple):
-    """How far rows keep from stick and reversals.
+class StickGuards(NamedTuple):
+    """Distances of rows from stick and reversals.
 
     Attributes:
-        distances: of each guard [samples]; None keeps even stick.
-        behind: by how many samples rows are behind, the longest distance.
-        lead_in: at the start, that are left out [samples].
-        slowest: velocity that has a direction [rad/s].
+        distances: of each guard [samples]; None keeps rows in stick.
+        behind: delay of the rows, which is the longest distance [samples].
+        lead_in: samples at the start that are left out.
+        slowest: least velocity with a direction [rad/s].
     """
 
     distances: tuple[int | None, ...]
@@ -53,8 +55,8 @@ class Guarded(NamedTuple):
     slowest: float
 
 
-def laws(terms: Sequence[Term]) -> dict[str, Law]:
-    """What the columns of terms contribute to the balances, those of linear parameters first."""
+def list_laws(terms: Sequence[Term]) -> dict[str, Law]:
+    """List the laws of the columns of terms by label, columns with linear parameters first."""
     columns = [column for term in terms for column in term.columns]
     columns += [column for term in terms for column in term.fixed]
     parts: dict[str, Law] = {}
@@ -64,50 +66,59 @@ def laws(terms: Sequence[Term]) -> dict[str, Law]:
     return parts
 
 
-def rows(
+def balance_rows(
     terms: Sequence[Term],
     index: Any,
     instant: Any,
     supplied: Any,
     memory: Mapping[str, Any],
     period: float,
-    course: Course,
+    history: History,
 ) -> tuple[Any, Any, dict[str, Symbol]]:
-    """The three views at the instant before one, phi and, in the last place, y (3, P + 1).
+    """Compute the row of the last but one instant in the three views.
 
-    Takes the index of the instant in its run, its values (6,), the torque at the instant before and over the sample
-    before that (2,), state variables of the terms by id, and the time between instants [s]. Also returns the velocity
-    at the instant before, and what is to be given in the place of laws that are no formulas.
+    Args:
+        terms: of the model.
+        index: of the newest instant since the start.
+        instant: values of the newest instant (6,).
+        supplied: torque at the last but one instant, and over the sample before it (2,).
+        memory: states of the terms by id.
+        period: between instants [s].
+        history: states of the recurrence.
+
+    Returns:
+        phi and, in the last column, y (3, P + 1); the velocity at that instant; and symbols of the laws that are no
+        formulas, whose values must be given.
     """
     _, q, v, a, _, _ = instant
     x: Any = Samples(instant[TIME], q, v, instant[TORQUE])
     x = replace(x, memory={id: tuple(own) for id, own in memory.items()})
     own, parts = {}, {}
-    for label, law in laws(terms).items():
-        value = _formula(law, x)
+    for label, law in list_laws(terms).items():
+        value = _evaluate_formula(law, x)
         if value is None:
             value = own[label] = names(label)
-        parts[label] = course.of(label, value, 3)
+        parts[label] = history.remember(label, value, 3)
 
     def mean(values: list[Any]) -> Any:
-        """Over the sample before the instant at which a view is taken, of fourth order as soon as there are four."""
+        """Average over the sample before the instant of the view, of fourth order with four values."""
         newest, at, older, oldest = values
         if not isinstance(newest, Symbol):
             return newest
         of_two, of_four = 0.5 * (at + older), (13 * (at + older) - (newest + oldest)) / 24
         return np.where(index == 2, of_two, of_four)
 
-    _, position, last_position = course.of("position", q, 2)
-    _, velocity, last_velocity = course.of("velocity", v, 2)
-    _, acceleration = course.of("acceleration", a, 1)
-    gained = (velocity - last_velocity) / period
-    worked = (velocity * velocity - last_velocity * last_velocity) / (2 * period)
+    _, position, last_position = history.remember("position", q, 2)
+    _, velocity, last_velocity = history.remember("velocity", v, 2)
+    _, acceleration = history.remember("acceleration", a, 1)
+    acceleration_mean = (velocity - last_velocity) / period
+    kinetic_rate = (velocity * velocity - last_velocity * last_velocity) / (2 * period)
     found = []
     for j in range(len(parts) // 4):
         mass, torque, power, stored = (parts[f"{what}.{j}"] for what in ("mass", "torque", "power", "stored"))
         at_instant = mass[1] * acceleration + torque[1]
-        impulse = mean(mass) * gained + mean(torque)
-        energy = mean(mass) * worked + mean(power) + (stored[1] - stored[2]) / period
+        impulse = mean(mass) * acceleration_mean + mean(torque)
+        energy = mean(mass) * kinetic_rate + mean(power) + (stored[1] - stored[2]) / period
         found.append([at_instant, impulse, energy])
     count = sum(len(term.columns) for term in terms)
     y = [supplied[0], supplied[1], supplied[1] * ((position - last_position) / period)]
@@ -115,29 +126,33 @@ def rows(
     return np.array([*found[:count], y], dtype=object).T, velocity, own
 
 
-def clear_of_stick(guarded: Guarded, index: Any, velocity: Any, halts: Any, course: Course) -> Any:
-    """For each guard, whether the sample `behind` the newest is clear of stick (G,).
+def compute_stick_mask(guards: StickGuards, index: Any, velocity: Any, halts: Any, history: History) -> Any:
+    """Compute for each guard whether the sample `behind` the newest is clear of stick (G,).
 
-    Takes index and velocity of the newest sample, and the index of the last halt as it was when the newest sample was
-    as far ahead as each guard looks (G,); the longest guard looks at the newest.
+    Args:
+        guards: distances of the guards.
+        index: of the newest sample.
+        velocity: of the newest sample [rad/s].
+        halts: index of the last halt for each guard, as of the sample at the distance of the guard (G,).
+        history: states of the recurrence.
     """
-    halt, (_, last) = names("halt"), course.of("newest", velocity, 1)
+    halt, (_, last) = names("halt"), history.remember("newest", velocity, 1)
     turned = (np.sign(velocity) != np.sign(last)) & (index > 0)
-    halted = ((np.abs(velocity) <= guarded.slowest) | turned) & (index >= 0)
-    course.before["halt"], course.after["halt"] = halt, np.where(halted, index, halt)
-    told, clear = index - guarded.behind, []
-    for distance, past in zip(guarded.distances, halts, strict=True):
-        known = told >= guarded.lead_in
+    halted = ((np.abs(velocity) <= guards.slowest) | turned) & (index >= 0)
+    history.before["halt"], history.after["halt"] = halt, np.where(halted, index, halt)
+    row_index, clear = index - guards.behind, []
+    for distance, past in zip(guards.distances, halts, strict=True):
+        known = row_index >= guards.lead_in
         if distance is not None:
-            known = known & ((course.after["halt"] if distance == guarded.behind else past) < told - distance)
+            known = known & ((history.after["halt"] if distance == guards.behind else past) < row_index - distance)
         clear.append(known)
     return np.array(clear, dtype=object)
 
 
-def _formula(law: Law, x: Samples) -> Operand | None:
-    """What a law comes to in symbols; None if it is no formula."""
+def _evaluate_formula(law: Law, x: Samples) -> Operand | None:
+    """Evaluate a law in symbols; return None if it is no formula."""
     try:
         value = law(x)
-    except Exception:  # a user's law may do anything that NumPy does
+    except Exception:  # a law of the user may call any function
         return None
     return value if isinstance(value, Symbol) else float(value) if np.ndim(value) == 0 else None

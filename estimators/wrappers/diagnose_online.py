@@ -12,7 +12,7 @@ from gymnasium.vector import VectorEnv
 
 from estimators.arguments import model_that_moves
 from estimators.online.change import Fit
-from estimators.online.diagnosis import Diagnoser, hindrance
+from estimators.online.diagnosis import Diagnoser, find_obstacle
 from estimators.wrappers.measuring import Measuring, MeasuringVector
 from estimators.wrappers.options import AnyEnv, Plant
 from pendulum_env.arms.model import load_model
@@ -81,10 +81,10 @@ class DiagnoseOnline(Measuring):
         diagnoser = diagnoser_of(env, **arguments)
         super().__init__(env, diagnoser, add_from=add_from, **arguments)
         (self.diagnoser,) = diagnoser.each
-        self._add_from, self._seen = add_from, self.diagnoser.said
+        self._add_from, self._last_diagnosis = add_from, self.diagnoser.diagnosis
 
     def add(self, effect: str) -> Term:
-        """Take an effect into the running model, with the shape that predicted best so far, and return it.
+        """Take an effect into the running model, with the nonlinear parameters that predicted best, and return it.
 
         The comparison with the parameters of `model` ends.
 
@@ -103,14 +103,14 @@ class DiagnoseOnline(Measuring):
         """
         self.diagnoser.undo()
 
-    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
-        said, before = self.diagnoser.said, self._seen
-        self._seen = said
-        if self._add_from is not None and said is not before and said.kind == "missing":
-            (first,) = (one for one in said.ranking if one.effect == said.group[0])
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
+        diagnosis, before = self.diagnoser.diagnosis, self._last_diagnosis
+        self._last_diagnosis = diagnosis
+        if self._add_from is not None and diagnosis is not before and diagnosis.kind == "missing":
+            (first,) = (entry for entry in diagnosis.ranking if entry.effect == diagnosis.group[0])
             if first.probability >= self._add_from:
                 self.add(first.effect)
-        info["diagnosis"] = self.diagnoser.said
+        info["diagnosis"] = self.diagnoser.diagnosis
         return observation
 
 
@@ -127,9 +127,9 @@ class DiagnoseOnlineVector(MeasuringVector):
         self.diagnoser = diagnoser_of(env, terms, **options)
         super().__init__(env, self.diagnoser)
 
-    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         info["diagnosis"] = np.empty(self.num_envs, dtype=object)
-        info["diagnosis"][:] = self.diagnoser.said
+        info["diagnosis"][:] = self.diagnoser.diagnoses
         info["_diagnosis"] = np.ones(self.num_envs, dtype=bool)
         return observation
 
@@ -158,8 +158,8 @@ def diagnoser_of(
     else:
         chosen, given = load_given(model, plant)
     library = plant.effects([candidates] if isinstance(candidates, str) else candidates)
-    if library is not None and all(map(hindrance, library.values())):
-        why = ", ".join(f"{id} ({hindrance(one)})".replace("_", " ") for id, one in library.items())
+    if library is not None and all(map(find_obstacle, library.values())):
+        why = ", ".join(f"{id} ({find_obstacle(one)})".replace("_", " ") for id, one in library.items())
         raise ValueError(f"candidates leave no effect to try{': ' * bool(why)}{why}; name others, or None for all")
     known: dict[str, Any] = {"library": library, "smoothing": plant.smoothing, "given": given}
     return Diagnoser(plant.rate, chosen, batch=plant.batch, **known, **options)

@@ -91,7 +91,7 @@ class EstimateParameters(Measuring):
         """The schemes that run."""
         return tuple(self.estimator.schemes)
 
-    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         tell(info, self._known, self.estimator, 0)
         if self.env.render_mode is not None:
             self.env.unwrapped.overlay = functools.partial(self._lines, self._known)  # type: ignore[attr-defined]
@@ -140,7 +140,7 @@ class EstimateParametersVector(MeasuringVector):
         super()._restart(ended, time)
         self._known = self.estimator.after_reset(self._known, ended, time)
 
-    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         tell(info, self._known, self.estimator, slice(None))
         if not self._in_observation:
             return observation

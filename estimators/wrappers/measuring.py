@@ -73,10 +73,10 @@ class Measuring(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
             sample = measured(info)
             self._clock.tick(sample[0])
             self._known = self._learner.take(*(np.array(part, dtype=float)[None] for part in sample))
-        return self._tell(observation, info)
+        return self._write_info(observation, info)
 
     @abstractmethod
-    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         """Put what is known into an info, and return the observation."""
 
 
@@ -110,21 +110,21 @@ class MeasuringVector(VectorWrapper):
             final, self._time = info["final_info"], np.asarray(info["time"])
             last = [np.where(ended, a, b) for a, b in zip(measured(final), measured(info), strict=True)]
             self._known = self._learner.take(*last)
-            info["final_obs"] = self._tell(info["final_obs"], final)
+            info["final_obs"] = self._write_info(info["final_obs"], final)
             self._restart(ended, last[0])
-            return self._tell(observation, info)
+            return self._write_info(observation, info)
         sample = [np.array(values, dtype=float) for values in measured(info)]
         for name, values in zip(("_time", "_position", "_torque"), sample, strict=True):
             values[~np.broadcast_to(info.get(name, True), values.shape)] = np.nan  # not measured, by Gymnasium's masks
         self._learner.reset(sample[0] <= self._time)
         self._time = np.where(np.isfinite(sample[0]), sample[0], self._time)
         self._known = self._learner.take(*sample)
-        return self._tell(observation, info)
+        return self._write_info(observation, info)
 
     def _restart(self, ended: Mask, time: Array) -> None:
         """Begin anew with those pendulums (B,), whose last sample is of a time (B,) [s]."""
         self._learner.reset(ended)
 
     @abstractmethod
-    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         """Put what is known into an info, and return the observation."""

@@ -12,7 +12,7 @@ import gymnasium as gym
 
 from estimators.arguments import chosen_terms
 from estimators.online import JointState, OnlineEstimator
-from estimators.online.clock import checked_rate
+from estimators.online.clock import check_rate
 from estimators.schemes.six import SCHEMES, Scheme, chosen_schemes
 from estimators.signals.differentiation import encoder_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
@@ -72,7 +72,7 @@ def rate_of(env: AnyEnv, rate: float | None) -> float:
     known = _attribute(env, "rate") if rate is None else rate
     if known is None:
         raise ValueError("the environment does not say its sampling rate: pass rate=... in Hz")
-    return checked_rate(float(known))
+    return check_rate(float(known))
 
 
 def smoothing_of(env: AnyEnv, rate: float) -> Smoothing:

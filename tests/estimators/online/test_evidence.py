@@ -1,9 +1,9 @@
-"""What bets win by chance is bounded whatever the gains look like, and what is there is found, also late."""
+"""What e_process win by chance is bounded whatever the gains look like, and what is there is found, also late."""
 
 import numpy as np
 import pytest
 
-from estimators.online.evidence import MOST, SHARES, Bets, UsualGain, threshold_of
+from estimators.online.evidence import MAX_GAIN, STAKES, EProcess, ReferenceDistribution, compute_threshold
 
 BLOCK = 0.2  # [s]
 
@@ -11,10 +11,10 @@ BLOCK = 0.2  # [s]
 def first_alarms(gains: np.ndarray, threshold: float) -> np.ndarray:
     """Block of the first alarm on each of K challengers, on gains (T, K); T where there is none."""
     blocks, count = gains.shape
-    bets, first = Bets(count), np.full(count, blocks)
+    e_process, first = EProcess(count), np.full(count, blocks)
     for k, gain in enumerate(gains):
-        bets.take(gain)
-        first = np.where((bets.each >= threshold) & (first == blocks), k, first)
+        e_process.take(gain)
+        first = np.where((e_process.log_wealth >= threshold) & (first == blocks), k, first)
     return first
 
 
@@ -30,7 +30,7 @@ FAIR = {
 @pytest.mark.parametrize("law", FAIR)
 def test_a_fair_game_alarms_no_more_often_than_is_accepted(law):
     """Two hundred joints for 200 s each where an alarm in 100 s is accepted: at most as many first alarms, surely."""
-    first = first_alarms(FAIR[law](np.random.default_rng(1)), threshold_of(36.0, BLOCK))
+    first = first_alarms(FAIR[law](np.random.default_rng(1)), compute_threshold(36.0, BLOCK))
     assert np.minimum(first, 500).mean() >= 0.8 * 250  # E[T] >= 500, of which half the length is seen at least
 
 
@@ -38,23 +38,23 @@ def test_what_gains_is_found_and_what_sets_in_later_as_soon():
     rng = np.random.default_rng(2)
     gains = rng.normal(size=(400, 50)) - 0.3
     gains[200:] += 4.0
-    first = first_alarms(gains, threshold_of(1.0, BLOCK))
+    first = first_alarms(gains, compute_threshold(1.0, BLOCK))
     assert (first >= 200).all() and (first < 230).all()
 
 
 def test_no_single_block_decides():
-    bets = Bets(1)
-    bets.take(np.full(1, 1e9))
-    assert bets.joint <= np.log1p(MOST * SHARES.max()) < threshold_of(1.0, BLOCK)
+    e_process = EProcess(1)
+    e_process.take(np.full(1, 1e9))
+    assert e_process.log_mean_wealth <= np.log1p(MAX_GAIN * STAKES.max()) < compute_threshold(1.0, BLOCK)
 
 
 def test_a_gain_that_an_incomplete_model_always_leaves_is_no_evidence_and_a_larger_one_is():
     """With forgetting a model gains in each block, a little at first and then much."""
-    rng, bets, usual = np.random.default_rng(3), Bets(1), UsualGain()
+    rng, e_process, usual = np.random.default_rng(3), EProcess(1), ReferenceDistribution()
     gains = 5.0 + 3.0 * rng.normal(size=600)
     gains[500:] += 40.0
     evidence = []
     for gain in gains:
-        bets.take(np.array([usual.excess(gain)]))
-        evidence.append(bets.joint)
-    assert max(evidence[:500]) < threshold_of(1.0, BLOCK) < max(evidence[500:530])
+        e_process.take(np.array([usual.excess(gain)]))
+        evidence.append(e_process.log_mean_wealth)
+    assert max(evidence[:500]) < compute_threshold(1.0, BLOCK) < max(evidence[500:530])

@@ -127,5 +127,5 @@ def test_it_runs_beside_the_others_in_a_wrapper():
 
 
 def test_a_negative_noise_is_refused():
-    with pytest.raises(ValueError, match="torque_noise cannot be -1"):
+    with pytest.raises(ValueError, match="torque_noise is -1"):
         JointState(torque_noise=-1)

@@ -141,7 +141,7 @@ def test_covariance_stays_positive_definite_whatever_comes(rows):
 
 def test_parameters_that_wander_are_known_no_worse_than_at_first():
     ours = SquareRootLeastSquares((1, 1), 2, PRIOR)
-    ours.widen(np.array([[[PRIOR, 0.0]]]))
+    ours.inflate(np.array([[[PRIOR, 0.0]]]))
     np.testing.assert_allclose(ours.P[0, 0], PRIOR * np.eye(2))
 
 
@@ -170,7 +170,7 @@ def test_many_are_estimated_as_one_a_reset_forgets_one_of_them_and_a_copy_goes_o
 
     both, last = estimator(2), 2 * samples
     early = fed(both, [paper_run] * 2, 0, samples)[-1]
-    theta, spread = early.theta.copy(), early.spread().copy()
+    theta, spread = early.theta.copy(), early.unit_covariance().copy()
     both.reset(np.array([False, True]))
     copy = pickle.loads(pickle.dumps(both))
     after = fed(both, [paper_run] * 2, samples, last)[-1]
@@ -183,7 +183,7 @@ def test_many_are_estimated_as_one_a_reset_forgets_one_of_them_and_a_copy_goes_o
     np.testing.assert_allclose(after.covariance[0], steady.covariance[0], rtol=1e3 * close)
     np.testing.assert_array_equal(fed(copy, [paper_run] * 2, samples, last)[-1].theta, after.theta)
     np.testing.assert_array_equal(early.theta, theta)  # as it was handed out
-    np.testing.assert_array_equal(early.spread(), spread)
+    np.testing.assert_array_equal(early.unit_covariance(), spread)
 
 
 def test_nothing_is_told_across_a_gap_or_a_lost_sample(paper_run):
@@ -274,9 +274,9 @@ def test_stick_teaches_nothing(sticky):
     [
         ({"schemes": PAPER}, "hamiltonian borrows its inertia"),
         ({"rate": 50.0}, "lower the cutoff or sample faster"),
-        ({"forgetting": 1.1}, "forgetting factor cannot be 1.1"),
+        ({"forgetting": 1.1}, "forgetting is 1.1"),
         ({"prior": 0.0}, "give a positive number"),
-        ({"random_walk": -1.0}, "random_walk cannot be -1"),
+        ({"random_walk": -1.0}, "random_walk is -1"),
         ({"random_walk": [0.1, 0.1]}, "give one number, or one for each of inertia, gravity, viscous, coulomb"),
         ({"terms": ()}, "nothing to estimate"),
     ],

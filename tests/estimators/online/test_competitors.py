@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.online.rivals import Bins, Rivals
+from estimators.online.competitors import Bins, CompetingModels
 from estimators.regression.recursive import PRIOR
 from pendulum_env.physics import BASE
 from pendulum_env.physics.library import effect
@@ -27,11 +27,11 @@ def test_each_variant_is_least_squares_in_all_columns(id, shapes):
     """Also if families go on with another grid, with all that they have learnt."""
     variants = [effect(id)(**shape) for shape in shapes]
     parts = [bins_of(120, 0), bins_of(40, 1), bins_of(40, 2)]
-    rivals = Rivals(BASE, parts[0], [variants])
+    models = CompetingModels(BASE, parts[0], [variants])
     for part in parts[1:]:
-        densities, errors = rivals.take(part)
-        rivals = rivals.narrowed(part, {id: variants})
-    for variant, theta in zip(variants, rivals.theta_of(rivals.models[1]), strict=True):
+        densities, errors = models.take(part)
+        models = models.refine(part, {id: variants})
+    for variant, theta in zip(variants, models.theta_of(models.models[1]), strict=True):
         columns = sum(len(term.columns) for term in (*BASE, variant))
         rows = [part.rows([*BASE, variant]) for part in parts]
         phi, y = np.concatenate([one.phi[:, 0] for one in rows]), np.concatenate([one.y[:, 0] for one in rows])
@@ -44,9 +44,9 @@ def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():
     """The density of one more error is Student's t with scale^2 (1 + phi' P phi), P that of all columns."""
     variant = effect("cogging")(order=5.0)
     first, then = bins_of(80, 2), bins_of(1, 3)
-    rivals = Rivals(BASE, first, [[variant]])
-    square = float(rivals.square[1])
-    (densities,), _ = rivals.take(then)
+    models = CompetingModels(BASE, first, [[variant]])
+    square = float(models.square[1])
+    (densities,), _ = models.take(then)
     phi = first.rows([*BASE, variant]).phi[:, 0]
     new = then.rows([*BASE, variant])
     spread = np.linalg.inv(phi.T @ phi + np.eye(phi.shape[1]) / PRIOR)
@@ -65,6 +65,6 @@ def test_a_law_that_passes_next_to_nothing_of_the_torque_gains_nothing_by_that()
         series = part.series.copy()
         series[1:3], series[3] = 2.0, 3.0 + 0.05 * rng.normal(size=(len(part.y), 1))
         parts.append(replace(part, series=series, y=series[3, :, 0]))
-    rivals = Rivals(BASE, parts[0], [[effect("torque_saturation")(limit=0.6, roundness=0.2)]])
-    densities, _ = rivals.take(parts[1])
+    models = CompetingModels(BASE, parts[0], [[effect("torque_saturation")(limit=0.6, roundness=0.2)]])
+    densities, _ = models.take(parts[1])
     assert densities[:, 1].sum() <= densities[:, 0].sum()

@@ -1,4 +1,4 @@
-"""From rows to the equations of all schemes at once: gates, filters and running sums, in symbols."""
+"""Equations of all schemes from rows of the torque balance: gates, filters and running sums, in symbols."""
 
 import itertools
 from collections.abc import Sequence
@@ -6,27 +6,27 @@ from typing import Any
 
 import numpy as np
 
-from estimators.online.rows import VIEWS, Course
+from estimators.online.rows import VIEWS, History
 from estimators.schemes.six import Integral, LowPass, Scheme, forgets
 from pendulum_env.physics.symbols import names
 
 
-def guards_of(schemes: Sequence[Scheme]) -> tuple[float | None, ...]:
-    """The guards that any scheme has [s]."""
+def list_guards(schemes: Sequence[Scheme]) -> tuple[float | None, ...]:
+    """List the different guards of schemes [s]."""
     return tuple(dict.fromkeys(scheme.guard for scheme in schemes))
 
 
-def gated(row: Any, gate: Any) -> Any:
-    """A row (P,) where a gate is open, and zero where it is not, whatever a law comes to there."""
+def apply_gate(row: Any, gate: Any) -> Any:
+    """Set a row (P,) to zero where a gate is closed, also where the row is not finite."""
     return np.array([np.where(gate, value, 0.0) for value in row], dtype=object)
 
 
-def windows_of(schemes: Sequence[Scheme], period: float) -> list[int]:
-    """Rows over which the schemes that sum do so, 0 from the start on."""
+def list_windows(schemes: Sequence[Scheme], period: float) -> list[int]:
+    """List the numbers of rows in the sums of integral schemes; 0 sums from the start."""
     return [scheme.operator.samples(period) for scheme in schemes if isinstance(scheme.operator, Integral)]
 
 
-def equations(
+def scheme_equations(
     schemes: Sequence[Scheme],
     views: Any,
     clear: Any,
@@ -34,17 +34,27 @@ def equations(
     oldest: Any,
     index: Any,
     period: float,
-    course: Course,
+    history: History,
 ) -> tuple[Any, Any]:
-    """Equations of S schemes after one more row, from rest, as their `regression` has them for whole recordings.
+    """Update the equations of S schemes with one row, starting from rest.
 
-    Takes the row in each view (3, P + 1), whether it is clear of stick for each guard (G,), whether its sample moves,
-    sums a window ago of each scheme that sums and the number of rows in them (K, P + 2), the index of the row in its
-    run and the time between rows [s]. Returns phi and, in the last place, y (S, P + 1), and whether they may be used
-    (S,).
+    For a whole recording, the equations equal those of `Scheme.regression`.
+
+    Args:
+        schemes: S of them.
+        views: the row in each view (3, P + 1).
+        clear: whether the row is clear of stick, for each guard (G,).
+        moving: whether the joint moves at the sample.
+        oldest: sums of integral schemes one window ago, with their numbers of rows (K, P + 2).
+        index: of the row since the start.
+        period: between rows [s].
+        history: states of the recurrence.
+
+    Returns:
+        phi and, in the last column, y (S, P + 1); and whether each equation is usable (S,).
     """
-    guards, windows, width = guards_of(schemes), windows_of(schemes, period), views.shape[1]
-    before, after = course.before, course.after
+    guards, windows, width = list_guards(schemes), list_windows(schemes, period), views.shape[1]
+    before, after = history.before, history.after
     before["clear"], after["clear"] = names("clear", len(guards)), clear
     before["moving"], after["moving"] = names("moving"), moving
     before["total"] = names("total", len(windows), width + 1)
@@ -57,7 +67,7 @@ def equations(
             gate = gate * before["clear"][guard]
         if scheme.view == "energy":
             gate = gate * moving * before["moving"]
-        row = gated(views[VIEWS.index(scheme.view)], gate)
+        row = apply_gate(views[VIEWS.index(scheme.view)], gate)
         if isinstance(scheme.operator, LowPass):
             gain = 1.0 - forgets(scheme.operator.cutoff, period)
             for stage in range(scheme.operator.order):

@@ -1,4 +1,4 @@
-"""A contest of models on the bins of one plant: fits, log predictive densities by block, and bets on their gains."""
+"""Comparison of models on the bins of one plant: fits, log predictive densities by block, and e-processes of gains."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin
-from estimators.online.evidence import Bets, UsualGain
-from estimators.online.rivals import ONLINE, Bins, Rivals, thinned
+from estimators.online.competitors import ONLINE, Bins, CompetingModels, thin_variants
+from estimators.online.evidence import EProcess, ReferenceDistribution
 from estimators.search_hints import grid, is_possible
 from estimators.selection.score import BLOCK as STRETCH
 from pendulum_env._typing import Array
@@ -37,18 +37,18 @@ class PlantBins:
         return round(seconds / self.length)
 
 
-class Contest:
-    """The running model, with each effect and with forgetting, on the bins of one plant from some moment on.
+class ModelComparison:
+    """Predictions of the running model, alone, with each effect and with forgetting, for the bins of one plant.
 
     Attributes:
         terms: of the running model.
-        kept: bins of the first seconds of motion, which all models are fitted to before they predict.
+        fit_bins: bins of the first seconds of motion, to which all models are fitted before they predict.
         not_run: effects that are not run for now, with the reason.
-        bets: on each effect and, in the last place, on forgetting.
+        e_process: on each effect and, in the last place, on forgetting.
         blocks: log predictive densities of the last blocks, of the running model, with each effect and with forgetting.
-        seen: bins that the models have predicted.
-        risen: bins since there was no evidence of a change.
-        usual: gain of forgetting.
+        n_predicted: number of bins that the models have predicted.
+        n_since_change: number of bins since the evidence of a change began to rise.
+        reference: distribution of the gain of forgetting.
     """
 
     def __init__(
@@ -57,74 +57,74 @@ class Contest:
         library: Mapping[str, type[Term]],
         plant: PlantBins,
         kept: Sequence[Bin] = (),
-        usual: UsualGain | None = None,
+        reference: ReferenceDistribution | None = None,
     ) -> None:
-        """Begin a contest.
+        """Begin a comparison.
 
         Args:
             terms: of the running model.
             library: effects that are not in it.
-            plant: what moves.
-            kept: bins that all models are fitted to.
-            usual: gain of forgetting, if it is known.
+            plant: joints and length of bins.
+            kept: bins to which all models are fitted.
+            reference: distribution of the gain of forgetting, if it is known.
         """
-        self.terms, self._library, self._plant, self.kept = tuple(terms), library, plant, list(kept)
+        self.terms, self._library, self._plant, self.fit_bins = tuple(terms), library, plant, list(kept)
         count = len(plant.joints)
         self._moved = np.bincount([one.joint for one in kept], minlength=count) * plant.length * count  # each joint [s]
         self._tried = np.zeros(count, dtype=bool)  # joints that effects are tried at
         self._scale = np.ones(count)  # of errors at each joint, relative to those of all
         self._often = max(1, round(STRETCH / (BLOCK * plant.length)))  # blocks in a stretch
-        self._rivals: Rivals | None = None
+        self._models: CompetingModels | None = None
         self._waiting: list[Bin] = []  # to be taken together
         self._block: Array | float = 0.0  # log predictive densities in the block to come (F,)
-        self._errors: deque[float] = deque(maxlen=plant.bins_in(ONLINE.recent))
-        self.usual = usual or UsualGain()
-        self.blocks: deque[Array] = deque(maxlen=ONLINE.stretches * self._often)
+        self._errors: deque[float] = deque(maxlen=plant.bins_in(ONLINE.error_time))
+        self.reference = reference or ReferenceDistribution()
+        self.blocks: deque[Array] = deque(maxlen=ONLINE.n_blocks * self._often)
         self.not_run: dict[str, Obstacle] = {}
-        self.seen = self.risen = 0
+        self.n_predicted = self.n_since_change = 0
         self._fit_when_possible()
 
     # ---------------------------------------------------------------------------------------------------------- a bin
 
     def take(self, one: Bin) -> bool:
-        """Take in a bin of motion; return whether a block has ended with it."""
+        """Add a bin of motion; return whether a block has ended with it."""
         j = one.joint
-        if self._moved[j] < ONLINE.kept:
-            self.kept.append(one)
+        if self._moved[j] < ONLINE.fit_time:
+            self.fit_bins.append(one)
         self._moved[j] += self._plant.length * len(self._moved)
-        if self._rivals is None:
+        if self._models is None:
             self._fit_when_possible()
             return False
         self._waiting.append(one)
-        if len(self._waiting) < ONLINE.together:
+        if len(self._waiting) < ONLINE.bins_per_update:
             return False
-        densities, errors = self._rivals.take(self.bins(self._waiting))
+        densities, errors = self._models.take(self.bins(self._waiting))
         self._waiting = []
         self._errors.extend(errors.tolist())
         self._block = block = self._block + densities.sum(axis=0)
-        self.seen += ONLINE.together
-        if self.seen % BLOCK:
+        self.n_predicted += ONLINE.bins_per_update
+        if self.n_predicted % BLOCK:
             return False
         self._block = 0.0
         self.blocks.append(block)
         gain = block[1:] - block[0]
-        gain[-1] = self.usual.excess(float(gain[-1]))
-        self.bets.take(gain - ONLINE.worth * BLOCK)
-        self.risen = self.risen + BLOCK if self.bets.each[-1] > 0 else 0
-        if self.is_stretch and len(self.kept) == self.seen + self._fitted:  # no more than are kept have come
-            if round(len(self.kept) * self._plant.length) in ONLINE.refine:
-                bins = self.bins(self.kept)
-                self._rivals = self._rivals.narrowed(bins, dict(self._grids(Rivals(self.terms, bins), bins)))
+        gain[-1] = self.reference.excess(float(gain[-1]))
+        self.e_process.take(gain - ONLINE.min_gain * BLOCK)
+        self.n_since_change = self.n_since_change + BLOCK if self.e_process.log_wealth[-1] > 0 else 0
+        if self.is_stretch and len(self.fit_bins) == self.n_predicted + self._fitted:  # all bins are kept so far
+            if round(len(self.fit_bins) * self._plant.length) in ONLINE.refinement_times:
+                bins = self.bins(self.fit_bins)
+                self._models = self._models.refine(bins, dict(self._grids(CompetingModels(self.terms, bins), bins)))
         return True
 
     @property
     def is_stretch(self) -> bool:
         """Return whether a stretch of a second has ended with the last block."""
-        return self.seen % (BLOCK * self._often) == 0
+        return self.n_predicted % (BLOCK * self._often) == 0
 
     def has_begun_to_move(self, joint: int) -> bool:
         """Return whether a joint has moved for long enough that had not when the models were fitted."""
-        return self._rivals is not None and not self._tried[joint] and self._moved[joint] >= ONLINE.calibrate
+        return self._models is not None and not self._tried[joint] and self._moved[joint] >= ONLINE.calibration_time
 
     # ------------------------------------------------------------------------------------------------------ the models
 
@@ -140,12 +140,12 @@ class Contest:
     @property
     def effect_evidence(self) -> float:
         """Return the share of the effects in the joint evidence, forgetting aside [nat]."""
-        return float(np.logaddexp.reduce(self.bets.each[:-1]) - np.log(len(self.bets.each)))
+        return float(np.logaddexp.reduce(self.e_process.log_wealth[:-1]) - np.log(len(self.e_process.log_wealth)))
 
     @property
     def leaders(self) -> list[tuple[tuple[Term, ...], Array]]:
         """Return the best variant of each effect, and parameters; those of the running model alone come first."""
-        return [] if self._rivals is None else self._rivals.leaders()
+        return [] if self._models is None else self._models.leaders()
 
     @property
     def error(self) -> float:
@@ -156,7 +156,7 @@ class Contest:
     def stretches(self) -> Array:
         """Return log predictive densities (N, F) in blocks of a second, in shorter ones while there are few."""
         blocks = np.array(self.blocks)
-        if len(blocks) < ONLINE.fewest * self._often:
+        if len(blocks) < ONLINE.min_blocks * self._often:
             return blocks
         return np.asarray(blocks[len(blocks) % self._often :].reshape(-1, self._often, blocks.shape[1]).sum(axis=1))
 
@@ -165,35 +165,35 @@ class Contest:
         return float(np.array(self.blocks)[-blocks:, :-1].sum(axis=0).max())
 
     def _fit_when_possible(self) -> None:
-        """Fit all models to what is kept, if that is enough: they predict from now on."""
+        """Fit all models to the kept bins if there are enough; the models predict from then on."""
         plant = self._plant
-        if len(self.kept) * plant.length < ONLINE.calibrate:
+        if len(self.fit_bins) * plant.length < ONLINE.calibration_time:
             return
-        self._tried = self._moved >= 0.5 * ONLINE.calibrate
-        bins = self.bins(self.kept)
-        base = Rivals(self.terms, bins)
+        self._tried = self._moved >= 0.5 * ONLINE.calibration_time
+        bins = self.bins(self.fit_bins)
+        base = CompetingModels(self.terms, bins)
         if len(plant.joints) > 1:
-            for joint in {one.joint for one in self.kept}:
+            for joint in {one.joint for one in self.fit_bins}:
                 own = base.residual[bins.at == plant.joints[joint]]
                 self._scale[joint] = np.sqrt(max(float(np.mean(own**2)), 1e-12))
             self._scale /= self._scale.mean()
-            bins = self.bins(self.kept)
-            base = Rivals(self.terms, bins)
+            bins = self.bins(self.fit_bins)
+            base = CompetingModels(self.terms, bins)
         variants = {id: own for id, own in self._grids(base, bins) if own}
         self.not_run = {
             id: Obstacle.JOINT_AT_REST if self._is_idle(kind) else Obstacle.NO_VARIANT
             for id, kind in self._library.items()
             if id not in variants
         }
-        self._fitted, self.bets = len(self.kept), Bets(len(variants) + 1)
-        memories = [seconds / plant.length for seconds in ONLINE.memories]
-        self._rivals = Rivals(self.terms, bins, [thinned(own) for own in variants.values()], memories)
+        self._fitted, self.e_process = len(self.fit_bins), EProcess(len(variants) + 1)
+        memories = [seconds / plant.length for seconds in ONLINE.forgetting_times]
+        self._models = CompetingModels(self.terms, bins, [thin_variants(own) for own in variants.values()], memories)
 
     def _is_idle(self, effect: type[Term]) -> bool:
         """Return whether an effect's joint has not moved for long enough."""
         return not any(self._tried[[name == effect.at for name in self._plant.joints]])
 
-    def _grids(self, base: Rivals, bins: Bins) -> Iterator[tuple[str, list[Term]]]:
+    def _grids(self, base: CompetingModels, bins: Bins) -> Iterator[tuple[str, list[Term]]]:
         """Yield the possible variants of each effect, by the residuals of a model on bins."""
         names = [column.name for term in self.terms for column in term.columns]
         known = dict(zip(names, base.theta_of()[0].tolist(), strict=False))
