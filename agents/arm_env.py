@@ -18,7 +18,7 @@ from estimators.arms.excitation import PRIOR, Moving, objection, to_rest
 from estimators.arms.limits import USUAL, Limits, limits_of
 from estimators.arms.reference import HOLD, Reference
 from estimators.regression.equations import IdentificationError
-from estimators.wrappers.options import body_in
+from estimators.wrappers.options import find_body
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
@@ -98,7 +98,7 @@ class ArmExcitationDesignVector(TaskVector):
         """
         if seconds is not None and not HOLD <= seconds < np.inf:
             raise Mistake(f"an episode of {seconds:g} s is too short: give {HOLD:g} s or more")
-        self.body = body_in(PlanarArm()) if robot is None else read_body(robot)
+        self.body = find_body(PlanarArm()) if robot is None else read_body(robot)
         torque = TORQUE if max_torque is None else max_torque
         self.body.refuse_impossible_links()
         self.limits = limits_of(self.body, max_angle, max_speed, torque, max_acceleration)

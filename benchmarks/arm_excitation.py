@@ -27,7 +27,7 @@ from estimators.arms.reference import TICK, condition_of, torque_rows
 from estimators.online import OnlineEstimator
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
-from estimators.wrappers.options import body_in
+from estimators.wrappers.options import find_body
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
@@ -177,7 +177,7 @@ def fresh(rng: np.random.Generator) -> tuple[Link, ...]:
 def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Generator) -> tuple[list[float], Array]:
     """RMS relative error of all parameters at `MOMENTS`, and the largest angles and speeds (2, n)."""
     arm = PlanarArm(links, rate=RATE, torque_noise=NOISE, max_torque=TORQUE)
-    truth = body_in(arm)
+    truth = find_body(arm)
     recording = follow(arm, motion, round(MOMENTS[-1] * RATE), TORQUE, rng=rng)
     smoothing = Smoothing.of_encoder(arm.counts, RATE)
     estimator = OnlineEstimator(RATE, arm_base(file), [scheme("filtered_dynamic")], smoothing=smoothing)
@@ -196,7 +196,7 @@ def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Gene
 
 def two_link(bodies: int, seed: int, limits: dict[str, float]) -> None:
     """Real errors of every contender on the same bodies, beside the first."""
-    file, told = body_in(PlanarArm()), {}
+    file, told = find_body(PlanarArm()), {}
     print(f"{bodies} bodies within 30 %, noise {NOISE:g} N m, limits {limits}")
     for name, contender in CONTENDERS.items():
         made, most, own = [], [], []

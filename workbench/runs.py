@@ -26,7 +26,7 @@ from estimators.arms.limits import limits_of
 from estimators.arms.reference import Reference
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
-from estimators.wrappers.options import smoothing_of
+from estimators.wrappers.options import find_smoothing
 from pendulum_env.arms.body import Body, BodyError
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
 from pendulum_env.arms.plane import planar_links
@@ -189,7 +189,7 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
     judge: Apart | None = None
     env = RecordMeasurements(plan.environment(), output, overwrite=True)
     try:
-        judge = Apart(rate, smoothing_of(env, rate)) if plan.arguments.until is not None else None
+        judge = Apart(rate, find_smoothing(env, rate)) if plan.arguments.until is not None else None
         if plan.remark:
             terminal.say(plan.remark)
         with terminal.progress("running") as show:

@@ -1,4 +1,4 @@
-"""Gymnasium wrappers that learn while the environment runs."""
+"""Gymnasium wrappers for online estimation, diagnosis and information rewards."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Wrappers that report which effect a model lacks and which parameters have changed, while the environment runs."""
+"""Wrappers for online diagnosis: missing effects and changed parameters."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ from gymnasium.vector import VectorEnv
 from estimators.arguments import model_that_moves
 from estimators.online.change import Fit
 from estimators.online.diagnosis import Diagnoser, find_obstacle
-from estimators.wrappers.measuring import Measuring, MeasuringVector
+from estimators.wrappers.measuring import MeasurementVectorWrapper, MeasurementWrapper
 from estimators.wrappers.options import AnyEnv, Plant
 from pendulum_env.arms.model import load_model
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.mechanism import describe_joints
 
 
-class DiagnoseOnline(Measuring):
-    """Compare the model with the same model and each effect of the library, from the measurement in `info`.
+class DiagnoseOnline(MeasurementWrapper):
+    """Diagnose the model online, from the measurements in `info`.
 
-    Adds `diagnosis` to `info`, an `estimators.online.OnlineDiagnosis`, which changes once per second of motion: what
-    every effect gains in predicting (`ranking`), and the effect that is missing, with those that may as well be in its
-    place (`group`). Parameters that change while it runs are reported with their change and standard error (`changed`)
-    and the time (`since`); the running model takes the new values. `add(effect)` takes an effect into the running
-    model, `undo()` takes the last one out. Both begin the comparison anew, and so does a reset, which also takes out
-    all that was added.
+    The wrapper adds `diagnosis` to `info`, an `estimators.online.OnlineDiagnosis`, which is updated once per second of
+    motion. It has the gain of each effect in prediction (`ranking`), and the missing effect with its competitors
+    (`group`). Parameters that change are reported with their change and standard error (`changed`) and the time
+    (`since`); the running model takes the new values. `add(effect)` adds an effect to the running model, and `undo()`
+    removes the last one. Both restart the comparison. A reset restarts it, too, and removes all added effects.
 
     Examples:
         >>> import gymnasium as gym
@@ -57,49 +56,49 @@ class DiagnoseOnline(Measuring):
 
         Args:
             env: the environment.
-            terms: of the model, by id or as they are; None are those of `model` or, without one, the paper's four, or
-                the links of the environment's arm with viscous and Coulomb friction at each joint.
-            candidates: ids of effects that it may lack, or one; None are all of the library. Of an arm, `stribeck` is
-                at any joint, `stribeck@elbow` at that one.
-            rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
-            add_from: probability from which an effect that is surely missing is added by itself; None adds none.
-            alarms_per_hour: false ones that are accepted, on average, per hour of motion.
-            model: an identified model, or its file, in the place of `terms`. Parameters of the plant that differ
-                significantly from its parameters are reported as changed after five seconds of motion. `add`, `undo`
-                and an accepted change end this comparison until the next reset.
-            robot: file of an arm's links, URDF or MJCF; None asks the environment.
+            terms: of the model, ids or `Term` objects. By default those of `model`, or the four of the paper, or the
+                links of the arm with viscous and Coulomb friction at each joint.
+            candidates: ids of possible effects, or one id; None for all of the library. For an arm, `stribeck` means
+                each joint, `stribeck@elbow` one joint.
+            rate: sampling rate [Hz]; None asks the environment, which also knows its encoder.
+            add_from: probability above which a missing effect is added automatically; None adds none.
+            alarms_per_hour: accepted mean number of false alarms per hour of motion.
+            model: identified model, or its file, instead of `terms`. Parameters of the plant that differ
+                significantly from those of the model are reported as changed after five seconds of motion. `add`,
+                `undo` and an accepted change end this comparison until the next reset.
+            robot: URDF or MJCF file of an arm; None asks the environment.
 
         Raises:
-            ValueError: if a name is unknown, a number out of its range, a term of the model depends on the past, no
-                candidate can be followed, both model and terms are given, the model is per another unit of torque, or
-                a file holds no model; when running, if samples do not come at the rate.
+            ValueError: if a name is unknown, a number is out of its range, a term of the model depends on the past,
+                no candidate has an online diagnosis, both model and terms are given, the torque unit of the model is
+                wrong, or a file holds no model; while running, if samples are off the rate.
         """
         if add_from is not None and not 0.5 <= add_from < 1:
-            raise ValueError(f"add_from ({add_from:g}) is a probability: give 0.5 or more, below 1")
+            raise ValueError(f"add_from is {add_from:g}: give a probability of 0.5 or more, below 1")
         arguments: dict[str, Any] = {"terms": terms, "candidates": candidates, "rate": rate, "robot": robot}
         arguments |= {"alarms_per_hour": alarms_per_hour, "model": model}
-        diagnoser = diagnoser_of(env, **arguments)
+        diagnoser = make_diagnoser(env, **arguments)
         super().__init__(env, diagnoser, add_from=add_from, **arguments)
         (self.diagnoser,) = diagnoser.each
         self._add_from, self._last_diagnosis = add_from, self.diagnoser.diagnosis
 
     def add(self, effect: str) -> Term:
-        """Take an effect into the running model, with the nonlinear parameters that predicted best, and return it.
+        """Add an effect to the running model with the nonlinear parameters that predicted best, and return it.
 
         The comparison with the parameters of `model` ends.
 
         Raises:
-            ValueError: if it is unknown, not run, in the model already, or not yet tried.
+            ValueError: if the effect is unknown, not run, in the model already, or not tried yet.
         """
         return self.diagnoser.add(effect)
 
     def undo(self) -> None:
-        """Take the effect that was added last out of the running model.
+        """Remove the effect that was added last.
 
         The comparison with the parameters of `model` ends.
 
         Raises:
-            ValueError: if none was added.
+            ValueError: if no effect was added.
         """
         self.diagnoser.undo()
 
@@ -114,17 +113,17 @@ class DiagnoseOnline(Measuring):
         return observation
 
 
-class DiagnoseOnlineVector(MeasuringVector):
-    """`DiagnoseOnline` for a vector environment: `info` has a diagnosis for each; a reset pendulum starts anew.
+class DiagnoseOnlineVector(MeasurementVectorWrapper):
+    """`DiagnoseOnline` for a vector environment: `info` has one diagnosis per environment.
 
-    `diagnoser.each` holds one monitor a pendulum, with `add` and `undo`.
+    `diagnoser.each` holds one monitor per environment, with `add` and `undo`.
     """
 
     def __init__(
         self, env: VectorEnv[Any, Any, Any], terms: Sequence[str | Term] | None = None, **options: Any
     ) -> None:
-        """Wrap a vector environment; the arguments are those of `DiagnoseOnline`, but for `add_from`."""
-        self.diagnoser = diagnoser_of(env, terms, **options)
+        """Wrap a vector environment; the arguments are those of `DiagnoseOnline` without `add_from`."""
+        self.diagnoser = make_diagnoser(env, terms, **options)
         super().__init__(env, self.diagnoser)
 
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
@@ -134,7 +133,7 @@ class DiagnoseOnlineVector(MeasuringVector):
         return observation
 
 
-def diagnoser_of(
+def make_diagnoser(
     env: AnyEnv,
     terms: Sequence[str | Term] | None = None,
     *,
@@ -144,39 +143,39 @@ def diagnoser_of(
     robot: str | None = None,
     **options: Any,
 ) -> Diagnoser:
-    """Diagnoser for an environment, or for each of a vector; the arguments are those of `DiagnoseOnline`.
+    """Make the diagnosis of an environment or a vector environment; the arguments are those of `DiagnoseOnline`.
 
     Raises:
-        ValueError: if a name is unknown, none of the candidates can be followed online, both model and terms are given,
-            or the model is that of another plant or per another unit of torque.
+        ValueError: if a name is unknown, no candidate has an online diagnosis, both model and terms are given, or the
+            joints or the torque unit of the model are wrong.
     """
     if model is not None and terms is not None:
-        raise ValueError("a model has its terms: give either model or terms")
+        raise ValueError("model and terms are both given: give one of them")
     plant = Plant.of(env, rate, robot)
     if model is None:
         chosen, given = plant.terms(terms), None
     else:
-        chosen, given = load_given(model, plant)
+        chosen, given = load_reference(model, plant)
     library = plant.effects([candidates] if isinstance(candidates, str) else candidates)
     if library is not None and all(map(find_obstacle, library.values())):
         why = ", ".join(f"{id} ({find_obstacle(one)})".replace("_", " ") for id, one in library.items())
-        raise ValueError(f"candidates leave no effect to try{': ' * bool(why)}{why}; name others, or None for all")
+        raise ValueError(f"no candidate has an online diagnosis{': ' * bool(why)}{why}; give others, or None for all")
     known: dict[str, Any] = {"library": library, "smoothing": plant.smoothing, "given": given}
     return Diagnoser(plant.rate, chosen, batch=plant.batch, **known, **options)
 
 
-def load_given(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...], Fit]:
-    """Return terms and estimates of a model, or of its file; the errors of unknown estimates are infinite.
+def load_reference(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...], Fit]:
+    """Return terms and estimates of a model or its file; standard errors of unknown estimates are infinite.
 
     Raises:
-        ValueError: if the model is that of another kind of plant or per another unit, or lacks inertia, or a file holds
-            no model.
+        ValueError: if the joints or the torque unit of the model are wrong, the model lacks inertia, or a file holds no
+            model.
     """
     if isinstance(model, str | Path):
         model = load_model(model, plant.body)
     if model.body.joints != plant.body.joints:
         ours, other = (describe_joints(of.joints) for of in (model.body, plant.body))
-        raise ValueError(f"the model is of {ours}, and what is diagnosed is {other}: give the model of one")
+        raise ValueError(f"the model has {ours}, the environment has {other}: give a model of the environment")
     model_that_moves(model)
     if model.torque_unit != plant.torque_unit:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""A reward for learning about the plant, of one or of many."""
+"""Wrappers whose reward is the gain of information about the parameters."""
 
 from __future__ import annotations
 
@@ -12,107 +12,107 @@ from pendulum_env._typing import Array, Mask
 
 
 class Information:
-    """Information matrices sum phi phi' of B pendulums, from a small prior.
+    """Information matrices sum phi phi' of B pendulums, with a small prior.
 
     Source: D-optimality, Fedorov, Theory of Optimal Experiments, 1972.
     """
 
     def __init__(self, prior: float) -> None:
-        """Take the prior on the diagonal [regressor unit squared]: it keeps the first log det finite.
+        """Create the matrices with a prior on the diagonal, which keeps the first log det finite.
 
         Raises:
             ValueError: if it is not positive.
         """
         if not 0 < prior < np.inf:
-            raise ValueError(f"the prior of the information cannot be {prior:g}: give a small positive number")
+            raise ValueError(f"prior is {prior:g}: give a small positive number")
         self.prior = prior
         self.inverse = np.zeros((0, 0, 0))  # (B, P, P)
 
     def begin(self, batch: int, parameters: int) -> None:
-        """Take B and the number of parameters; nothing has been learnt."""
+        """Start with the prior, for B pendulums and a number of parameters."""
         self.inverse = np.tile(np.eye(parameters) / self.prior, (batch, 1, 1))
 
     def reset(self, which: Mask) -> None:
-        """Those of the B start anew."""
+        """Restart pendulums (B,) with the prior."""
         self.inverse[which] = np.eye(self.inverse.shape[-1]) / self.prior
 
-    def gain(self, regressor: Array) -> Array:
-        """Growth of log det(information) by one row each, (B, P) to (B,) [nat]."""
-        raised = (self.inverse @ regressor[..., None])[..., 0]
-        leverage = np.einsum("bi,bi->b", regressor, raised)  # matrix determinant lemma
-        self.inverse -= raised[:, :, None] * (raised / (1.0 + leverage)[:, None])[:, None, :]
+    def add_row(self, regressor: Array) -> Array:
+        """Add one row each (B, P), and return the gain of log det(information) (B,) [nat]."""
+        weighted = (self.inverse @ regressor[..., None])[..., 0]
+        leverage = np.einsum("bi,bi->b", regressor, weighted)  # matrix determinant lemma
+        self.inverse -= weighted[:, :, None] * (weighted / (1.0 + leverage)[:, None])[:, None, :]
         return np.log1p(leverage)
 
 
 class InformationReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Pay a step for what it taught: growth of log det(information) [nat] (D-optimality); spaces pass through.
+    """Replace the reward by the gain of log det(information) [nat] (D-optimality).
 
-    The information is the sum of the outer products of `info["regressor"]`, which `EstimateParameters` provides: wrap
-    the environment in it first.
+    The information is the sum of the outer products of `info["regressor"]` of `EstimateParameters`, in which the
+    environment must be wrapped first.
     """
 
     def __init__(self, env: gym.Env[Any, Any], prior: float = 1e-6) -> None:
-        """Wrap an environment whose `info` carries `regressor`; see `Information` for the prior."""
+        """Wrap an environment whose `info` has `regressor`; see `Information` for the prior."""
         gym.utils.RecordConstructorArgs.__init__(self, prior=prior)
         gym.Wrapper.__init__(self, env)
         self._information = Information(prior)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment: nothing has been learnt."""
+        """Reset the environment and the information."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._information.begin(1, len(row_of(info)))
+        self._information.begin(1, len(get_regressor(info)))
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Step the environment; the reward is what the newest regressor adds."""
+        """Step the environment; the reward is the gain by the newest regressor."""
         observation, _, terminated, truncated, info = self.env.step(action)
-        gain = float(self._information.gain(row_of(info)[None])[0])
+        gain = float(self._information.add_row(get_regressor(info)[None])[0])
         return observation, gain, terminated, truncated, info
 
 
 class InformationRewardVector(VectorWrapper):
-    """`InformationReward` for a vector environment; a pendulum that was reset has learnt nothing."""
+    """`InformationReward` for a vector environment; a reset also resets the information of a pendulum."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], prior: float = 1e-6) -> None:
-        """Wrap a vector environment whose `info` carries `regressor` (B, P)."""
+        """Wrap a vector environment whose `info` has `regressor` (B, P)."""
         super().__init__(env)
         self._information = Information(prior)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Reset the environments: nothing has been learnt."""
+        """Reset the environments and the information."""
         observation, info = self.env.reset(
             seed=seed,  # type: ignore[arg-type]  # Gymnasium's own wrappers pass lists
             options=options,
         )
-        self._information.begin(*row_of(info).shape)
+        self._information.begin(*get_regressor(info).shape)
         self._time = np.asarray(info["time"])
         return observation, info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step the environments; the rewards are what the newest regressors add."""
+        """Step the environments; the rewards are the gains by the newest regressors."""
         observation, _, terminated, truncated, info = self.env.step(actions)
-        row, time = row_of(info), np.asarray(info["time"])
-        anew, self._time = time <= self._time, time
-        if "final_info" in info:  # what ended within this step has learnt from its last sample, too
-            gain = self._information.gain(np.where(anew[:, None], row_of(info["final_info"]), row))
-            self._information.reset(anew)
+        row, time = get_regressor(info), np.asarray(info["time"])
+        is_reset, self._time = time <= self._time, time
+        if "final_info" in info:  # the last sample of an episode that ended within this step counts, too
+            gain = self._information.add_row(np.where(is_reset[:, None], get_regressor(info["final_info"]), row))
+            self._information.reset(is_reset)
         else:
-            self._information.reset(anew)
-            gain = self._information.gain(row)
+            self._information.reset(is_reset)
+            gain = self._information.add_row(row)
         return observation, gain, terminated, truncated, info
 
 
-def row_of(info: dict[str, Any]) -> Any:
-    """Regressor in an info.
+def get_regressor(info: dict[str, Any]) -> Any:
+    """Return the regressor of an info.
 
     Raises:
-        ValueError: if there is none.
+        ValueError: if the info has none.
     """
     if "regressor" not in info:
         raise ValueError(
-            "InformationReward needs info['regressor'], which is not there: wrap the environment in EstimateParameters "
-            "first, as InformationReward(EstimateParameters(env))"
+            "info lacks 'regressor': wrap the environment in EstimateParameters first, as "
+            "InformationReward(EstimateParameters(env))"
         )
     return info["regressor"]

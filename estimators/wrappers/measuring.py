@@ -1,4 +1,4 @@
-"""What the wrappers that learn from the measurement in `info` have in common, of one pendulum or of B."""
+"""Base classes of wrappers that pass the measurements in `info` to an online algorithm."""
 
 from __future__ import annotations
 
@@ -14,84 +14,82 @@ from estimators.online.clock import Clock
 from pendulum_env._typing import Array, Mask
 
 
-class Learner(Protocol):
-    """What takes in a sample of each of B plants: an estimator or a diagnoser."""
+class OnlineAlgorithm(Protocol):
+    """Estimator or diagnosis of B plants, updated sample by sample."""
 
     rate: float  # [Hz]
 
     def reset(self, which: Mask | None = None) -> None:
-        """Those pendulums (B,) start anew with the next sample; all without an argument."""
+        """Restart plants (B,) with their next sample; all by default."""
 
     def take(self, time: Array, position: Array, torque: Array) -> Any:
-        """Take in a sample (B,), of an arm its positions and torques (B, n); returns what is known then."""
+        """Add a sample (B,), with positions and torques (B, n) for an arm, and return the current result."""
 
 
-def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:
-    """Time, position and torque of a sample.
+def get_measurement(info: dict[str, Any]) -> tuple[Any, Any, Any]:
+    """Return time, position and torque of a sample.
 
     Raises:
-        ValueError: if the environment does not measure.
+        ValueError: if the info lacks one of them.
     """
     try:
         return info["time"], info["position"], info["torque"]
     except KeyError as error:
-        raise ValueError(
-            f"info lacks {error}: the wrapped environment has to carry time, position and torque"
-        ) from None
+        raise ValueError(f"info lacks {error}: wrap an environment with time, position and torque in info") from None
 
 
-def repeated(value: object, count: int) -> NDArray[np.object_]:
-    """An object once for each of so many environments (B,), as Gymnasium's vector environments hold it."""
+def repeat_object(value: object, count: int) -> NDArray[np.object_]:
+    """Repeat an object for a number of environments (B,), as in vector environments of Gymnasium."""
     array = np.empty(count, dtype=object)
     array.fill(value)
     return array
 
 
-class Measuring(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """A wrapper whose learner takes in the measurement of every reset and every step."""
+class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Wrapper that passes the measurement of each reset and step to an online algorithm."""
 
-    def __init__(self, env: gym.Env[Any, Any], learner: Learner, **arguments: Any) -> None:
-        """Wrap an environment; the arguments are those that build the wrapper again."""
+    def __init__(self, env: gym.Env[Any, Any], algorithm: OnlineAlgorithm, **arguments: Any) -> None:
+        """Wrap an environment; the arguments are those of the constructor, which rebuild the wrapper."""
         gym.utils.RecordConstructorArgs.__init__(self, **arguments)
         gym.Wrapper.__init__(self, env)
-        self._learner, self._clock = learner, Clock(learner.rate)
+        self._algorithm, self._clock = algorithm, Clock(algorithm.rate)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment and begin anew."""
+        """Reset the environment and the algorithm."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._learner.reset()
+        self._algorithm.reset()
         self._clock.restart()
         return self._take(observation, info), info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment and take in its measurement."""
+        """Step the environment, and pass on its measurement."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         return self._take(observation, info), reward, terminated, truncated, info
 
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
-        if "fault" not in info:  # with one, nothing was measured
-            sample = measured(info)
+        if "fault" not in info:  # a fault has no measurement
+            sample = get_measurement(info)
             self._clock.tick(sample[0])
-            self._known = self._learner.take(*(np.array(part, dtype=float)[None] for part in sample))
+            self._known = self._algorithm.take(*(np.array(part, dtype=float)[None] for part in sample))
         return self._write_info(observation, info)
 
     @abstractmethod
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
-        """Put what is known into an info, and return the observation."""
+        """Write the result into an info, and return the observation."""
 
 
-class MeasuringVector(VectorWrapper):
-    """`Measuring` for a vector environment: a pendulum whose time starts anew has been reset."""
+class MeasurementVectorWrapper(VectorWrapper):
+    """`MeasurementWrapper` for a vector environment; a plant restarts when its time restarts."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], learner: Learner) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], algorithm: OnlineAlgorithm) -> None:
         """Wrap a vector environment."""
         super().__init__(env)
-        self._learner = learner
+        self._algorithm = algorithm
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Reset the environments and begin anew."""
+        """Reset the environments and the algorithm."""
         observation, info = self.env.reset(
             seed=seed,  # type: ignore[arg-type]  # Gymnasium's own wrappers pass lists
             options=options,
@@ -100,31 +98,31 @@ class MeasuringVector(VectorWrapper):
         return self._take(observation, info), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step the environments and take in their measurements."""
+        """Step the environments, and pass on their measurements."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
         return self._take(observation, info), reward, terminated, truncated, info
 
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
         ended: Mask | None = info.get("_final_info")
-        if ended is not None:  # within this step, some have ended and begun again: their last sample still counts
+        if ended is not None:  # SAME_STEP: the last sample of an ended episode counts, too
             final, self._time = info["final_info"], np.asarray(info["time"])
-            last = [np.where(ended, a, b) for a, b in zip(measured(final), measured(info), strict=True)]
-            self._known = self._learner.take(*last)
+            last = [np.where(ended, a, b) for a, b in zip(get_measurement(final), get_measurement(info), strict=True)]
+            self._known = self._algorithm.take(*last)
             info["final_obs"] = self._write_info(info["final_obs"], final)
             self._restart(ended, last[0])
             return self._write_info(observation, info)
-        sample = [np.array(values, dtype=float) for values in measured(info)]
+        sample = [np.array(values, dtype=float) for values in get_measurement(info)]
         for name, values in zip(("_time", "_position", "_torque"), sample, strict=True):
-            values[~np.broadcast_to(info.get(name, True), values.shape)] = np.nan  # not measured, by Gymnasium's masks
-        self._learner.reset(sample[0] <= self._time)
+            values[~np.broadcast_to(info.get(name, True), values.shape)] = np.nan  # masked: not measured
+        self._algorithm.reset(sample[0] <= self._time)
         self._time = np.where(np.isfinite(sample[0]), sample[0], self._time)
-        self._known = self._learner.take(*sample)
+        self._known = self._algorithm.take(*sample)
         return self._write_info(observation, info)
 
     def _restart(self, ended: Mask, time: Array) -> None:
-        """Begin anew with those pendulums (B,), whose last sample is of a time (B,) [s]."""
-        self._learner.reset(ended)
+        """Restart plants (B,), whose last samples have the times (B,) [s]."""
+        self._algorithm.reset(ended)
 
     @abstractmethod
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
-        """Put what is known into an info, and return the observation."""
+        """Write the result into an info, and return the observation."""

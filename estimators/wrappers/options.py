@@ -1,4 +1,4 @@
-"""What the learning wrappers are asked for, and what they ask their environment: names in, terms and schemes out."""
+"""Arguments of the online wrappers, and properties of their environment."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]
 
 
 class EstimatorOptions(TypedDict, total=False):
-    """Options of `OnlineEstimator` that a wrapper passes on; None is the default."""
+    """Options of `OnlineEstimator` that a wrapper passes on; None for the default."""
 
     forgetting: float | None
     random_walk: float | Sequence[float] | None
@@ -41,12 +41,12 @@ class EstimatorOptions(TypedDict, total=False):
     recursion: str | None
 
 
-def chosen_online(names: Names) -> tuple[Scheme | JointState, ...]:
-    """Schemes by id, or as they are; "all" are the six, without the joint state, which is told last.
+def choose_online_schemes(names: Names) -> tuple[Scheme | JointState, ...]:
+    """Return schemes by id or object; "all" for the six. The joint state is the last.
 
     Raises:
-        ValueError: if there is no scheme of a name, or one that only works on whole recordings.
-        TypeError: if something is no scheme.
+        ValueError: if a name is unknown, or a scheme needs whole recordings.
+        TypeError: if an object is no scheme.
     """
     if names == "all":
         return SCHEMES
@@ -62,50 +62,50 @@ def chosen_online(names: Names) -> tuple[Scheme | JointState, ...]:
     return (*cast("tuple[Scheme, ...]", chosen), *joint)
 
 
-def rate_of(env: AnyEnv, rate: float | None) -> float:
-    """Samples per second of an environment [Hz], which somebody needs who is going to estimate.
+def find_rate(env: AnyEnv, rate: float | None) -> float:
+    """Return the sampling rate of an environment [Hz], and mark the environment as used for identification.
 
     Raises:
-        ValueError: if neither the caller nor the environment knows, or it is no positive number.
+        ValueError: if the rate is unknown or not positive.
     """
     note_identifier(env)
-    known = _attribute(env, "rate") if rate is None else rate
+    known = _get_attribute(env, "rate") if rate is None else rate
     if known is None:
-        raise ValueError("the environment does not say its sampling rate: pass rate=... in Hz")
+        raise ValueError("the environment has no attribute rate: pass rate=... in Hz")
     return check_rate(float(known))
 
 
-def smoothing_of(env: AnyEnv, rate: float) -> Smoothing:
-    """Smoothing for an environment's encoder or the recording it plays; for the paper's encoder if neither is known."""
-    recording = _attribute(env, "recording")
+def find_smoothing(env: AnyEnv, rate: float) -> Smoothing:
+    """Choose the smoothing for the encoder or the recording of an environment; by default the paper's encoder."""
+    recording = _get_attribute(env, "recording")
     if isinstance(recording, Recording):
         return choose_smoothing(recording)
-    noise = position_noise_of(env)
+    noise = find_position_noise(env)
     return Smoothing.of_noise(of_steps(COUNTS) if noise is None else noise, rate)
 
 
-def position_noise_of(env: AnyEnv) -> float | None:
-    """Standard deviation of the measured position [rad]; None if the environment does not tell its encoder."""
-    recording = _attribute(env, "recording")
+def find_position_noise(env: AnyEnv) -> float | None:
+    """Return the standard deviation of the measured position [rad]; None for an unknown encoder."""
+    recording = _get_attribute(env, "recording")
     if isinstance(recording, Recording):
         return encoder_noise(recording.position)
-    counts = _attribute(env, "counts")
+    counts = _get_attribute(env, "counts")
     return None if counts is None else of_steps(counts)
 
 
-def _attribute(env: AnyEnv, name: str) -> Any:
-    """Attribute of the innermost environment, of the first of several; None if it has none."""
+def _get_attribute(env: AnyEnv, name: str) -> Any:
+    """Return an attribute of the innermost environment, or of the first of a vector; None without it."""
     inner = env.unwrapped
     if isinstance(inner, gym.vector.SyncVectorEnv):
         inner = inner.envs[0].unwrapped
     return getattr(inner, name, None)
 
 
-def body_in(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
-    """Links of a file, or of an environment that can write them.
+def find_body(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
+    """Read the links of a file, or of an environment with the attribute `urdf`.
 
     Raises:
-        ValueError: if there is no file, and the environment does not tell, or the file has more joints or fewer.
+        ValueError: if both are missing, or the number of joints differs.
     """
     if robot is not None:
         body = read_body(robot)
@@ -115,7 +115,7 @@ def body_in(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
         return body
     text = getattr(env.unwrapped, "urdf", None)
     if text is None:
-        raise ValueError("the environment does not tell its links: pass robot=, a file in URDF or MJCF")
+        raise ValueError("the environment has no attribute urdf: pass robot=, a URDF or MJCF file")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(text, encoding="utf-8")
@@ -124,14 +124,14 @@ def body_in(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
 
 @dataclass(frozen=True)
 class Plant:
-    """What a learner has to know of the plant in an environment.
+    """Plant of an environment, as an online algorithm needs it.
 
     Attributes:
-        rate: samples per second [Hz].
+        rate: sampling rate [Hz].
         smoothing: of the measurement.
-        batch: of how many environments there are.
-        body: its joints; of an arm, its links.
-        torque_unit: unit of the measured torque, that of the recording which the environment plays or N m.
+        batch: number of environments.
+        body: joint of a pendulum, or links of an arm.
+        torque_unit: of the recording that the environment plays, or N m.
     """
 
     rate: float
@@ -142,40 +142,42 @@ class Plant:
 
     @classmethod
     def of(cls, env: AnyEnv, rate: float | None = None, robot: str | None = None) -> Plant:
-        """Ask an environment for what is not given; an arm is one that names its joints, or has a file of its links.
+        """Read the plant of an environment; an arm has an attribute `joints`, or a robot file.
 
         Raises:
-            ValueError: if nobody knows the rate, or the links of an arm; if the environment is a vector of arms.
+            ValueError: if the rate or the links of an arm are unknown, or the environment is a vector of arms.
         """
-        rate, body = rate_of(env, rate), PENDULUM
-        if robot is not None or _attribute(env, "joints") is not None:
+        rate, body = find_rate(env, rate), PENDULUM
+        if robot is not None or _get_attribute(env, "joints") is not None:
             if not isinstance(env, gym.Env):
-                raise ValueError("arms are followed one by one: wrap each environment of the vector")
-            body = body_in(env, robot)
-        recording = _attribute(env, "recording")
+                raise ValueError("a vector of arms has no online algorithm: wrap each arm environment by itself")
+            body = find_body(env, robot)
+        recording = _get_attribute(env, "recording")
         unit = recording.torque_unit if isinstance(recording, Recording) else NEWTON_METRE
-        return cls(rate, smoothing_of(env, rate), getattr(env, "num_envs", 1), body, unit)
+        return cls(rate, find_smoothing(env, rate), getattr(env, "num_envs", 1), body, unit)
 
     def terms(self, terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
-        """Model of a pendulum, or of an arm: its links and terms at joints, viscous and Coulomb friction by default.
+        """Return the terms of the model of a pendulum or an arm, with viscous and Coulomb friction by default.
 
         Raises:
-            ValueError: if a term is unknown or at no joint.
+            ValueError: if a term or its joint is unknown.
         """
         return arm_base(self.body) if terms is None else chosen_terms(model_terms(terms, self.body))
 
     def effects(self, names: Sequence[str] | None) -> dict[str, type[Term]]:
-        """Effects that may be missing, by id; `stribeck` is at each joint of an arm; by default all that `info` shows.
+        """Return possible effects by id, by default all that need only the columns of `info`.
+
+        For an arm, `stribeck` means each joint.
 
         Raises:
-            ValueError: if there is no such effect or joint.
+            ValueError: if an effect or joint is unknown.
         """
         if names is None:
             names = [id for id, kind in effects_of(self.body).items() if id != Coupling.id and not kind.needs]
         return {kind.id: kind for kind in kinds_at(names, self.body)}
 
 
-def make(
+def make_estimator(
     env: AnyEnv,
     schemes: Names,
     terms: Sequence[str | Term] | None,
@@ -183,18 +185,18 @@ def make(
     options: EstimatorOptions,
     robot: str | None = None,
 ) -> OnlineEstimator:
-    """Estimator for an environment, or for each of a vector; see `OnlineEstimator` for the options.
+    """Make the estimator of an environment or a vector environment; see `OnlineEstimator` for the options.
 
     Raises:
-        ValueError: as `Plant` does, or if there is no such option.
+        ValueError: as in `Plant.of`, or if an option is unknown.
     """
     own = ("schemes", "terms", "rate", "in_observation", *EstimatorOptions.__annotations__)
     for name in options:
         find("argument", name, dict.fromkeys(own))
     plant = Plant.of(env, rate, robot)
     known: dict[str, Any] = {"batch": plant.batch}
-    noise = position_noise_of(env)
+    noise = find_position_noise(env)
     if noise is not None and options.get("counts") is None:
         known |= {"smoothing": plant.smoothing, "position_noise": noise}
     known |= {name: value for name, value in options.items() if value is not None}
-    return OnlineEstimator(plant.rate, plant.terms(terms), chosen_online(schemes), **known)
+    return OnlineEstimator(plant.rate, plant.terms(terms), choose_online_schemes(schemes), **known)

@@ -6,7 +6,7 @@ import numpy as np
 
 from agents.network import POLICY_NAMES as SHIPPED
 from agents.observer import EPISODE, Pilot
-from estimators.wrappers.options import smoothing_of
+from estimators.wrappers.options import find_smoothing
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
 from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, USUAL_SPEED
@@ -148,7 +148,7 @@ def _simulated(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Reco
     env = plan.environment()
     rate = env.unwrapped.rate  # type: ignore[attr-defined]
     steps = round(seconds * rate)
-    judge = None if arguments.until is None else Here(rate, smoothing_of(env, rate))
+    judge = None if arguments.until is None else Here(rate, find_smoothing(env, rate))
     with terminal.progress("running") as tell:
         recording = rollout(
             env,

@@ -213,13 +213,13 @@ def test_an_arm_is_diagnosed_with_a_model_of_the_same_arm(links, tmp_path):
     Model.build(BASE, np.ones(4)).save(tmp_path / "pendulum.json")
     for env, options, told in (
         (arm, {"model": tmp_path / "pendulum.json"}, "no model of an arm"),
-        (gym.make(PENDULUM), {"model": model}, "what is diagnosed is a pendulum"),
+        (gym.make(PENDULUM), {"model": model}, "the environment has a pendulum"),
         (arm, {"terms": ["viscous"]}, "viscous is at none of the joints"),
         (arm, {"robot": "no-such.urdf"}, "no-such"),
     ):
         with pytest.raises(ValueError, match=told):
             DiagnoseOnline(env, **options)
-    with pytest.raises(ValueError, match="one by one"):
+    with pytest.raises(ValueError, match="a vector of arms"):
         DiagnoseOnlineVector(gym.make_vec(ARM, num_envs=2))
 
 
@@ -227,7 +227,7 @@ def test_environments_and_files_of_other_plants_are_refused(tmp_path):
     (tmp_path / "six.urdf").write_text(six_joint.urdf())
     with pytest.raises(ValueError, match=r"joints shoulder, elbow, and .*six\.urdf base, shoulder"):
         EstimateParameters(gym.make(ARM), robot=str(tmp_path / "six.urdf"))
-    with pytest.raises(ValueError, match="one by one"):
+    with pytest.raises(ValueError, match="a vector of arms"):
         EstimateParametersVector(gym.make_vec(ARM, num_envs=2))
 
 
