@@ -169,22 +169,25 @@ def drawn_reference(
 
 def simulate(
     seed: int,
-    hidden: Hidden | None = None,
+    hidden: Hidden | Sequence[Hidden] = (),
     seconds: float = 20.0,
     load: Load | None = None,
     thermometers: bool = False,
     rubs: Sequence[float] = (1.0,) * len(JOINTS),
+    rate: float = RATE,
+    noise: Sequence[float] = NOISE,
 ) -> ArmRecording:
     """A recording of the arm in MuJoCo, perhaps with temperatures of its joints, and so many times the friction.
 
-    It has as many joints as there are such factors.
+    It has as many joints as there are such factors. Rate [Hz] and noise of the torque [N m] are those of the log.
     """
     import mujoco
 
     rng, n = np.random.default_rng(seed), len(rubs)
+    hidden = (hidden,) if isinstance(hidden, Hidden) else hidden
     spec = mujoco.MjSpec.from_string(urdf(load, SEVEN[:n]))
-    if hidden is not None:
-        hidden.tie(spec)
+    for own in hidden:
+        own.tie(spec)
     model = spec.compile()
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
@@ -193,31 +196,31 @@ def simulate(
     model.dof_solref[:], model.dof_solimp[:, :3] = (2 * STEP, 1.0), (0.95, 0.999, 1e-4)
     model.tendon_solref_fri[:], model.tendon_solimp_fri[:, :3] = model.dof_solref[:1], model.dof_solimp[:1, :3]
     data = mujoco.MjData(model)
-    law = hidden.forces(rubs[hidden.joint]) if hidden is not None else None
+    laws = [(own.joint, own.forces(rubs[own.joint])) for own in hidden]
     reference = drawn_reference(rng, SWEEP[:n], MIDDLE[:n])
 
     data.qpos[:], data.qvel[:] = reference(0.0)
-    steps, substeps = round(seconds * RATE), round(1 / RATE / STEP)
-    positions, torques = np.empty((2, steps, n))
-    warmer = (WARMER * (1.0 - np.exp(-np.arange(steps)[:, None] / RATE / WARM_UP)))[:, :n]  # (steps, n)
-    for k in range(steps):
-        q, v = reference(k / RATE)
+    substeps = round(1 / rate / STEP)
+    time = np.arange(round(seconds / STEP / substeps)) * substeps * STEP
+    positions, torques = np.empty((2, len(time), n))
+    warmer = (WARMER * (1.0 - np.exp(-time[:, None] / WARM_UP)))[:, :n]  # (steps, n)
+    for k, t in enumerate(time.tolist()):
+        q, v = reference(t)
         mujoco.mj_forward(model, data)
         torque = data.qfrc_bias + STIFFNESS[:n] * (q - data.qpos) + DAMPING[:n] * (v - data.qvel)
         positions[k], torques[k] = data.qpos, torque
         for _ in range(substeps):
             data.qfrc_applied[:] = torque
-            if hidden is not None and law is not None:
-                j = hidden.joint
+            for j, law in laws:
                 force, dry = law(float(data.qpos[j]), float(data.qvel[j]), float(torque[j]), float(warmer[k, j]))
                 data.qfrc_applied[j] += force
                 model.dof_frictionloss[j] = dry
             mujoco.mj_step(model, data)
     count = 2 * np.pi / COUNTS
     positions = np.round(positions / count) * count
-    torques = torques + NOISE[:n] * rng.normal(size=torques.shape)
-    name = hidden.name if hidden else f"null {seed}"
-    recording = ArmRecording.of(name, SEVEN[:n], np.arange(steps) / RATE, positions, torques)
+    torques = torques + np.asarray(noise)[:n] * rng.normal(size=torques.shape)
+    name = " ".join(own.name for own in hidden) or f"null {seed}"
+    recording = ArmRecording.of(name, SEVEN[:n], time, positions, torques)
     return replace(recording, temperature=25.0 + warmer) if thermometers else recording
 
 

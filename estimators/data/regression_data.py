@@ -120,12 +120,17 @@ class RegressionData:
 
     def unique_share(self, terms: Terms, term: Term) -> float:
         """Return the share of a term's columns that parameters of some terms cannot imitate, the largest of all."""
-        (columns,), balance = self.columns([term]), self.equations(terms)
-        weights = balance.weights[:, None]
+        (columns,), weights = self.columns([term]), self.equations(terms).weights[:, None]
         own = place_columns(len(weights), [(self.where(term.at), np.column_stack([columns.linear, columns.fixed]))])
         own = own[:, np.linalg.norm(own, axis=0) > 0] * weights
-        rest = project_out(np.linalg.qr(balance.tangent().slopes * weights)[0], own)
+        rest = project_out(self._frame(tuple(terms)), own)
         return float(max(np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0), default=0.0))
+
+    @memoized
+    def _frame(self, terms: Terms) -> Array:
+        """Orthonormal basis (R, P) of what parameters of some terms imitate, weighted as in a fit."""
+        balance = self.equations(terms)
+        return np.asarray(np.linalg.qr(balance.tangent(self.solve(terms)).slopes * balance.weights[:, None])[0])
 
     def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
         """Return the variance of torque noise that terms filter out of rows of torque, with these rows [(N m)^2]."""

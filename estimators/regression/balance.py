@@ -96,10 +96,9 @@ class Balance:
         Their ratio is the error of the predicted torque, while that is small.
         """
         slope = 1.0 - theta @ self.by_torque.T if self.of_torque.any() else np.ones((len(theta), len(self.y)))
-        if self.response is not None:
-            bends = self._response_slopes[1]
-            middle = bends.shape[1] // 2
-            slope = slope - 1.0 + 0.5 * (bends[:, middle - 1] + bends[:, middle])
+        bent, steps, bends = self._response_slopes
+        middle = steps.shape[1] // 2
+        slope[:, bent] += 0.5 * bends[:, middle - 1 : middle + 1].sum(axis=1) - 1.0
         return self.y - theta @ self.phi.T, np.maximum(slope * self.torque_share, SOLVER.tiny)
 
     @property
@@ -118,28 +117,32 @@ class Balance:
         return self.response is None and not self.of_torque.any()
 
     @cached_property
-    def _response_slopes(self) -> tuple[Array, Array]:
-        """Steps of the perturbations, and slopes of the response over each step, (R, J - 1) each."""
-        assert self.perturbations is not None and self.response is not None
+    def _response_slopes(self) -> tuple[Index, Array, Array]:
+        """Equations whose response is not the torque itself (B,), and steps of perturbations with slopes (B, J - 1)."""
+        if self.perturbations is None or self.response is None:
+            return np.empty(0, dtype=np.intp), np.empty((0, 0)), np.empty((0, 0))
         steps = np.diff(self.perturbations, axis=1)
-        return steps, np.diff(self.response, axis=1) / steps
+        slopes = np.diff(self.response, axis=1) / steps
+        bent = np.flatnonzero(np.abs(slopes - 1.0).max(axis=1) >= SOLVER.linear_response)
+        return bent, steps[bent], slopes[bent]
 
     def _error(self, theta: Array) -> tuple[Array, Array]:
         """Return the errors (R,) and the slopes of the equations by the torque (R,)."""
         left = (self.y - self.phi @ theta) / self.torque_share
         if self.is_linear:
             return left, np.ones(len(left))
-        response_slope = self.by_torque @ theta
-        if self.response is None or self.perturbations is None:
-            slope = np.maximum(1.0 - response_slope, LEAST_SLOPE)
-            return left / slope, slope
-        steps, bends = self._response_slopes
-        slopes = np.maximum(bends - response_slope[:, None], LEAST_SLOPE)  # (R, J - 1)
-        balance = np.cumsum(np.column_stack([left, slopes * steps]), axis=1)  # at each perturbation (R, J)
-        balance += (left - balance[:, steps.shape[1] // 2])[:, None]
-        rows, place = np.arange(len(left)), np.clip(np.sum(balance < 0, axis=1) - 1, 0, steps.shape[1] - 1)
-        slope = slopes[rows, place]
-        return balance[rows, place] / slope - self.perturbations[rows, place], slope
+        response_slope = self.by_torque[:, self.of_torque] @ np.compress(self.of_torque, theta)
+        slope = np.maximum(1.0 - response_slope, LEAST_SLOPE)
+        error, (bent, steps, bends) = left / slope, self._response_slopes
+        if self.perturbations is None or not len(bent):
+            return error, slope
+        slopes = np.maximum(bends - response_slope[bent, None], LEAST_SLOPE)  # (B, J - 1)
+        balance = np.cumsum(np.column_stack([left[bent], slopes * steps]), axis=1)  # at each perturbation (B, J)
+        balance += (left[bent] - balance[:, steps.shape[1] // 2])[:, None]
+        rows, place = np.arange(len(bent)), np.clip(np.sum(balance < 0, axis=1) - 1, 0, steps.shape[1] - 1)
+        slope[bent] = slopes[rows, place]
+        error[bent] = balance[rows, place] / slope[bent] - self.perturbations[bent, place]
+        return error, slope
 
     def solve(self, start: Array | None = None) -> Array:
         """Fit parameters (P,) within their bounds; `start` (P,) has those of columns that depend on the torque."""
@@ -195,12 +198,12 @@ class Balance:
             unfiltered=None,
         )
 
-    def solve_without(self, fold: Index, count: int) -> Array:
-        """Fit parameters (K, P) without each of K folds, given the fold of every equation (R,).
+    def solve_without(self, fold: Index, count: int, theta: Array | None = None) -> Array:
+        """Fit parameters (K, P) without each of K folds; `theta` (P,), the whole fit, is solved unless given.
 
         Each fold's normal equations are made once, around the whole fit. The fit without a fold is one step from there.
         """
-        near = self.tangent()
+        near = self.tangent(theta)
         rows = np.column_stack([near.error, near.slopes]) * self.weights[:, None]
         grams = np.array([own.T @ own for own in (rows[fold == k] for k in range(count))])
         found = np.empty((count, len(near.theta)))
@@ -254,9 +257,12 @@ class Balance:
         whole = own if jacobian is None else np.column_stack([own, jacobian / torque_share])
         return error, whole / slope[:, None]
 
-    def tangent(self) -> Tangent:
-        """Linearise the errors around the fit, or around zero where they are linear."""
-        theta = np.zeros(self.phi.shape[1]) if self.is_linear else self.solve()
+    def tangent(self, theta: Array | None = None) -> Tangent:
+        """Linearise the errors around the fit (P,), solved unless given, or around zero where they are linear."""
+        if self.is_linear:
+            theta = np.zeros(self.phi.shape[1])
+        elif theta is None:
+            theta = self.solve()
         error, slope = self._error(theta)
         return Tangent(theta, error, self.slopes(theta), 1.0 / (slope * self.torque_share))
 
@@ -290,18 +296,23 @@ class Balance:
 
 def find_linear_rows(balance: Balance) -> Mask:
     """Find the equations without a law of the torque (R,), such as those of other joints."""
-    plain = ~balance.by_torque.any(axis=1)
-    if balance.perturbations is not None:
-        plain &= np.abs(balance._response_slopes[1] - 1.0).max(axis=1) < SOLVER.linear_response
-    return np.asarray(plain)
+    plain: Mask = np.asarray(~balance.by_torque.any(axis=1))
+    plain[balance._response_slopes[0]] = False
+    return plain
 
 
-def condense(balance: Balance, plain: Mask) -> Balance:
+def condense(balance: Balance, plain: Mask, slopes: Array, target: Array) -> Balance:
     """Return fewer equations with the same solutions, those that are kept first.
 
-    Equations without a law of the torque, `plain` (R,), are equivalent to the triangle of their QR decomposition.
+    Linear equations are equivalent to the triangle of their QR decomposition.
+
+    Args:
+        balance: equations.
+        plain: which are linear, or taken for their tangent (R,).
+        slopes: of what these predict by the parameters (L, P).
+        target: what they predict at the fit (L,) [N m].
     """
-    rows = np.column_stack([balance.phi, balance.y])[plain] * (balance.weights / balance.torque_share)[plain, None]
+    rows = np.column_stack([slopes, target]) * balance.weights[plain, None]
     triangle = np.asarray(np.linalg.qr(rows, mode="r"))
     kept, ones = balance[~plain], np.ones(len(triangle))
     zeros = np.zeros((len(triangle), balance.phi.shape[1]))
@@ -317,7 +328,8 @@ def _without_linear_rows(balance: Balance) -> Balance:
     """Return equations with the same solutions, with many linear ones condensed: they need no iteration."""
     if balance.is_linear or np.count_nonzero(plain := find_linear_rows(balance)) <= 2 * balance.phi.shape[1]:
         return balance
-    return condense(balance, plain)
+    share = np.broadcast_to(balance.torque_share, plain.shape)[plain]
+    return condense(balance, plain, balance.phi[plain] / share[:, None], balance.y[plain] / share)
 
 
 def place_columns(count: int, parts: Sequence[tuple[slice, Array]]) -> Array:
@@ -344,3 +356,8 @@ class Tangent(NamedTuple):
     error: Array
     slopes: Array
     scale: Array
+
+    @property
+    def target(self) -> Array:
+        """What the slopes predict at the fit (R,) [N m]."""
+        return self.error + self.slopes @ self.theta

@@ -135,11 +135,22 @@ def jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Arra
     else:
         scores = np.array([own.T @ left for own, left in parts])
         kept = np.eye(len(bread)) - grams @ bread
-        alone = (np.linalg.pinv(kept, rcond=1e-6) @ scores[:, :, None])[:, :, 0]
+        alone = (_inverses(kept) @ scores[:, :, None])[:, :, 0]
     told = np.einsum("ij,kji->ki", bread, grams @ bread)
     meat = alone.T @ alone
     covariance = (count - 1) / count * bread @ meat @ bread
     return np.asarray(covariance / np.outer(size, size)), told
+
+
+def _inverses(matrices: Array) -> Array:
+    """Invert matrices (C, P, P); pseudo-inverses where one may be singular, which take ten times as long."""
+    try:
+        found = np.linalg.inv(matrices)
+        if np.all(np.linalg.norm(found, axis=(1, 2)) * np.linalg.norm(matrices, axis=(1, 2)) < 1e6):
+            return np.asarray(found)
+    except np.linalg.LinAlgError:
+        pass
+    return np.asarray(np.linalg.pinv(matrices, rcond=1e-6))
 
 
 def _alone(phi: Array, residual: Array, bread: Array) -> Array:

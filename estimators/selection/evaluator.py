@@ -105,10 +105,11 @@ class ModelEvaluator:
             for own, part in zip(absorbed, self.parts, strict=True):
                 noise = [w.rate_noise(inertia) for w in part.data.part(without.at).windows]
                 own.append((part.where(without.at), float(np.mean(np.square(noise))) * without.lead**2))
+        theta = self.train.solve(terms)
         return np.concatenate(
             [
-                cross_validated(self.train.equations(terms), first, absorbed[0]),
-                predicted(self.train.solve(terms), self.holdout.equations(terms, by_noise=True), second, absorbed[1]),
+                cross_validated(self.train.equations(terms), first, absorbed[0], theta),
+                predicted(theta, self.holdout.equations(terms, by_noise=True), second, absorbed[1]),
             ]
         )
 

@@ -30,6 +30,7 @@ FOLDS = 10  # of cross-validation
 BLOCK = 1.0  # [s]
 DRAWS = 4000  # of the Bayesian bootstrap
 TURNS, SETTLED = 20, 1e-5  # largest number of iterations for a scale, and relative change at convergence
+LEAP = 0.5  # longest step of Newton's method, in the logarithm of a squared scale
 
 
 Hidden = Sequence[tuple[slice, float]]  # rows, and variance of the torque noise that a model absorbs in them
@@ -64,15 +65,16 @@ def weighted_squares(squares: Array, scale: Array | float) -> Array:
     return np.asarray((NU + 1) * squares / (NU + squares / scale))
 
 
-def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = ()) -> Array:
+def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = (), theta: Array | None = None) -> Array:
     """Return the log density of each block (S,), predicted by the fit to the others [nat].
 
     Args:
         balance: equations of the model.
         where: block and recording of each equation.
         hidden: torque noise that the model absorbs, which still counts as error.
+        theta: parameters of the fit to all blocks (P,), if they are known.
     """
-    return _density(balance, balance.solve_without(where.fold, FOLDS), where, hidden)
+    return _density(balance, balance.solve_without(where.fold, FOLDS, theta), where, hidden)
 
 
 def predicted(theta: Array, balance: Balance, where: Blocks, hidden: Hidden = ()) -> Array:
@@ -93,10 +95,11 @@ def _density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> A
     for rows, variance in hidden:
         left[:, rows] *= np.sqrt(1 + variance / max(float(np.mean(left[:, rows] ** 2)), 1e-300))
     fold, reach = where.fold, balance.reach
-    total = np.zeros(len(where.of_block))
+    total, scales = np.zeros(len(where.of_block)), None
     for k in np.unique(fold):
         test, own = fold == k, min(k, len(left) - 1)
-        square = _scales(left[own], where.recording, test)[where.recording[test]]
+        scales = _scales(left[own], where.recording, test, scales)
+        square = scales[where.recording[test]]
         least = SOLVER.tiny * np.where(np.isfinite(reach[test]), reach[test], 0.0)  # no torque is known better
         square = np.maximum(square, least**2)
         density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(left[own, test] ** 2 / (NU * square))
@@ -106,15 +109,17 @@ def _density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> A
     return total
 
 
-def _scales(errors: Array, recording: Index, test: Mask) -> Array:
+def _scales(errors: Array, recording: Index, test: Mask, near: Array | None) -> Array:
     """Return the squared scale of Student's t of each recording's errors by maximum likelihood.
 
-    By the parameter-expanded EM algorithm (Liu, Rubin and Wu, Biometrika 85(4), 1998): fewer iterations than EM.
+    By Newton's method for the logarithm, and by the parameter-expanded EM algorithm where that would leap (Liu, Rubin
+    and Wu, Biometrika 85(4), 1998).
 
     Args:
         errors: (R,).
         recording: of each.
         test: errors to leave out, as they are predicted (R,); a recording without others uses them.
+        near: squared scales to start from, such as those of another fold.
     """
     count = int(recording.max()) + 1
     known = ~test
@@ -125,10 +130,13 @@ def _scales(errors: Array, recording: Index, test: Mask) -> Array:
     def mean(values: Array) -> Array:
         return np.maximum(np.bincount(owner, values, count) / number, 1e-300)
 
-    square = mean(squares)
+    square = mean(squares) if near is None else near
     for _ in range(TURNS):
-        excess = mean((NU + 1) * squares / (NU * square[owner] + squares))  # one at the maximum
-        before, square = square, np.maximum(square * excess * NU / (NU + 1 - excess), 1e-300)
+        share = squares / (NU * square[owner] + squares)
+        excess = (NU + 1) * mean(share)  # one at the maximum
+        step = (excess - 1.0) / np.maximum(excess - (NU + 1) * mean(share**2), 1e-300)
+        safe = np.maximum(excess * NU / (NU + 1 - excess), 1e-300)
+        before, square = square, np.maximum(square * np.where(np.abs(step) < LEAP, np.exp(step), safe), 1e-300)
         if (np.abs(square - before) <= SETTLED * before).all():
             break
     return square

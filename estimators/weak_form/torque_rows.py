@@ -15,7 +15,7 @@ import numpy as np
 
 from estimators.data.rows import FittedTerms, RowLayout, ScoredTerms, Terms
 from estimators.memoize import memoized
-from estimators.regression.balance import Balance, Columns, Tangent, condense, find_linear_rows, place_columns
+from estimators.regression.balance import Balance, Columns, Tangent, condense, place_columns
 from estimators.regression.least_squares import weigh_recordings
 from estimators.search_hints import hints_of, is_possible
 from estimators.weak_form.columns import bounds, depends_on_torque, is_known
@@ -174,7 +174,8 @@ class TorqueRows:
     def with_variant(self, terms: Terms, here: slice) -> Callable[[Term, Columns], Balance]:
         """Return a function that gives the rows of the terms and a variant, from the variant's columns.
 
-        The part of the terms is computed once. Rows of other joints that are linear are condensed to their fit.
+        The part of the terms is computed once. Rows of other joints are condensed to the tangent of their errors, which
+        are linear unless friction there grows with the load.
         """
         if not terms or any(term.lead for term in terms):  # no shared part, or one that each variant changes
             shared, w = self.columns_of_each(terms), self.weights(terms)
@@ -182,8 +183,9 @@ class TorqueRows:
         first, perturbations = self.equations(terms), self.perturbations
         elsewhere = np.ones(len(perturbations), dtype=bool)
         elsewhere[here] = False
-        if elsewhere.any() and find_linear_rows(first)[elsewhere].all():
-            first, own_rows = condense(first, elsewhere), perturbations[here]
+        if elsewhere.any():
+            near, own_rows = self.tangent(terms), perturbations[here]
+            first = condense(first, elsewhere, near.slopes[elsewhere], near.target[elsewhere])
             wide = np.tile(perturbations.max(axis=0), (len(first.y) - len(own_rows), 1))
             here, perturbations = slice(0, len(own_rows)), np.concatenate([own_rows, wide])
         return lambda variant, own: first.with_columns([(here, own)], *bounds([variant]), perturbations)
@@ -198,13 +200,18 @@ class TorqueRows:
     def _weight_of_each(self, terms: Terms) -> Array:
         """Weight of each recording (E,)."""
         balance, owner = self.equations(terms, by_noise=True), self.data.recording_of_window
-        squares = np.bincount(owner, balance.error(balance.solve()) ** 2).astype(float)
+        squares = np.bincount(owner, balance.error(self._solve_by_noise(terms)) ** 2).astype(float)
         return weigh_recordings(squares, np.bincount(owner), self.data.least())
+
+    @memoized
+    def _solve_by_noise(self, terms: Terms) -> Array:
+        return self.equations(terms, by_noise=True).solve()
 
     @memoized
     def solve(self, terms: Terms) -> Array:
         """Fit the linear parameters (P,) of the terms to all windows."""
-        return self.equations(terms).solve()
+        balance = self.equations(terms)
+        return balance.solve(None if balance.is_linear or len(self.data.windows) == 1 else self._solve_by_noise(terms))
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
         """Fit the linear parameters of some terms, always to convergence; a search sets nonlinear parameters."""
@@ -217,7 +224,7 @@ class TorqueRows:
     @memoized
     def tangent(self, terms: Terms) -> Tangent:
         """Return the errors near the fit of the terms, to first order."""
-        return self.equations(terms).tangent()
+        return self.equations(terms).tangent(self.solve(terms))
 
     @memoized
     def _frame(self, terms: Terms) -> Array:
