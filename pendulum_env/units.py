@@ -1,6 +1,17 @@
-"""Units and names of quantities at a joint that turns or slides, with torque in N m or another channel in its place."""
+"""Units and names of quantities at a joint that turns or slides, with torque in N m or another channel in its place.
 
+Numbers are in SI everywhere. `to_shown_unit` converts angles where numbers become text, if degrees are asked for.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from math import degrees
+from typing import TypeVar
+
+from pendulum_env._typing import Array
+
+T = TypeVar("T", float, Array)
 
 PRODUCTS = {"kg m^2": "N m s^2", "J": "N m rad", "W": "N m rad/s"}  # of a torque
 RELATIVE = {  # to the inertia, N m s^2/rad
@@ -13,6 +24,34 @@ RELATIVE = {  # to the inertia, N m s^2/rad
     "N m rad/s": "rad^2/s^3",
 }
 SLIDING = {"torque": "force", "angle": "position"}  # names at a joint that slides
+
+IN_DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad within a turn": "deg within a turn"}  # units of motion, as shown
+
+_angle = "rad"
+
+
+@contextmanager
+def show_angles(unit: str) -> Iterator[None]:
+    """Show angles and speeds of joints in `rad` or `deg`; a context manager, or a decorator. Files stay in SI."""
+    global _angle
+    before, _angle = _angle, unit
+    try:
+        yield
+    finally:
+        _angle = before
+
+
+def to_shown_unit(value: T, unit: str, is_parameter: bool = False) -> tuple[T, str]:
+    """Return a value and its unit as they are shown: an angle or a speed in degrees, if `show_angles` says so.
+
+    Args:
+        value: number or array, in its unit.
+        unit: SI.
+        is_parameter: whether it is a parameter of a model: rad/s may be a frequency then, and stays.
+    """
+    if _angle == "rad" or unit not in IN_DEGREES or (is_parameter and unit != "rad"):
+        return value, unit
+    return value * degrees(1.0), IN_DEGREES[unit]
 
 
 def is_of_torque(unit: str) -> bool:

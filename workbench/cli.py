@@ -14,6 +14,7 @@ from typing import NoReturn
 
 from pendulum_env.lookup import find
 from pendulum_env.settings import use_writer
+from pendulum_env.units import show_angles
 from workbench.mistakes import MISTAKES, InputError, sentence, write_option
 from workbench.terminal import Terminal, abandon
 
@@ -173,7 +174,8 @@ def _run(argv: Sequence[str]) -> None:
         if not done.code and _fault_of_effect(done) is None:  # argparse leaves so after --help
             return
         raise
-    arguments.run(arguments, Terminal())
+    with show_angles("deg" if getattr(arguments, "degrees", False) else "rad"):
+        arguments.run(arguments, Terminal())
 
 
 def _fault_of_effect(error: BaseException) -> Exception | None:

@@ -225,6 +225,7 @@ recordings RECORDING  {KINDS}; fitted jointly
 --model MODEL.json  start from its terms (default: the paper's four)
 --seed  of all random numbers (default 0)
 --report FILE.html  write a report with plots, one file to share
+--degrees  print and draw angles and speeds in degrees; options, files of models and --json stay in rad
 -v, --verbose  print errors, parameters, candidates and their gates as tables, and all remarks
 """
 

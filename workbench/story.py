@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from estimators.diagnosis.result import Diagnosis
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.model import short_name
-from pendulum_env.words import Table, number_text
+from pendulum_env.quantity import Quantity
+from pendulum_env.units import to_shown_unit
+from pendulum_env.words import Table
 from workbench.narrator.diagnosis import (
     describe_disagreement,
     describe_region,
@@ -15,6 +17,7 @@ from workbench.narrator.diagnosis import (
     next_step,
     remarks,
 )
+from workbench.narrator.findings import measure, measure_change
 from workbench.narrator.results import Part, ends, of_diagnosis
 from workbench.terminal import Terminal
 
@@ -74,14 +77,17 @@ def errors_line(found: Diagnosis) -> str:
 
     def fall(before: float, after: float, unit: str) -> str:
         is_new = len(found.steps) > 1 and not (math.isnan(before) and math.isnan(after))
-        return f"{f'{number_text(before, 4)} -> ' if is_new else ''}{number_text(after, 4, unit)}"
+        old, new = Quantity(before, unit=unit), Quantity(after, unit="" if math.isnan(after) else unit)
+        return measure_change(old, new, 4) if is_new else measure(new, 4)
 
+    floors = {at: to_shown_unit(floor, found.unit_at(at))[0] for at, floor in found.floors.items()}
     falls = [
         f"{at or what} {fall(first.at(at), last.at(at), found.unit_at(at))} ({source} alone {floor:.3g})"
-        for at, floor in found.floors.items()
+        for at, floor in floors.items()
     ]
     if found.body.can_simulate and not last.is_in_loop:
-        falls.append(f"free-running position {fall(first.position_rms, last.position_rms, 'rad')}")
+        angle = found.model.units().unit("rad")
+        falls.append(f"free-running position {fall(first.position_rms, last.position_rms, angle)}")
     return f"error held out: {', '.join(falls)}"
 
 

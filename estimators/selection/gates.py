@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pendulum_env._typing import JSON
+from pendulum_env.units import to_shown_unit
 
 
 @dataclass(frozen=True)
@@ -30,9 +31,10 @@ class Gate:
     @property
     def cells(self) -> tuple[str, str, str, str]:
         """Name, value with its standard error and unit, limit, and `passed` or `failed`, as texts."""
-        error, unit = "" if self.std is None else f" ± {self.std:.2g}", "" if self.unit == "1" else f" {self.unit}"
-        value = f"{self.value:.3g}{error}{unit}"
-        return self.name.replace("_", " "), value, f"{self.limit:.3g}", "passed" if self.passed else "failed"
+        factor, of = to_shown_unit(1.0, self.unit, is_parameter=True)
+        error, unit = "" if self.std is None else f" ± {factor * self.std:.2g}", "" if of == "1" else f" {of}"
+        value = f"{factor * self.value:.3g}{error}{unit}"
+        return self.name.replace("_", " "), value, f"{factor * self.limit:.3g}", "passed" if self.passed else "failed"
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""

@@ -27,7 +27,7 @@ from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.physics.terms import with_nonlinear_values
 from pendulum_env.reading import Number, Text, Unreadable, convert, read_json, shown
 from pendulum_env.settings import Blank, setting
-from pendulum_env.units import JointUnits
+from pendulum_env.units import JointUnits, to_shown_unit
 from pendulum_env.words import plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
@@ -77,8 +77,15 @@ class Estimate:
             return f"{self.value:.3g} (biased)"
         return plus_minus(self.value, self.std) + (" (at its bound)" if self.at_bound else "")
 
+    @property
+    def shown(self) -> Estimate:
+        """The same in the unit that is shown: an angle may be in degrees. Speeds and frequencies stay in rad/s."""
+        factor, unit = to_shown_unit(1.0, self.unit, is_parameter=True)
+        return replace(self, value=factor * self.value, std=factor * self.std, unit=unit)
+
     def __str__(self) -> str:
-        return self.text if self.is_unknown or self.unit == "1" else f"{self.text} {self.unit}"
+        own = self.shown
+        return own.text if own.is_unknown or own.unit == "1" else f"{own.text} {own.unit}"
 
     def __repr__(self) -> str:
         return f"<{self}>"

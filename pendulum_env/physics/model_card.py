@@ -8,7 +8,7 @@ from pendulum_env.words import Table, listing
 def parameters_table(model: Model) -> Table:
     """Parameters with standard errors, also as people call them."""
     named = {**model.readable, **model.derived}
-    rows = [(short_name(name), e.text, e.unit) for name, e in named.items()]
+    rows = [(short_name(name), e.text, e.unit) for name, e in ((name, own.shown) for name, own in named.items())]
     return Table(("parameter", "estimate", "unit"), rows, left=("unit",))
 
 

@@ -24,6 +24,7 @@ from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.sampling import cut, uniform
 from pendulum_env.recording.vocabulary import QUANTITIES
 from pendulum_env.servo.drive import Drive
+from pendulum_env.units import JointUnits
 from pendulum_env.words import plus_minus
 
 T = TypeVar("T")
@@ -243,6 +244,11 @@ class Recording:
 
     def _repr_html_(self) -> str:
         return shown(self)
+
+    @property
+    def units(self) -> JointUnits:
+        """Units of its quantities."""
+        return JointUnits(self.torque_unit)
 
     @property
     def summary(self) -> str:

@@ -69,6 +69,17 @@ def test_record_writes_what_can_be_read_says_what_is_hidden_and_repeats_itself_w
     assert one == again != other
 
 
+def test_degrees_change_what_is_printed_and_drawn_and_no_file(runs, done):
+    said, files = {}, {}
+    for unit, option in (("rad", ""), ("deg", "--degrees")):
+        said[unit] = done(f"compare base.json holdout.csv --json {unit}.json --report {unit}.html {option}")
+        files[unit] = Path(f"{unit}.html").read_text()
+    assert held("rad.json") == held("deg.json")
+    rad, deg = (re.findall(rf"([\d.]+).{unit} in free run", files[unit])[0] for unit in said)
+    assert float(deg) == pytest.approx(np.degrees(float(rad)), rel=0.01)
+    assert "[rad]" in said["rad"] and "[rad]" not in said["deg"] and "velocity q' [rad/s]" not in files["deg"]
+
+
 def test_identify_prints_six_schemes_and_saves_a_model(runs, done):
     out = done("identify train.csv -o model.json --json found.json")
     schemes = ("dynamic", "filtered_dynamic", "energy", "filtered_power", "hamiltonian", "filtered_hamiltonian")

@@ -16,7 +16,7 @@ from pendulum_env.physics.description import Symptom
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.physics.table import TABLES, PowerOfSpeed
 from pendulum_env.physics.terms import untested_ends
-from pendulum_env.units import JointUnits
+from pendulum_env.units import JointUnits, show_angles
 from workbench.narrator.diagnosis import describe_detectable, describe_region, describe_suggestion
 from workbench.narrator.effects import EFFECTS, description, name
 from workbench.narrator.findings import DESCRIBED, describe
@@ -120,13 +120,35 @@ SAID = [  # numbers as they are shown: their unit, sign and digits
     (describe_objection, Finding(Kind.ERRORS_FALL, FALL), r"0\.2 -> 0\.1 A, .*0\.2 -> 0\.1 rad"),
     (describe_objection, Finding(Kind.TIES, effects=("spring",)), "as well as spring"),
     (describe_detectable, Detectable("stribeck", 0.05, "A"), r"above 0\.05 A"),
-    (describe_detectable, Detectable("hard_stop", between=(-1.2, 0.9)), r"between -1\.2 and 0\.9 rad"),
+    (describe_detectable, Detectable("hard_stop", between=(-1.2, 0.9)), r"-1\.2 to 0\.9 rad"),
     (
-        partial(describe_suggestion, unit="A"),
+        partial(describe_suggestion, units=CURRENT),
         Suggestion(excitation("paper", 0, 9), 20.0, (Aim("spring", "gravity"),), 1.2, (-1.0, 1.0), 3.0),
         r"To tell spring from gravity: record 20 s of.* up to 1\.2 A",
     ),
 ]  # fmt: skip
+
+
+IN_DEGREES = [  # positions and speeds of the joint; frequencies and what has torque in it stay in SI
+    (describe, Finding(Kind.NEAR_REVERSALS, {"error": Quantity(0.05, unit="rad")}), r"2\.9 deg"),
+    (describe, Finding(Kind.UNIDENTIFIABLE, {"gap": Quantity(0.02, 0.01, "rad")}, ("gap",)), r"1\.15 ± 0\.57 deg"),
+    (describe, Finding(Kind.UNIDENTIFIABLE, {"f": Quantity(6.0, 1.0, "rad/s")}, ("f",)), r"6\.0 ± 1\.0 rad/s"),
+    (describe, Finding(Kind.BEYOND_LIMITS, {"speed": Quantity(2.0, unit="rad/s")}, pairs=PAIR), "within 115 deg/s"),
+    (describe, Finding(Kind.FEEDBACK, {"gain": Quantity(-3.0, unit="N m/rad")}), "-3 N m/rad"),
+    (describe, outlier(2.0), r"3 ?(N m s/rad)? instead of 1 N m s/rad"),
+    (describe_region, Region("position", -1.0, 0.5, -0.2, 12.0, "rad"), r"-57\.3 to 28\.6 deg .*0\.2 N m less"),
+    (describe_region, Region("velocity", -1.0, 0.5, 0.2, 12.0, "m/s", units=SLIDE), "-1 to 0.5 m/s"),
+    (describe_objection, Finding(Kind.ERRORS_FALL, FALL), r"0\.2 -> 0\.1 A, .*11\.5 -> 5\.73 deg"),
+    (describe_detectable, Detectable("hard_stop", between=(-1.2, 0.9)), r"-68\.8 to 51\.6 deg"),
+]
+
+
+@pytest.mark.parametrize(("narrate", "what", "said"), IN_DEGREES)
+def test_angles_are_told_in_degrees_if_asked_for(narrate, what, said):
+    with show_angles("deg"):
+        told = narrate(what)
+    assert re.search(said, told)
+    assert "deg" not in narrate(what)
 
 
 @pytest.mark.parametrize(("narrate", "what", "said"), SAID)

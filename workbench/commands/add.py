@@ -23,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"""
         model
         effect EFFECT  an id that `effects` lists, of an effect or a table; of an arm ID@JOINT
-        recordings --holdout {READING} --drive {ROBOT} --align {LIMITS}
+        recordings --holdout {READING} --drive {ROBOT} --align {LIMITS} --degrees
         -o, --output MODEL.json  write the model with the effect
         """,
         effect=_effect,

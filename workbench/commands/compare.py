@@ -39,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"""
         model
         recordings  {KINDS}; each compared with the model
-        {READING} --drive --align --report
+        {READING} --drive --align --report --degrees
         --loop  simulate whole recordings in closed loop from their reference, which needs --drive or a study with
             [drive]; if a drive is known, these errors are given anyway
         {ROBOT}

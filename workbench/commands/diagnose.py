@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --without {LIMITS} --instruments
         --significance P  largest p-value of the gain of an effect that is added, above 0 and below 1
             (default {Criterion.p_value:g}); a smaller one asks for clearer evidence
-        --verbose
+        --degrees --verbose
         --all  as --verbose, with every effect, also those that could not be judged
         --max-torque NM  largest torque of a suggested experiment [N m] (default {USUAL:g}, at most ten times the
             largest recorded)

@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     declare(
         parser,
         f"""
-        recordings {READING} --drive --align {ROBOT} {LIMITS} --instruments
+        recordings {READING} --drive --align {ROBOT} {LIMITS} --instruments --degrees
         --scheme all|ID,...  {", ".join(item.id for item in SCHEMES)}; all (default), or paper: all with the paper's
             own choices
         --json FILE  write estimates, warnings and how the estimates converge

@@ -3,18 +3,24 @@
 import numpy as np
 
 from estimators.comparison import Comparison
+from pendulum_env.quantity import Quantity
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
-from workbench.narrator.findings import GIVE_INERTIA
+from workbench.narrator.findings import GIVE_INERTIA, measure
 
 
 def headline(found: Comparison) -> str:
     """State the error of the model in one sentence."""
     errors = found.joint.errors
     times, at = max((errors.joints[at] / max(floor, 1e-300), at) for at, floor in found.joint.floors.items())
-    unit, where = found.model.units(at).unit(NEWTON_METRE), f" at {at}" if at else ""
-    text = f"The model is off by {errors.joints[at]:.3g} {unit}{where}, {times:.2g} times the noise floor"
-    return text if np.isnan(errors.position_rms) else f"{text}, and by {errors.position_rms:.3g} rad in free run"
+    units, where = found.model.units(at), f" at {at}" if at else ""
+    error = f"{errors.joints[at]:.3g} {units.unit(NEWTON_METRE)}{where}"
+    text = f"The model is off by {error}, {times:.2g} times the noise floor"
+    return (
+        text
+        if np.isnan(errors.position_rms)
+        else f"{text}, and by {measure(Quantity(errors.position_rms, unit=units.unit('rad')))} in free run"
+    )
 
 
 def caveat(found: Comparison) -> str | None:
@@ -30,6 +36,6 @@ def caveat(found: Comparison) -> str | None:
 
 def errors_in_loop(found: Comparison) -> str | None:
     """State the error in the loop; None where the controller is unknown."""
-    error = found.joint.errors
-    text = f"Simulated from its goals alone, the model is off by {error.in_loop:.3g} rad on average."
-    return text if error.is_in_loop else None
+    error = Quantity(found.joint.errors.in_loop, unit=found.model.units().unit("rad"))
+    text = f"Simulated from its goals alone, the model is off by {measure(error)} on average."
+    return text if found.joint.errors.is_in_loop else None

@@ -1,22 +1,21 @@
 """A diagnosis in words: what to do next, what else was found, and the files that hold both, with texts."""
 
-import numpy as np
-
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import Comparison
 from estimators.diagnosis.result import Detectable, Diagnosis, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.findings import Finding, Kind
+from estimators.findings import Finding, Kind, Quantity
 from estimators.schemes.identification import Identification
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
 from pendulum_env.excitation import signal_json
 from pendulum_env.recording import NoteKind
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.units import TURNING, JointUnits, show_angles
 from pendulum_env.words import listing, opening
 from workbench.narrator.effects import name
-from workbench.narrator.findings import aim, describe
+from workbench.narrator.findings import aim, describe, measure, measure_range
 from workbench.narrator.reasons import describe_reason
 
 FOR_DIAGNOSE = {Kind.INCOMPLETE, Kind.FRICTION_NEGATIVE}  # findings of `identify` that a diagnosis follows up
@@ -43,7 +42,7 @@ def _describe_stretch(region: Region) -> str:
     size, error = f"{abs(region.residual):.3g} {unit}", f"({significance} standard errors)"
     if region.axis == "frequency":
         return f"Around {0.5 * (region.low + region.high):.3g} Hz the residual oscillates by {size} {error}."
-    place = f"For {SYMBOLS[region.axis]} from {region.low:.3g} to {region.high:.3g} {region.unit}"
+    place = f"For {SYMBOLS[region.axis]} from {measure_range(region.low, region.high, region.unit)}"
     place = "Everywhere" if region.is_constant else place
     side = "more" if region.residual > 0 else "less"
     return f"{place} the joint needs {size} {side} {quantity} than the model says {error}."
@@ -68,19 +67,20 @@ def describe_alignment(found: Alignment) -> str | None:
     return None if found.finding is None else describe(found.finding)
 
 
-def describe_suggestion(found: Suggestion, unit: str = NEWTON_METRE) -> str:
+def describe_suggestion(found: Suggestion, units: JointUnits = TURNING) -> str:
     """Describe a suggested experiment."""
     aims = ", ".join(aim(own.effect, own.instead) for own in found.settles)
+    angle, speed = units.unit("rad"), measure(Quantity(found.peak_speed, unit=units.unit("rad/s")), 2)
     if found.signal is None:
         return (
-            f"To {aims}: let the joint go at rest at {found.release:.3g} rad and record {found.seconds:g} s without "
-            f"torque, with up to {found.peak_speed:.2g} rad/s to be expected."
+            f"To {aims}: let the joint go at rest at {measure(Quantity(found.release or 0.0, unit=angle))} and record "
+            f"{found.seconds:g} s without {units.name('torque')}, with up to {speed} to be expected."
         )
-    low, high = np.degrees(found.reach)
     kind = signal_json(found.signal)["kind"].replace("_", " ")
     return (
-        f"To {aims}: record {found.seconds:g} s of {kind} torque up to {found.peak_torque:.2g} {unit}, with angles "
-        f"from {low:.0f} to {high:.0f} degrees and up to {found.peak_speed:.2g} rad/s to be expected "
+        f"To {aims}: record {found.seconds:g} s of {kind} {units.name('torque')} up to {found.peak_torque:.2g} "
+        f"{units.unit(NEWTON_METRE)}, with {units.name('angle')}s from {measure_range(*found.reach, angle, 2)} and up "
+        f"to {speed} to be expected "
         "(`record --excitation suggested` plays it)."
     )
 
@@ -111,16 +111,17 @@ def describe_treatment(found: TriedTreatment) -> str:
 
 
 def describe_detectable(found: Detectable) -> str:
-    """Return the sizes that would have shown: `above 0.05 N m`, `between -1.2 and 0.9 rad`."""
+    """Return the sizes that would have shown: `above 0.05 N m`, `from -1.2 to 0.9 rad`."""
     if found.between is not None:
-        return "between {:.3g} and {:.3g} rad".format(*found.between)
-    return f"above {found.above:.2g}{'' if found.unit == '1' else ' ' + found.unit}"
+        return f"from {measure_range(*found.between, found.unit)}"
+    unit = "" if found.unit == "1" else found.unit
+    return f"above {measure(Quantity(found.above or 0.0, unit=unit), 2, is_parameter=True)}"
 
 
 def next_step(found: Diagnosis) -> str:
     """Name the experiment worth doing, or why there is none."""
     if found.suggestion is not None:
-        return describe_suggestion(found.suggestion, found.torque_unit)
+        return describe_suggestion(found.suggestion, found.model.units())
     if found.forbidden is not None:
         return _describe(found, found.forbidden)
     if found.inseparable:
@@ -167,12 +168,14 @@ def warnings(found: Identification) -> list[str]:
     return texts
 
 
+@show_angles("rad")
 def identification_json(found: Identification) -> JSON:
     """Return the content of the file of `identify --json`: results, findings, and these in words as `doubts`."""
     doubts = zip(warnings(found), found.findings, strict=True)
     return found.json() | {"doubts": [{"text": text, "withheld": [*own.withheld]} for text, own in doubts]}
 
 
+@show_angles("rad")
 def comparison_json(found: Comparison) -> JSON:
     """Return the content of the file of `compare --json`: results, and recordings that disagree in words."""
     data = found.json()
@@ -183,6 +186,7 @@ def comparison_json(found: Comparison) -> JSON:
     return data
 
 
+@show_angles("rad")
 def diagnosis_json(found: Diagnosis) -> JSON:
     """Return the content of the file of `diagnose --json`: results, findings, and these in words."""
     data = found.json()
@@ -198,7 +202,7 @@ def diagnosis_json(found: Diagnosis) -> JSON:
     for own, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
         own["text"] = describe_disagreement(disagreement)
     if found.suggestion is not None:
-        data["suggestion"]["text"] = describe_suggestion(found.suggestion, found.torque_unit)
+        data["suggestion"]["text"] = describe_suggestion(found.suggestion, found.model.units())
     if found.by_torque is not None:
         data["by_torque"]["says"] = contradiction(found) if found.is_contradicted else None
     return data

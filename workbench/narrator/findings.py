@@ -1,11 +1,13 @@
 """Sentences for findings, with numbers in the unit that is shown and the options of the command line."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
 from pendulum_env.settings import setting
+from pendulum_env.units import to_shown_unit
 from pendulum_env.words import listing, number_text, opening, plus_minus
 from workbench.narrator.effects import description, name
 
@@ -32,10 +34,24 @@ def describe(finding: Finding) -> str:
     return DESCRIBED[finding.kind](finding)
 
 
-def measure(quantity: Quantity, digits: int = 3) -> str:
-    """Return a number with its standard error, if it has one, and its unit."""
-    value = plus_minus(quantity.value, quantity.std) if quantity.std else number_text(quantity.value, digits)
-    return f"{value} {quantity.unit}".rstrip()
+def measure(quantity: Quantity, digits: int = 3, is_parameter: bool = False) -> str:
+    """Return a number with its standard error, if it has one, and its unit, as they are shown."""
+    factor, unit = to_shown_unit(1.0, quantity.unit, is_parameter)
+    value, std = factor * quantity.value, factor * quantity.std
+    text = plus_minus(value, std) if std else number_text(value, digits)
+    return f"{text} {unit}".rstrip()
+
+
+def measure_change(before: Quantity, after: Quantity, digits: int = 3) -> str:
+    """Return a number before and after in one unit: `0.2 -> 0.1 rad`."""
+    old, _ = to_shown_unit(before.value, before.unit)
+    return f"{number_text(old, digits)} -> {measure(after, digits)}"
+
+
+def measure_range(low: float, high: float, unit: str, digits: int = 3) -> str:
+    """Return two numbers in the same unit: `-1.2 to 0.9 rad`."""
+    ends = [to_shown_unit(end, unit) for end in (low, high)]
+    return f"{ends[0][0]:.{digits}g} to {ends[1][0]:.{digits}g} {ends[0][1]}".rstrip()
 
 
 def milliseconds(quantity: Quantity) -> str:
@@ -49,7 +65,7 @@ def _unidentifiable(found: Finding) -> str:
     names, first = listing(found.parameters), found.parameters[0].partition(".")[0]
     if not found.numbers:
         return f"The data do not determine {names}. Move all joints faster, wider and together."
-    best = ", ".join(measure(found.numbers[name]) for name in found.parameters)
+    best = ", ".join(measure(found.numbers[name], is_parameter=True) for name in found.parameters)
     return (
         f"The data do not determine {names}: the best fit is {best}. "
         f"Record {description(first).informative_experiment}, at more frequencies."
@@ -189,7 +205,8 @@ def _differences(found: Finding) -> str:
         own, others = found.numbers[parameter], found.numbers[f"others.{parameter}"]
         share = (own.value - others.value) / max(abs(others.value), 1e-300)
         if abs(share) > 1:  # of a parameter near zero
-            parts.append(f"{parameter} {own.value:.3g} instead of {others.value:.3g} {own.unit}")
+            plain = replace(own, std=0.0), replace(others, std=0.0)
+            parts.append(f"{parameter} {' instead of '.join(measure(one, is_parameter=True) for one in plain)}")
         else:
             percent = float(f"{100 * abs(share):.2g}")
             parts.append(f"{parameter} {percent:g} % {'higher' if share > 0 else 'lower'}")
@@ -244,7 +261,7 @@ def _incomplete(found: Finding) -> str:
 
 def describe_violations(found: Finding) -> list[str]:
     """Return phrases such as "a negative inertia" for violated physical bounds."""
-    numbers = {name: measure(found.numbers[name]) for name in found.parameters}
+    numbers = {name: measure(found.numbers[name], is_parameter=True) for name in found.parameters}
     return [PHRASES.get(name, f"{name} = {{}}").format(number) for name, number in numbers.items()]
 
 
@@ -311,7 +328,7 @@ def _fit_held_out_or_payload(found: Finding) -> str:
 def _beyond_limits(found: Finding) -> str:
     aims = listing([aim(*pair) for pair in found.pairs], "or")
     place = found.numbers.get("place")
-    there = "" if place is None else f" and go to {np.degrees(place.value):.0f} degrees, where most is left,"
+    there = "" if place is None else f" and go to {measure(place, 2)}, where most is left,"
     options = "--max-angle, --max-speed" + ", --max-torque" * ("torque" in found.numbers)  # without it, a free swing
     return (
         f"No experiment within {limits_text(found.numbers)} would {aims}{there}: allow more ({options}) if the "

@@ -30,11 +30,13 @@ from pendulum_env.notebook import (
 )
 from pendulum_env.notebook import headline as headlines
 from pendulum_env.recording import Note
-from pendulum_env.recording.record import Recording, TorqueConstant
+from pendulum_env.recording.record import NEWTON_METRE, Recording, TorqueConstant
+from pendulum_env.units import to_shown_unit
 from pendulum_env.words import Table, listing, opening, unit
 from workbench.narrator import comparison
 from workbench.narrator.addition import describe_addition
 from workbench.narrator.diagnosis import advice, headline, next_step, remarks, warnings
+from workbench.narrator.findings import measure_range
 from workbench.narrator.notes import describe_note
 from workbench.narrator.results import (
     Part,
@@ -92,11 +94,12 @@ def show_identification(found: Identification) -> str:
 def show_recording(recording: Recording) -> str:
     """A recording: length and rate, what was changed at reading, what it lacks, and its curves."""
     signals = [
-        ("position q", recording.position, "rad", BLUE),
-        ("torque", recording.torque, recording.torque_unit, ORANGE),
+        ("position q", *to_shown_unit(recording.position, recording.units.unit("rad")), BLUE),
+        (recording.units.name("torque"), recording.torque, recording.units.unit(NEWTON_METRE), ORANGE),
     ]
     if recording.velocity is not None:
-        signals.insert(1, ("velocity q'", recording.velocity, "rad/s", GREEN))
+        velocity = to_shown_unit(recording.velocity, recording.units.unit("rad/s"))
+        signals.insert(1, ("velocity q'", *velocity, GREEN))
     lines = [describe_note(note) for note in recording.notes]
     if not recording.torque.any():
         lines.append("torque is never applied: only ratios of parameters can be known")
@@ -111,7 +114,7 @@ def show_recording(recording: Recording) -> str:
 @shown.register
 def show_identified(found: Identified) -> str:
     """Estimates of one scheme and how they settle."""
-    rows = [(name, e.text, e.unit) for name, e in found.model.estimates.items()]
+    rows = [(name, e.shown.text, e.shown.unit) for name, e in found.model.estimates.items()]
     used, all_of_them = found.used
     return card(
         f"Estimates by the scheme {found.scheme}",
@@ -145,10 +148,12 @@ def _curve(result: Identified, column: int, place: int) -> Curve:
 @shown.register
 def show_comparison(found: Comparison) -> str:
     """Errors of a model, and where it fails."""
+    units = found.model.units()
+    torque = f"{units.name('torque')} [{units.unit(NEWTON_METRE)}]"
     plots = [
         plot(
-            f"{'amplitude of the' if item.axis == 'frequency' else 'mean'} residual torque [{found.torque_unit}] "
-            f"over {item.axis}, {item.edges[0]:.3g} to {item.edges[-1]:.3g} {item.unit}",
+            f"{'amplitude of the' if item.axis == 'frequency' else 'mean'} residual {torque} "
+            f"over {item.axis}, {measure_range(item.edges[0], item.edges[-1], item.unit)}",
             0.5 * (item.edges[1:] + item.edges[:-1]),
             [Curve(item.mean, ORANGE)],
             noise=2 * item.error,
@@ -181,9 +186,7 @@ def show_diagnosis(found: Diagnosis) -> str:
 def show_addition(found: Addition) -> str:
     """Errors before and after, what follows from them, and the parameters."""
     noise = note(
-        noise_text(floor, found.is_in_loop, found.model.torque_unit)
-        if np.isfinite(floor := of_one(found.floors))
-        else ""
+        noise_text(floor, found.is_in_loop, found.model.units()) if np.isfinite(floor := of_one(found.floors)) else ""
     )
     title = f"The model with {found.after.added}"
     return card(title, noise, *_parts(of_addition(found)))

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
-from pendulum_env.words import listing, number_text
+from pendulum_env.words import listing
 from workbench.narrator.effects import description
-from workbench.narrator.findings import describe_law, describe_untested, describe_violations, measure
+from workbench.narrator.findings import describe_law, describe_untested, describe_violations, measure_change
 
 REASONS = {
     Kind.ERRORS_FALL,
@@ -70,13 +70,10 @@ def describe_objection(found: Finding) -> str:
 
 def _fall(numbers: Mapping[str, Quantity]) -> str:
     """Return the errors before and after."""
-
-    def change(kind: str) -> str:
-        before, after = (numbers[f"{kind}.{end}"] for end in ("before", "after"))
-        return f"{number_text(before.value, 3)} -> {measure(after)}"
-
     kinds = [name.removesuffix(".after") for name in numbers if name.endswith(".after")]
-    return f"errors: {', '.join(f'{FALLS[kind]} {change(kind)}' for kind in kinds)}"
+    changes = [measure_change(numbers[f"{kind}.before"], numbers[f"{kind}.after"]) for kind in kinds]
+    falls = (f"{FALLS[kind]} {change}" for kind, change in zip(kinds, changes, strict=True))
+    return f"errors: {', '.join(falls)}"
 
 
 def _gate(found: Finding) -> str:
@@ -99,6 +96,6 @@ def _gate(found: Finding) -> str:
     if name == "gravity_sign":
         return "fits only with negative gravity: both terms cancel and imitate a third law"
     if name in HELD_OUT:
-        falls = f"({limit.value:.3g} -> {value.value:.3g} {value.unit})"
-        return f"does not lower the held-out {HELD_OUT[name]} {falls}{f' at {at}' if at else ''}"
+        where = f" at {at}" if at else ""
+        return f"does not lower the held-out {HELD_OUT[name]} ({measure_change(limit, value)}){where}"
     return f"would mean {listing(describe_violations(found))}, which no body has"

@@ -17,8 +17,9 @@ from estimators.signals.residual import SYMBOLS, Profile
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model
 from pendulum_env.physics.model_card import parameters_table
+from pendulum_env.quantity import Quantity
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.units import JointUnits
+from pendulum_env.units import TURNING, JointUnits, to_shown_unit
 from pendulum_env.words import Table, bar, listing, number_text
 from workbench.narrator.addition import describe_addition, describe_table
 from workbench.narrator.comparison import caveat, errors_in_loop
@@ -29,7 +30,7 @@ from workbench.narrator.diagnosis import (
     describe_treatment,
     describe_unexplained,
 )
-from workbench.narrator.findings import describe
+from workbench.narrator.findings import describe, measure
 from workbench.narrator.reasons import ERRORS, describe_reason
 
 RUNNERS_UP = 5  # rejected candidates that are shown
@@ -38,7 +39,6 @@ SCORE = (
     "score: probability that an effect is what the data call for at its place; nats: logarithm of how many times "
     "likelier it makes data that it was not fitted to"
 )
-_IN_LOOP = ("in the loop, mean [rad]", "RMS [rad]")
 FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
 TIMES = "errors, times the least"  # a row that tells which schemes to trust
 TRUST = f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1"
@@ -58,13 +58,13 @@ class Part(NamedTuple):
 
 def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[Part]:
     """A diagnosis, with the candidates that matter or every one; `how` the others are shown."""
-    unit = found.torque_unit
+    units = found.model.units()
     if not found.body.can_simulate:
         table = joints_table(ends(found.steps), found.floors, found.model)
         errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
-        noise = noise_text(found.noise_floor, found.is_in_loop, unit)
-        errors = Part("Errors", [errors_table(found.steps, unit), fit_text(found.steps), noise])
+        noise = noise_text(found.noise_floor, found.is_in_loop, units)
+        errors = Part("Errors", [errors_table(found.steps, units), fit_text(found.steps), noise])
     parts = [
         errors,
         Part("Parameters", [parameters_table(found.model), *([BIASED] if found.unexplained else [])]),
@@ -115,7 +115,7 @@ def of_addition(found: Addition) -> list[Part]:
     parameters = [Part("Parameters", [parameters_table(found.model)])]
     body = found.model.body
     if body.can_simulate:
-        return [Part(f"Errors, {title}", [errors_table(steps, found.model.torque_unit), *sentences]), *parameters]
+        return [Part(f"Errors, {title}", [errors_table(steps, found.model.units()), *sentences]), *parameters]
     fitted, unseen = (joints_table(ends(steps, part), found.floors, found.model) for part in ("train", "holdout"))
     return [
         Part(f"Torque errors on fitted data, {title}", [fitted]),
@@ -143,7 +143,7 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     elif not found.joint.errors.position_fit < FOLLOWED:  # an arm is not simulated
         where.append("nothing stands out of the noise: the model explains these recordings")
     else:
-        error = f"{found.joint.errors.position_rms:.3g} rad"
+        error = measure(Quantity(found.joint.errors.position_rms, unit=found.model.units().unit("rad")))
         where.append(
             f"nothing in torque stands out of the noise, but free runs err by {error}: something acts near turns or at "
             "rest, `diagnose` tells what may"
@@ -178,17 +178,17 @@ def joints_table(
     return Table(("joint", *headers, "noise floor", "unit", "of its torque"), rows, left=("unit",))
 
 
-def errors_table(steps: Sequence[Step], torque_unit: str = NEWTON_METRE) -> Table:
+def errors_table(steps: Sequence[Step], units: JointUnits = TURNING) -> Table:
     """Errors step by step, with a bar that shrinks; ratios are held-out errors over the base's."""
     base = steps[0].errors["holdout"]
     headers, rows = ["model"], [["as it was" if step.added is None else f"+ {step.added}"] for step in steps]
     for kind, unit in base.kinds.items():
-        what, unit = ERRORS[kind], JointUnits(torque_unit).unit(unit)
+        what, (factor, unit) = ERRORS[kind], to_shown_unit(1.0, units.unit(unit))
         headers += [f"{what}, fitted [{unit}]", f"{what}, held out [{unit}]", "ratio"]
         for row, step in zip(rows, steps, strict=True):
             train, holdout = (getattr(step.errors[part], kind) for part in ("train", "holdout"))
             ratio = number_text(holdout / max(getattr(base, kind), 1e-300), 3)
-            row += [number_text(train, 4), number_text(holdout, 4), ratio]
+            row += [number_text(factor * train, 4), number_text(factor * holdout, 4), ratio]
     return Table([*headers, ""], [[*row, bar(float(row[3]))] for row in rows], left=("",))
 
 
@@ -235,7 +235,7 @@ def detectable_table(found: Sequence[Detectable]) -> Table:
 def parameters_by_scheme(found: Identification) -> Table:
     """Estimates of every scheme, a row a parameter, a column a scheme."""
     models = [one.model.estimates for one in found.schemes.values()]
-    rows = [(name, *(own[name].text for own in models), one.unit) for name, one in models[0].items()]
+    rows = [(name, *(own[name].shown.text for own in models), one.shown.unit) for name, one in models[0].items()]
     rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
     if len(models) > 1:
         errors = np.array([[one.std for one in own.values()] for own in models])
@@ -248,7 +248,8 @@ def schemes_table(found: Identification, by_instruments: Model | None = None) ->
     """Tabulate the estimates of every scheme, one a row, and those by instruments last; of an arm one a column."""
     if isinstance(found.body, Body):
         return parameters_by_scheme(found)
-    columns, units = next(iter(found.schemes.values())).model.columns, JointUnits(found.torque_unit)
+    model = next(iter(found.schemes.values())).model
+    columns, units = model.columns, model.units()
     names = [column.name for column in columns]
     rows = []
     for id, result in found.schemes.items():
@@ -265,11 +266,12 @@ def trust_text(shown: Table) -> str:
     return TRUST if any(row[0] == TIMES for row in shown.rows) else ""
 
 
-def noise_text(floor: float, in_loop: bool = False, unit: str = NEWTON_METRE) -> str:
+def noise_text(floor: float, in_loop: bool = False, units: JointUnits = TURNING) -> str:
     """What noise alone would leave [N m], or [rad] in the loop, and how that is known, in a sentence."""
     if in_loop:
-        return f"the encoder alone would leave {floor:.2g} rad"
-    return f"measurement noise alone, judged by the scatter from sample to sample, would leave {floor:.3g} {unit}"
+        return f"the encoder alone would leave {measure(Quantity(floor, unit=units.unit('rad')), 2)}"
+    noise = measure(Quantity(floor, unit=units.unit(NEWTON_METRE)))
+    return f"measurement noise alone, judged by the scatter from sample to sample, would leave {noise}"
 
 
 def kin(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
@@ -286,13 +288,14 @@ def kin(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
 def distances_table(found: Comparison) -> Table:
     """Errors of a model on every recording, and on all together if there are several."""
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
-    unit = found.torque_unit
-    errors = (f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", "free-running position [rad]", "fit [%]")
+    units = found.model.units()
+    unit, (factor, angle) = units.unit(NEWTON_METRE), to_shown_unit(1.0, units.unit("rad"))
+    errors = (f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", f"free-running position [{angle}]", "fit [%]")
     return Table(
         (
             "recording",
             *errors,
-            *(_IN_LOOP if found.joint.errors.is_in_loop else ()),
+            *((f"in the loop, mean [{angle}]", f"RMS [{angle}]") if found.joint.errors.is_in_loop else ()),
         ),
         [
             (
@@ -300,9 +303,13 @@ def distances_table(found: Comparison) -> Table:
                 f"{item.errors.torque_rms:.4g}",
                 f"{item.errors.torque_fit:.4g}",
                 f"{item.noise_floor:.4g}",
-                number_text(item.errors.position_rms, 4),
+                number_text(factor * item.errors.position_rms, 4),
                 number_text(item.errors.position_fit, 4),
-                *(f"{error:.4g}" for error in (item.errors.in_loop, item.errors.in_loop_rms) if np.isfinite(error)),
+                *(
+                    f"{factor * error:.4g}"
+                    for error in (item.errors.in_loop, item.errors.in_loop_rms)
+                    if np.isfinite(error)
+                ),
             )
             for item in distances
         ],
@@ -312,12 +319,13 @@ def distances_table(found: Comparison) -> Table:
 def profile_table(profile: Profile) -> Table:
     """Mean residual over one quantity, with bars to either side of zero."""
     largest = float(np.abs(profile.mean).max()) or 1.0
+    edges, along = to_shown_unit(profile.edges, profile.unit)
     rows = [
         (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", _to_either_side(mean / largest))
-        for (low, high), mean in zip(pairwise(profile.edges), profile.mean.tolist(), strict=True)
+        for (low, high), mean in zip(pairwise(edges), profile.mean.tolist(), strict=True)
     ]
     unit = profile.units.unit(NEWTON_METRE)
-    return Table((f"{SYMBOLS[profile.axis]} [{profile.unit}]", f"mean residual [{unit}]", ""), rows, left=("",))
+    return Table((f"{SYMBOLS[profile.axis]} [{along}]", f"mean residual [{unit}]", ""), rows, left=("",))
 
 
 def _to_either_side(share: float, width: int = 12) -> str:

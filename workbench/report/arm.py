@@ -50,7 +50,11 @@ def joints(
             (at, [own.joints[at] for own in errors], floors[at], final.units(at).unit(NEWTON_METRE), share)
             for at, share in errors[-1].shares.items()
         ],
-        "laws": [(own.id, own.law, final.of(own.id)) for own in final.terms if own.id in selected],
+        "laws": [
+            (own.id, own.law, {name: one.shown for name, one in final.of(own.id).items()})
+            for own in final.terms
+            if own.id in selected
+        ],
         "unexplained": [(joint, size, final.units(joint).unit(NEWTON_METRE)) for joint, size in left],
         "next_step": next_step(found) if found is not None else "",
     }

@@ -13,7 +13,7 @@ from estimators.schemes.six import SCHEMES
 from estimators.selection.errors import Step
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
-from pendulum_env.units import JointUnits
+from pendulum_env.units import JointUnits, to_shown_unit
 
 Drawn = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
 
@@ -55,6 +55,11 @@ class Case:
     def units(self) -> JointUnits:
         """JointUnits that stands for the torque; of an arm that of a joint that turns."""
         return self.diagnosis.model.units()
+
+    @property
+    def angle(self) -> tuple[float, str]:
+        """Factor from SI to the unit in which positions are shown, and that unit."""
+        return to_shown_unit(1.0, self.units.unit("rad"))
 
     @property
     def drawn(self) -> list[tuple[str, str]]:

@@ -75,11 +75,13 @@ def position_figure(case: Case, id: str, each: Sequence[Segments]) -> Figure:
     errors = [joined(list(follow(own, m.terms, m.theta)[at].T)) for own, m in models]
     simulated = [measured + error for error in errors]
     label = f"Measured position and free-running simulation over time, recording {recording.name}"
-    names = ("position", "error", "rad")
-    figure = before_and_after(id, label, x, measured, case.drawn, simulated, errors, names, case.is_incomplete)
+    factor, unit = case.angle
+    names, measured = ("position", "error", unit), factor * measured
+    above, below = [factor * own for own in simulated], [factor * own for own in errors]
+    figure = before_and_after(id, label, x, measured, case.drawn, above, below, names, case.is_incomplete)
     dots = {"color": "--measured", "size": 5}
     more = {"mode": "markers", "marker": dots, "hoverinfo": "skip", "hovertemplate": None}
-    figure.data.append(line(start, segments.position[0], "start of a window", "--measured", "", **more))
+    figure.data.append(line(start, factor * segments.position[0], "start of a window", "--measured", "", **more))
     return figure
 
 
@@ -87,30 +89,35 @@ def loop(
     headline: str,
     models: Sequence[tuple[str, Model]],
     recordings: Sequence[Recording],
+    angle: tuple[float, str],
     left: Sequence[str] = (),
     advice: Sequence[str] = (),
 ) -> Section:
-    """Errors of one or two models on every recording, their motion beside what was measured, and what remains to do."""
-    rows, figures = [], []
+    """Errors of one or two models on every recording, their motion beside what was measured, and what remains to do.
+
+    `angle` is the factor and the unit in which positions are shown, see `Case.angle`.
+    """
+    rows, figures, (factor, unit) = [], [], angle
     for number, recording in enumerate(recordings):
         errors, curves = [], []
         for (label, model), color in zip(models, ("--base", "--final")[-len(models) :], strict=True):
             time, simulated, measured = simulate_recording(model, recording)
+            simulated, measured = factor * simulated, factor * measured
             errors.append(float(np.mean(np.abs(simulated - measured))))
-            curves.append(line(time, simulated, label, color, "rad"))
+            curves.append(line(time, simulated, label, color, unit))
         rows.append((recording.name, errors))
         if number >= DRAWING.in_loop or recording.reference is None:
             continue
         start = recording.time - recording.time[0]
-        lines = [line(time, measured, "measured", "--measured", "rad"), *curves]
+        lines = [line(time, measured, "measured", "--measured", unit), *curves]
         if recording.drive is not None and not recording.drive.acts_on_speed:
             dotted = {"color": "--muted", "dash": "dot", "width": 1}
-            lines.insert(0, line(start, recording.reference, "goal", "", "rad", line=dotted))
-        layout = {"title": {"text": recording.name}, "xaxis": axis("time [s]"), "yaxis": axis("position [rad]")}
+            lines.insert(0, line(start, factor * recording.reference, "goal", "", unit, line=dotted))
+        layout = {"title": {"text": recording.name}, "xaxis": axis("time [s]"), "yaxis": axis(f"position [{unit}]")}
         label = f"{recording.name}: goal, measured and simulated position"
         figures.append(Figure(f"loop-{number}", label, lines, layout))
     content = {
-        "labels": [label for label, _ in models],
+        "labels": [f"{label} [{unit}]" for label, _ in models],
         "rows": rows,
         "figures": figures,
         "lists": [("Left unexplained", left), ("What to do next", advice)],
@@ -127,4 +134,4 @@ def of_diagnosis(case: Case) -> Section:
     if len(found.steps) > 1:
         models.append(("with what was found", found.model))
     left = [describe_region(region) for region in found.unexplained]
-    return loop(headline(found), models, recordings, left, [next_step(found), *remarks(found)])
+    return loop(headline(found), models, recordings, case.angle, left, [next_step(found), *remarks(found)])

@@ -8,7 +8,7 @@ from estimators.figure import Figure, axis, band, line, numbers
 from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, profiles, stand_out, wrapped
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
-from pendulum_env.units import JointUnits
+from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.report.case import Case
 from workbench.report.section import Section
 
@@ -19,8 +19,7 @@ TITLES = {  # name and symbol of an axis
     "time": ("time", " t"),
     "frequency": ("frequency", ""),
 }
-AROUND = "angle q, wrapped [rad]"
-QUARTERS = {"tickvals": [-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], "ticktext": ["−π", "−π/2", "0", "π/2", "π"]}
+QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
 
 Curve = tuple[str, str]  # label and colour of a model
 
@@ -77,19 +76,20 @@ def profile_figure(
     axis in the figure's id.
     """
     first, unit = drawn[0], drawn[0].units.unit("N m")
-    middle = 0.5 * (first.edges[1:] + first.edges[:-1])
+    (edges, along), (factor, _) = to_shown_unit(first.edges, first.unit), to_shown_unit(1.0, first.unit)
+    middle = 0.5 * (edges[1:] + edges[:-1])
     oscillates = first.axis == "frequency"
     data = [band(middle, REGIONS.stands_out * first.error, f"noise (±{REGIONS.stands_out:g}σ)")]
     for (label, color), profile in zip(curves, drawn, strict=True):
         data.append(line(middle, profile.mean, label, color, unit, mode="lines" if oscillates else "lines+markers"))
     half = 0.5 if still else 0.0  # both kinds of stripe share the height
-    shapes = [stripe(r, "--region", half, 1.0) for r in regions if r.axis == first.axis]
-    shapes += [stripe(r, "--open", 0.0, half) for r in still if r.axis == first.axis]
+    shapes = [stripe(r, "--region", half, 1.0, factor) for r in regions if r.axis == first.axis]
+    shapes += [stripe(r, "--open", 0.0, half, factor) for r in still if r.axis == first.axis]
     quantity, symbol = TITLES[first.axis]
-    title = AROUND if first.unit == WITHIN else f"{first.units.name(quantity)}{symbol} [{first.unit}]"
+    title = f"{first.units.name(quantity)}{symbol} [{along}]"
     what = f"{'amplitude' if oscillates else 'mean residual'} [{unit}]"
     layout: JSON = {
-        "xaxis": axis(title, **(QUARTERS if first.unit == WITHIN else {})),
+        "xaxis": around(first.units) if first.unit == WITHIN else axis(title),
         "yaxis": axis(what, **({"rangemode": "tozero"} if oscillates else {"range": [-reach, reach]})),
         "shapes": shapes,
         "showlegend": False,
@@ -100,14 +100,23 @@ def profile_figure(
     return Figure(f"{name}-{first.axis}", f"Residual torque against {first.axis}", data, layout, 290)
 
 
-def stripe(region: Region, color: str, low: float, high: float) -> JSON:
-    """Stripe over a region, from `low` to `high` in shares of the plot's height."""
+def around(units: JointUnits) -> JSON:
+    """Axis of an angle within a turn."""
+    half, unit = to_shown_unit(np.pi, units.unit("rad"))
+    ends = {"tickvals": [half * share for share in (-1, -0.5, 0, 0.5, 1)]}
+    return axis(
+        f"{units.name('angle')} q, wrapped [{unit}]", **ends, **({"ticktext": QUARTERS} if unit == "rad" else {})
+    )
+
+
+def stripe(region: Region, color: str, low: float, high: float, factor: float = 1.0) -> JSON:
+    """Stripe over a region, times a factor, from `low` to `high` in shares of the plot's height."""
     return {
         "type": "rect",
         "layer": "below",
         "yref": "paper",
-        "x0": region.low,
-        "x1": region.high,
+        "x0": factor * region.low,
+        "x1": factor * region.high,
         "y0": low,
         "y1": high,
         "fillcolor": color,
@@ -115,28 +124,32 @@ def stripe(region: Region, color: str, low: float, high: float) -> JSON:
     }
 
 
-def planes(x: Samples, residuals: Sequence[Array], units: JointUnits) -> list[tuple[JSON, JSON]]:
+def planes(samples: Samples, residuals: Sequence[Array], units: JointUnits) -> list[tuple[JSON, JSON]]:
     """Cells and layout of a map of each residual (N,) over angle and velocity (N,), all in one colour scale."""
-    angle, velocity = wrapped(x.position), x.velocity
-    across = int(np.clip(np.sqrt(len(angle)) * 0.8, 10, 40))
+    position, velocity = wrapped(samples.position), samples.velocity
+    across = int(np.clip(np.sqrt(len(position)) * 0.8, 10, 40))
     reach = 1.02 * float(np.max(np.abs(velocity)))
     edges = [np.linspace(-np.pi, np.pi, across + 1), np.linspace(-reach, reach, across + 1)]
-    number, _, _ = np.histogram2d(angle, velocity, edges)
-    sums = [np.histogram2d(angle, velocity, edges, weights=residual)[0] for residual in residuals]
+    number, _, _ = np.histogram2d(position, velocity, edges)
+    sums = [np.histogram2d(position, velocity, edges, weights=residual)[0] for residual in residuals]
     # a cell of the phase plane takes two windows
     means = [np.where(number >= 2, total / np.maximum(number, 1), np.nan).T for total in sums]
     seen = np.abs(means[0][np.isfinite(means[0])])
     limit = float(np.percentile(seen, 95)) if len(seen) else 1.0
     middles = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
+    (x, angle), (y, speed) = (
+        to_shown_unit(middle, units.unit(si)) for middle, si in zip(middles, ("rad", "rad/s"), strict=True)
+    )
     layout = {
-        "xaxis": axis(AROUND, **QUARTERS),
-        "yaxis": axis("velocity q' [rad/s]"),
+        "xaxis": around(units),
+        "yaxis": axis(f"velocity q' [{speed}]"),
         "margin": {"t": 12, "r": 8},
     }
-    return [(cells(middles[0], middles[1], mean, limit, units.unit("N m")), layout) for mean in means]
+    of = (angle, speed, units.unit("N m"))
+    return [(cells(x, y, mean, limit, of), layout) for mean in means]
 
 
-def cells(x: Array, y: Array, values: Array, limit: float, unit: str) -> JSON:
+def cells(x: Array, y: Array, values: Array, limit: float, units: tuple[str, str, str]) -> JSON:
     """Cells (Y, X) in colours on either side of zero."""
     return {
         "type": "heatmap",
@@ -146,7 +159,7 @@ def cells(x: Array, y: Array, values: Array, limit: float, unit: str) -> JSON:
         "zmin": -limit,
         "zmax": limit,
         "colorscale": [[0, "--low"], [0.5, "--middle"], [1, "--high"]],
-        "colorbar": {"title": {"text": f"[{unit}]", "side": "top"}, "thickness": 12, "outlinewidth": 0},
+        "colorbar": {"title": {"text": f"[{units[2]}]", "side": "top"}, "thickness": 12, "outlinewidth": 0},
         "hoverongaps": False,
-        "hovertemplate": f"q %{{x:.2f}} rad, q' %{{y:.2f}} rad/s: %{{z:.3g}} {unit}<extra></extra>",
+        "hovertemplate": f"q %{{x:.3g}} {units[0]}, q' %{{y:.3g}} {units[1]}: %{{z:.3g}} {units[2]}<extra></extra>",
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,15 +15,12 @@ from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.table import Curve, Table
-from pendulum_env.units import JointUnits
+from pendulum_env.units import JointUnits, to_shown_unit
 from pendulum_env.words import number, opening, unit
 from workbench.narrator.effects import name
 from workbench.narrator.results import kin
 from workbench.report.case import Case
 from workbench.report.section import Section
-
-if TYPE_CHECKING:  # Pinocchio is imported by who needs it
-    pass
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
 WIDTH, ROW, MARGIN = 240.0, 14.0, 12.0  # of an interval plot [px]
@@ -38,6 +35,7 @@ def errors(case: Case) -> Section:
     content = {
         "steps": steps,
         "unit": unit_of_torque,
+        "angle": case.angle,
         "noise_floor": case.diagnosis.noise_floor,
         "whiteness": [
             whiteness(f"{label}, {part}", case, prepared, k)
@@ -46,7 +44,11 @@ def errors(case: Case) -> Section:
         ],
         "figures": [
             ladder(case, "torque_rms", f"torque error [{unit_of_torque}]", case.diagnosis.noise_floor),
-            *([ladder(case, "position_rms", "free-running position error [rad]", None)] if is_simulated else []),
+            *(
+                [ladder(case, "position_rms", f"free-running position error [{case.angle[1]}]", None, case.angle[0])]
+                if is_simulated
+                else []
+            ),
         ]
         if len(steps) > 1
         else [],
@@ -65,15 +67,15 @@ def whiteness(label: str, case: Case, prepared: RegressionData, drawn: int) -> t
     return label, shared, significance, "white" if significance < Criterion().z_score else f"not white{small}"
 
 
-def ladder(case: Case, quantity: str, title: str, floor: float | None) -> Figure:
-    """One kind of error over the steps, on a logarithmic axis."""
+def ladder(case: Case, quantity: str, title: str, floor: float | None, factor: float = 1.0) -> Figure:
+    """One kind of error over the steps, times a factor, on a logarithmic axis."""
     steps = case.diagnosis.steps
     labels = ["base model", *(f"+ {name(step.added)}" for step in steps if step.added)]
     data: list[JSON] = []
     values = []
     shades = ["--base", *["--between"] * (len(steps) - 2), "--final"]
     for part, label, color, symbol in PARTS:
-        error = np.array([getattr(step.errors[part], quantity) for step in steps])
+        error = factor * np.array([getattr(step.errors[part], quantity) for step in steps])
         values += [*error]
         marker = {"color": shades, "size": 10, "symbol": symbol}
         data.append(line(np.arange(float(len(steps))), error, label, color, "", mode="lines+markers", marker=marker))
@@ -109,7 +111,9 @@ def parameters(case: Case) -> Section:
     correlation = final.correlation if len(single) <= DRAWING.correlated else ()
     names = list(final.estimates)
     content = {
-        "rows": [_row(label, [known.get(label) for known in shown]) for label in shown[-1]],
+        "rows": [
+            _row(label, [known[label].shown if label in known else None for known in shown]) for label in shown[-1]
+        ],
         "labels": labels,
         "width": WIDTH,
         "sigmas": DRAWING.sigmas,
@@ -125,10 +129,11 @@ def _drawn(table: Table, curve: Curve, units: JointUnits) -> Figure:
     """A table as a function, with its band."""
     title = f"{opening(name(table.id))}, {table.law}"
     quantity, of = ("angle", "rad") if table.axis == "position" else ("speed", "rad/s")
-    argument, of_torque = f"{units.name(quantity)} [{units.unit(of)}]", units.unit(table.unit)
+    (x, along), of_torque = to_shown_unit(curve.x, units.unit(of)), units.unit(table.unit)
+    argument = f"{units.name(quantity)} [{along}]"
     data = [
-        band(curve.x, DRAWING.sigmas * curve.std, f"± {DRAWING.sigmas:g} standard errors", curve.value),
-        line(curve.x, curve.value, title, "--final", of_torque),
+        band(x, DRAWING.sigmas * curve.std, f"± {DRAWING.sigmas:g} standard errors", curve.value),
+        line(x, curve.value, title, "--final", of_torque),
     ]
     return Figure(f"table-{table.id}", title, data, {"xaxis": axis(argument), "yaxis": axis(f"f [{of_torque}]")}, 320)
 

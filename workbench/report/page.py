@@ -139,10 +139,15 @@ def render_comparison(compared: Comparison) -> str:
     case = Case(found, first="model")  # nothing is added to it
     if not found.body.can_simulate:
         return _whole(case, arm.sections(case), "comparison with")
-    distances = Section("distances", "Result", headline(compared), {"compared": compared})
+    distances = Section(
+        "distances",
+        "Result",
+        headline(compared),
+        {"compared": compared, "unit": case.units.unit("N m"), "angle": case.angle},
+    )
     sections = [distances, comparison(case), failures(case), parameters(case)]
     if (error := errors_in_loop(compared)) is not None:
-        sections.insert(1, loop(error, [("model", compared.model)], case.data.recordings))
+        sections.insert(1, loop(error, [("model", compared.model)], case.data.recordings, case.angle))
     return _whole(case, sections, "comparison with")
 
 

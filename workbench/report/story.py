@@ -13,10 +13,11 @@ from estimators.signals.differentiation import encoder_noise, white_noise
 from estimators.simulation.free_running import SECONDS
 from estimators.weak_form.windows import Windows
 from pendulum_env.physics import nameable
+from pendulum_env.quantity import Quantity
 from pendulum_env.words import listing, number
 from workbench.narrator.diagnosis import advice, headline, next_step, remarks
 from workbench.narrator.effects import name
-from workbench.narrator.findings import aim
+from workbench.narrator.findings import aim, measure, measure_range
 from workbench.narrator.notes import describe_note
 from workbench.report.case import Case
 from workbench.report.section import Section
@@ -39,7 +40,7 @@ def story(case: Case) -> Section:
     diagnosis = case.diagnosis
     constant = diagnosis.torque_constant
     content = {
-        "changes": changes(diagnosis),
+        "changes": changes(case),
         "misled": misled(diagnosis),
         "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
         "unexplained": diagnosis.unexplained,
@@ -55,18 +56,19 @@ def story(case: Case) -> Section:
     return Section("story", "Result", headline(diagnosis), content)
 
 
-def changes(diagnosis: Diagnosis) -> list[Change]:
+def changes(case: Case) -> list[Change]:
     """Held-out errors before and after."""
+    diagnosis, (factor, angle) = case.diagnosis, case.angle
     first, last = (diagnosis.steps[k].errors["holdout"] for k in (0, -1))
 
     def change(label: str, unit: str, before: float, after: float, note: str) -> Change:
         is_compared = diagnosis.selected and not math.isnan(after)
         return Change(label, unit, before, after, after / before if is_compared else None, note)
 
-    unit, over = diagnosis.model.units().unit("N m"), f"on held-out data, over {SECONDS:g} s"
+    unit, over = case.units.unit("N m"), f"on held-out data, over {SECONDS:g} s"
     return [
         change("Torque error", unit, first.torque_rms, last.torque_rms, "on held-out data"),
-        change("Free-running position error", "rad", first.position_rms, last.position_rms, over),
+        change("Free-running position error", angle, factor * first.position_rms, factor * last.position_rms, over),
     ]
 
 
@@ -100,7 +102,7 @@ def finding(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
         "effect": effect,
         "law": term.law,
         "about": "" if about.startswith(f"{type(term).__name__}(") else about.rstrip("."),
-        "parameters": {name: named[name] for name in names},
+        "parameters": {name: named[name].shown for name in names},
         "rivals": [id for group in diagnosis.ambiguous if group[0] == effect for id in group[1:]],
     }
 
@@ -139,8 +141,9 @@ def next_experiment(case: Case) -> Section | None:
         {"xaxis": axis("time [s]"), "yaxis": axis(f"torque [{unit}]"), "showlegend": False},
         height=220,
     )
-    low, high = np.degrees(suggestion.reach)
-    expected = f"angles from {low:.0f} to {high:.0f} degrees and speeds up to {suggestion.peak_speed:.2g} rad/s"
+    speed = measure(Quantity(suggestion.peak_speed, unit=case.units.unit("rad/s")), 2)
+    reach = measure_range(*suggestion.reach, case.units.unit("rad"), 2)
+    expected = f"{case.units.name('angle')}s from {reach} and speeds up to {speed}"
     content = {
         "figure": figure,
         "expected": expected,
@@ -158,6 +161,7 @@ def method(case: Case) -> Section:
             for w in prepared.data.windows
         ],
         "unit": case.units.unit("N m"),
+        "angle": case.angle,
         "split": not case.data.holdout,
         "seconds": SECONDS,
         "command": case.command,

@@ -76,11 +76,13 @@ def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
     select = {"dragmode": "select", "margin": {"t": 12, "r": 8}}
     dots, kept = thin(x.velocity, LIT), thin(x.velocity, 2 * LIT)
     picked = _dots(wrapped(x.position[dots]), x.velocity[dots], "--text", 2, opacity=0.25, hoverinfo="skip")
+    units = points.case.units
+    speed = units.unit("rad/s")
     _, (q, v) = broken(x.time, kept, x.position, x.velocity)
-    motion = line(q, v, "motion", "--train", "rad/s", line={"color": "--train", "width": 1}, hoverinfo="skip")
+    motion = line(q, v, "motion", "--train", speed, line={"color": "--train", "width": 1}, hoverinfo="skip")
     axes = {
-        "xaxis": axis("angle q [rad]", range=span([x.position])),
-        "yaxis": axis("velocity q' [rad/s]", range=span([x.velocity])),
+        "xaxis": axis(f"{units.name('angle')} q [{units.unit('rad')}]", range=span([x.position])),
+        "yaxis": axis(f"velocity q' [{speed}]", range=span([x.velocity])),
         "showlegend": False,
     }
     about = f"Residual torque of the {label} over angle and velocity, {name}"
