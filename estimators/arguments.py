@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from estimators.free_swings import needs_torque
 from estimators.regression.equations import IdentificationError
-from pendulum_env.arms.joints import at_joints, body_of, check_places, effects_of, kinds_at, placed
+from pendulum_env.arms.joints import OF_A_TURN, at_joints, body_of, check_places, effects_of, kinds_at, placed
 from pendulum_env.arms.recording import read_of
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term, nameable
@@ -130,11 +130,16 @@ def chosen_effects(
 
 
 def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> dict[str, type[Term]]:
-    """Effects that recordings might show: none that needs a quantity, or torque, which none of them has.
+    """Effects that recordings might show: none that needs turns, a quantity, or torque, which none of them has.
 
     Raises:
         IdentificationError: if there are some, and all need such a quantity.
     """
+    if any(own.units.slides for own in recordings):
+        sliding = {id: kind for id, kind in kinds.items() if id not in OF_A_TURN}
+        if kinds and not sliding:
+            raise IdentificationError(f"{next(iter(kinds))} needs a joint that turns: look for other effects")
+        kinds = sliding
     if recordings and all(own.is_free for own in recordings):
         free = {id: kind for id, kind in kinds.items() if not needs_torque(kind)}
         if kinds and not free:

@@ -32,6 +32,7 @@ from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
 from pendulum_env.settings import Blank, setting
+from pendulum_env.units import JointUnits
 
 SCHEMA = "pendulum-ident/comparison@2"
 SHOWN = 6  # regions where a model fails, shared by the joints
@@ -205,6 +206,8 @@ def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
     model = model_that_moves(model)
     recordings = chosen_recordings(recordings, body=model.body, log_format=model.log_format)
     recordings = in_units_of(model, recordings).recordings
+    if recordings[0].units.slides:
+        model = model.per(JointUnits(model.torque_unit, slides=True))
     that_may_show({term.id: type(term) for term in model.terms if term.needs}, recordings)
     joints = model.terms if isinstance(model.body, Body) else ()
     alone = [] if joints else [_prepared(recording, model) for recording in recordings]

@@ -26,6 +26,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Model, Samples
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
+from pendulum_env.units import JointUnits
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -52,7 +53,7 @@ class Prediction:
             `position_rms` leaves out seconds in which a small error grows tenfold.
         is_counted: samples at which `torque_rms` takes the residual, half a window apart (N,).
         is_held_out: samples that the model was not fitted to (N,); None in a comparison, which fits nothing.
-        units: unit of the torque by joint; the joint of a pendulum has an empty name.
+        units: at each joint, `units[""].unit("N m")` is that of the torque; the joint of a pendulum has an empty name.
         is_in_loop: whether the controller of a servo is simulated along, so that the motion is predicted first of all.
     """
 
@@ -64,7 +65,7 @@ class Prediction:
     simulated_position: Array
     is_counted: Mask
     is_held_out: Mask | None
-    units: Mapping[str, str]
+    units: Mapping[str, JointUnits]
     is_in_loop: bool = False
 
     @property
@@ -112,11 +113,11 @@ class Prediction:
         known = np.isfinite(measured + modelled)
         if not known.any():
             raise Mistake(f"{self.name}: no sample has a predicted {quantity}: see `columns` for what there is")
-        unit, where = self.units[at] if quantity == "torque" else "rad", f" of {at}" if at else ""
+        si, where = "N m" if quantity == "torque" else "rad", f" of {at}" if at else ""
         left = (measured - modelled)[known]
         x, (above, below, error) = broken(self.time[known], thin(left), measured[known], modelled[known], left)
         label = f"Measured and predicted {quantity}{where}, recording {self.name}"
-        texts = (f"{quantity}{where}", "residual", unit)
+        texts = (f"{quantity}{where}", "residual", self.units[at].unit(si))
         figure: Figure = before_and_after(quantity, label, x, above, [("model", "--final")], [below], [error], texts)
         return figure.interactive()
 
@@ -149,7 +150,7 @@ def _without_values(model: Model, recording: Recording) -> Prediction:
     """A prediction that is still to be made."""
     shape = recording.position.shape
     torque, predicted, simulated = (np.full(shape, np.nan) for _ in range(3))
-    units = {at: model.body.units(at, recording.torque_unit).unit("N m") for at in recording.names}
+    units = {at: model.body.units(at, recording.units) for at in recording.names}
     counted, held_out = np.zeros(shape, dtype=bool), np.zeros(len(recording.time), dtype=bool)
     time, position = recording.time, recording.position
     return Prediction(recording.name, time, position, torque, predicted, simulated, counted, held_out, units)

@@ -78,7 +78,8 @@ class JointUnits:
         unit = si
         if self.torque_unit != "N m" and is_of_torque(si):
             product = PRODUCTS.get(si, si)
-            rest = f"{self.torque_unit}{product.removeprefix('N m')}"
+            per = "/rad" if self.slides and si == "kg m^2" else ""  # a turning joint omits it
+            rest = f"{self.torque_unit}{product.removeprefix('N m')}{per}"
             unit = RELATIVE.get(product, rest) if self.torque_unit == "rad/s^2" else rest
         if self.slides:
             unit = "kg" if unit == "kg m^2" else unit.replace("N m", "N").replace("rad", "m")

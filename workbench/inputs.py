@@ -103,9 +103,8 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
 
 def _collect_notes(recording: Recording) -> list[str]:
     """Collect the notes of a recording, and one on the units of an axis that slides."""
-    if recording.origin is None or not recording.origin.slides:
-        return [describe_note(note) for note in recording.notes]
-    return [*map(describe_note, recording.notes), "an axis that slides: read kg for kg m^2, N for N m and m for rad"]
+    sliding = ["the joint slides: position is in metres"] if recording.units.slides else []
+    return [*map(describe_note, recording.notes), *sliding]
 
 
 def _print_note(note: str, terminal: Terminal) -> None:

@@ -15,7 +15,6 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import least_squares, solve
 from pendulum_env.recording import Recording
-from pendulum_env.units import JointUnits
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ def feedback(recordings: Sequence[Recording]) -> list[Finding]:
     for recording in recordings:
         if (gain := _gain(recording)) is not None:
             kind = Kind.FEEDBACK if recording.reference is None else Kind.FEEDBACK_WITH_REFERENCE
-            unit = JointUnits(recording.torque_unit).unit("N m/rad")
+            unit = recording.units.unit("N m/rad")
             found.append(Finding(kind, {"gain": Quantity(gain, unit=unit)}, recordings=(recording.name,)))
     return found
 

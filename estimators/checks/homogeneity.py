@@ -284,7 +284,7 @@ def own_fits(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[O
                     float(np.sqrt(np.mean(near.scale[rows] ** 2))) * w.noise(abs(inertia)),
                     sure,
                     bool(w.recording.known_inertia),
-                    JointUnits(w.recording.torque_unit),
+                    w.recording.units,
                 )
             )
     return fits

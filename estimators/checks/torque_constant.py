@@ -61,7 +61,7 @@ def with_torque_constant(
     recording = data.windows[0].recording
     constant = recording.torque_constant
     if constant is None:
-        return as_read(model.per(recording.torque_unit))
+        return as_read(model.per(recording.units))
     fit = fit or (lambda own: fit_terms(RegressionData(own, ()), model.terms)[0])
     return widen_by_constant(model, constant, fit(data), fit(data.with_torque(1 + constant.std / constant.value)))
 

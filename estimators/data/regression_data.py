@@ -237,7 +237,7 @@ class RegressionData:
 
     def units(self, at: str = "") -> JointUnits:
         """Return the units of quantities at a joint."""
-        return body_of(self.base).units(at, self.recordings[0].torque_unit)
+        return body_of(self.base).units(at, self.recordings[0].units)
 
     def stand_out(self, residual: Array, at: str, axes: Sequence[str] = tuple(SYMBOLS), most: int = 6) -> list[Region]:
         """Return the regions where a residual (R,) [N m] exceeds the noise at a joint, the most significant first."""

@@ -226,7 +226,10 @@ def suggest(
     forbidden = [question.aim for question in unsettled if question.aim not in aims]
     if not forbidden:
         return suggestion, aims, None
-    numbers = limits.quantities(model.units()) | ({} if place is None else {"place": Quantity(place, unit="rad")})
+    units = model.units()
+    numbers = limits.quantities(units)
+    if place is not None:
+        numbers["place"] = Quantity(place, unit=units.unit("rad"))
     pairs = tuple((aim.effect, aim.instead) for aim in forbidden)
     return suggestion, aims, Finding(Kind.BEYOND_LIMITS, numbers, pairs=pairs)
 

@@ -73,7 +73,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
         steps = [found.evaluator.make_step(None, base), *steps[1:]]
     *others, last = steps
     measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
-    doubts = identifiability(measured, last.model.terms, last.model.torque_unit)
+    doubts = identifiability(measured, last.model.terms, last.model.units())
     unknown = find_unidentifiable(last.model, measured, doubts)
     model = last.model.withholding({name for doubt in unknown for name in doubt.withheld})
     return replace(found, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
@@ -158,7 +158,7 @@ def _few_stretches(evaluator: ModelEvaluator) -> list[Finding]:
 
 def _untested(model: Model, low: float, high: float) -> list[Finding]:
     """Return findings on terms that were tested between two angles [rad] only."""
-    ends = {term.id: untested_ends(term, low, high) for term in model.terms}
+    ends = {term.id: untested_ends(term, low, high, model.units(term.at)) for term in model.terms}
     return [Finding(Kind.UNTESTED_RANGE, own, effects=(id,)) for id, own in ends.items() if own]
 
 

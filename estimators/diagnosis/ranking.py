@@ -119,7 +119,8 @@ def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
     gain, variants = _gained(evaluator, longer, others)
     ratio = _held_out_rms(evaluator, longer, term.at) / _held_out_rms(evaluator, others, term.at)
     gates = evaluator.gates(longer, others)
-    untested, verdict = untested_ends(type(term)(), *evaluator.train.reach(term.at)), Verdict.NOT_EXCITED
+    reach, units, verdict = evaluator.train.reach(term.at), evaluator.train.units(term.at), Verdict.NOT_EXCITED
+    untested = untested_ends(type(term)(), *reach, units)
     if untested and not evaluator.is_significant(longer, others):
         reason = Finding(Kind.NOT_TESTED, untested, effects=(term.id,))
     elif not (excited := gate_of_excitation(evaluator, longer)).passed:

@@ -10,7 +10,6 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.residuals import Terms
 from estimators.signals.residual import turns
 from pendulum_env.physics import Term
-from pendulum_env.units import JointUnits
 
 TOLD = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")  # as long as they are known
 CLEAR = 2.0  # times what counts as structure: windows next to each other share about half of it
@@ -51,11 +50,11 @@ def detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -
 def detectable(evaluator: ModelEvaluator, terms: Terms, library: Mapping[str, type[Term]]) -> tuple[Detectable, ...]:
     """What would have shown beside the terms, and from which size on."""
     sizes = {id: detectable_size(evaluator, terms, library[id]) for id in TOLD if id in library}
-    units = JointUnits(evaluator.train.recordings[0].torque_unit)
+    units = evaluator.train.units()
     found = [
         Detectable(id, size, units.unit(typical_effect(library[id])[0].columns[0].unit))
         for id, size in sizes.items()
         if size is not None
     ]
-    stop = [] if turns(evaluator.train.samples.position) else [Detectable("hard_stop", between=evaluator.train.reach())]
-    return (*found, *stop)
+    stop = Detectable("hard_stop", unit=units.unit("rad"), between=evaluator.train.reach())
+    return tuple(found) if turns(evaluator.train.samples.position) else (*found, stop)

@@ -198,9 +198,10 @@ def find_regions(trial: Trial) -> Sequence[Region]:
     sizes = np.array([np.mean(np.abs(residual[data.recording_of == k])) for k in range(len(data.recordings))])
     worst = int(np.argmax(sizes))
     error, floor = float(np.mean(np.abs(residual))), of_one(data.encoder)
-    numbers = {"error": Quantity(error, unit="rad"), "times": Quantity(error / floor)}
+    unit = last.model.units().unit("rad")
+    numbers = {"error": Quantity(error, unit=unit), "times": Quantity(error / floor)}
     if len(sizes) > 1:
-        numbers["worst"] = Quantity(sizes[worst], unit="rad")
+        numbers["worst"] = Quantity(sizes[worst], unit=unit)
     cause = Finding(Kind.SERVO_OFF, numbers, recordings=(data.recordings[worst].name,))
     return [everywhere(cause, evaluator.train.samples, error, floor)]
 

@@ -47,8 +47,8 @@ def find_unexplained(found: SearchResult) -> list[Region]:
     if not is_misfit(evaluator, last):
         return []
     error = last.errors["train"].position_rms
-    cause = Finding(Kind.NEAR_REVERSALS, {"error": Quantity(error, unit="rad")})
-    return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, "rad/s", is_profiled=False, cause=cause)]
+    cause = Finding(Kind.NEAR_REVERSALS, {"error": Quantity(error, unit=units.unit("rad"))})
+    return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, units.unit("rad/s"), is_profiled=False, cause=cause)]
 
 
 def find_holdout_structure(evaluator: ModelEvaluator, final: Sequence[Term]) -> Finding | None:
@@ -69,4 +69,4 @@ def _nowhere(evaluator: ModelEvaluator, part: RegressionData, left: Array, units
         return []
     residual = Quantity(size, unit=units.unit(NEWTON_METRE))
     cause = Finding(Kind.NOWHERE, {"residual": residual, "times": Quantity(size / floor)})
-    return [everywhere(cause, part.samples, size, floor)]
+    return [everywhere(cause, part.samples, size, floor, units=units)]

@@ -42,7 +42,7 @@ def _in_unit(model: Model, recording: Recording) -> Model:
     """Return a model in the unit of the torque, with its constant, whose error scales all parameters."""
     constant = recording.torque_constant
     if constant is None:
-        return model.per(recording.torque_unit)
+        return model.per(recording.units)
     larger = 1.0 + constant.std / constant.value
     there = {
         name: replace(own, value=larger * own.value) if is_of_torque(own.unit) else own

@@ -115,9 +115,9 @@ class Identified:
     def _repr_html_(self) -> str:
         return shown(self)
 
-    def per(self, torque_unit: str) -> Identified:
-        """The same numbers, said of a torque that is in another unit."""
-        model, unit = as_read(self.model.per(torque_unit)), JointUnits(torque_unit).unit
+    def per(self, units: JointUnits) -> Identified:
+        """The same numbers at another joint, or with torque in another unit."""
+        model, unit = as_read(self.model.per(units)), units.unit
         return replace(self, model=model, unit=unit(self.unit), units=tuple(map(unit, self.units)))
 
     def with_known(self, terms: Sequence[Term], recordings: Sequence[Recording]) -> Identified:

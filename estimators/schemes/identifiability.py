@@ -15,6 +15,7 @@ from pendulum_env.arms.joints import DRAWS
 from pendulum_env.physics import BASE, Estimate, Model, Term
 from pendulum_env.physics.model import SIGNIFICANT
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.units import TURNING, JointUnits
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,11 @@ PLACES = 50  # instants at which the joints' inertia is looked at
 
 
 def identifiability(
-    measurements: Sequence[Measurements], terms: Sequence[Term], unit: str = NEWTON_METRE
+    measurements: Sequence[Measurements], terms: Sequence[Term], units: JointUnits = TURNING
 ) -> tuple[Finding, ...]:
     """What recordings, taken together, cannot tell about the parameters of the terms; empty if all is well.
 
-    `unit` is that of the torque.
+    `units` are those at the joint.
     """
     names = [column.name for term in terms for column in term.columns]
     clear = [m.clear(GUARD) for m in measurements]
@@ -51,16 +52,16 @@ def identifiability(
         mean = float(np.mean([m.held.mean() for m in measurements]))
         is_constant = all(np.ptp(m.held) <= CONSTANT * abs(mean) for m in measurements)
         kind = Kind.TORQUE_IS_CONSTANT if is_constant else Kind.TORQUE_IS_NOISE
-        doubts.append(Finding(kind, {"torque": Quantity(mean, unit=unit)}, tuple(names)))
+        doubts.append(Finding(kind, {"torque": Quantity(mean, unit=units.unit(NEWTON_METRE))}, tuple(names)))
     forwards = float(np.mean(velocity > 0))
     if not TELLING.one_sided < forwards < 1 - TELLING.one_sided:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
         withheld = tuple(name for name in constants if name in names)
         doubts.append(Finding(Kind.ONE_DIRECTION, parameters=withheld, effects=("torque_offset", "coulomb")))
     furthest = max(float(np.abs(m.position).max()) for m in measurements)
-    if furthest < TELLING.small:
+    if furthest < TELLING.small and not units.slides:
         alike = ("gravity", "spring.stiffness")
-        withheld, angle = alike if set(alike) <= set(names) else (), Quantity(furthest, unit="rad")
+        withheld, angle = alike if set(alike) <= set(names) else (), Quantity(furthest, unit=units.unit("rad"))
         doubts.append(Finding(Kind.SMALL_ANGLES, {"angle": angle}, withheld, ("spring", "gravity")))
     everywhere = [scheme("dynamic").regression(m, terms).equations.phi for m in measurements]
     phi = np.concatenate([phi[use] for phi, use in zip(everywhere, clear, strict=True)])

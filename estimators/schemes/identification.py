@@ -209,7 +209,7 @@ def _of_one_joint(
     if not (all(own.is_free for own in recordings) or any(has_effective_torque(m) for m in measurements)):
         raise IdentificationError(f"{_names(recordings)}: {_undriven(recordings)}")
     chosen, slowed = _at_rate(schemes, segments)
-    doubts = (*identifiability(measurements, terms, given.unit), *slowed)
+    doubts = (*identifiability(measurements, terms, recordings[0].units), *slowed)
     results = _by_schemes(chosen, segments, terms, recordings, regressions(terms))
     first = next(iter(results.values())).model
     if given.constant is not None:
@@ -218,7 +218,7 @@ def _of_one_joint(
         there = _by_schemes(chosen, _measure_joints(moved, terms), terms, recordings, regressions(terms))
         results = {id: own.calibrated(given.constant, there[id].model) for id, own in results.items()}
     else:
-        results = {id: own.per(given.unit).with_known(original, recordings) for id, own in results.items()}
+        results = {id: own.per(recordings[0].units).with_known(original, recordings) for id, own in results.items()}
     results, doubts = _withheld(results, measurements, doubts)
     mistakes = wrong_columns(first, recordings)
     data = None

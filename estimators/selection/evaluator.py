@@ -213,7 +213,7 @@ class ModelEvaluator:
         parts = {"train": self.train, "holdout": self.holdout}
         if self.linked is None and has_link(model.terms):
             parts = {name: part.with_link_states(model) for name, part in parts.items()}
-        model = model_of(model).per(self.train.recordings[0].torque_unit).withholding(self._unknown)
+        model = model_of(model).per(self.train.recordings[0].units).withholding(self._unknown)
         return Step(added, model, {name: part.errors(model) for name, part in parts.items()})
 
     def refit_to_motion(self, step: Step) -> Step:

@@ -34,7 +34,7 @@ def violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
         for column, value in bound_violations(here.terms, here.theta)
     ]
     found += [
-        Gate(term.full(parameter.name), parameter.high, parameter.high, False, model.units().unit(parameter.unit))
+        Gate(term.full(parameter.name), parameter.high, parameter.high, False, parameter.unit_at(model.units()))
         for term, parameter in parameters_at_upper_limit(here.terms)
     ]
     for at, x in motions.items():
@@ -147,7 +147,8 @@ def confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]
     sign = significant_sign(after.model, "gravity") * significant_sign(before.model, "gravity")
     if sign and "gravity_tilt" not in after.model.estimates:  # beside a tilt, gravity alone has any sign
         gates.append(Gate("gravity_sign", sign, 0, sign > 0))
-    errors = [("in_loop", new.in_loop, old.in_loop, "rad"), ("position", new.position_rms, old.position_rms, "rad")]
+    angle = after.model.units().unit("rad")
+    errors = [("in_loop", new.in_loop, old.in_loop, angle), ("position", new.position_rms, old.position_rms, angle)]
     for at in () if new.is_in_loop else [at for at in motions if at in changed]:
         unit = after.model.units(at).unit("N m")
         errors.append((f"torque@{at}" if at else "torque", new.at(at), old.at(at), unit))

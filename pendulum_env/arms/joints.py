@@ -31,7 +31,7 @@ FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # of a joint, where nothing
 DRAWS, OF_NO_LINK = 60, 1e-6  # of random motion, and share of an inertia that no link's explains
 OF_THE_ARM = ("load_dependent_friction.output",)  # columns that an effect has where its joint alone makes them
 NOT_DECENTRALISED = ("backlash", "joint_flexibility", "encoder_eccentricity", "gravity_tilt", "payload_change")
-OF_A_TURN = ("cogging", "torque_ripple", "position_dependent_friction")  # what comes again with each
+OF_A_TURN = ("cogging", "torque_ripple", "position_dependent_friction", "gravity_tilt", "encoder_eccentricity")
 
 
 def can_sit(id: str, slides: bool = False) -> bool:
@@ -56,11 +56,11 @@ def at_joint(effect: type[Term], joint: str, slides: bool = False) -> type[Term]
 
 @cache  # so that the same effect at the same joint is the same class
 def _at_joint(effect: type[Term], joint: str, slides: bool) -> type[Term]:
-    unit_of = JointUnits(slides=slides).unit
+    units = JointUnits(slides=slides)
 
     def named(columns: Sequence[Column]) -> tuple[Column, ...]:
         own = (column for column in columns if column.name not in OF_THE_ARM)
-        return tuple(replace(column, name=f"{column.name}@{joint}", unit=unit_of(column.unit)) for column in own)
+        return tuple(replace(column, name=f"{column.name}@{joint}", unit=units.unit(column.unit)) for column in own)
 
     made = derived(
         effect, at_joint, joint, slides,
@@ -68,7 +68,7 @@ def _at_joint(effect: type[Term], joint: str, slides: bool) -> type[Term]:
         at=joint,
         slides=slides,
         nonlinear_parameters=tuple(
-            replace(own, unit=unit_of(own.unit)) for own in effect.nonlinear_parameters if not own.follows
+            replace(own, unit=own.unit_at(units)) for own in effect.nonlinear_parameters if not own.follows
         ),
         columns=cached_property(lambda term: named(super(made, term).columns)),
         fixed=cached_property(lambda term: named(super(made, term).fixed)),

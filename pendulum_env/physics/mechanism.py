@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from pendulum_env.units import JointUnits
+from pendulum_env.units import TURNING, JointUnits
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +34,9 @@ class Mechanism:
         """Combinations of parameters that a parameter stands for, by its name; none of a pendulum."""
         return {}
 
-    def units(self, joint: str, torque_unit: str = "N m") -> JointUnits:
-        """Return the units of quantities at a joint."""
-        return JointUnits(torque_unit, joint in self.sliding)
+    def units(self, joint: str, recorded: JointUnits = TURNING) -> JointUnits:
+        """Return the units of quantities at a joint, by those of a recording."""
+        return JointUnits(recorded.torque_unit, recorded.slides or joint in self.sliding)
 
 
 def describe_joints(names: Sequence[str]) -> str:

@@ -117,6 +117,7 @@ class Model(Mapping[str, Estimate]):
         terms: ordered terms; a term's nonlinear parameters are fields of the term.
         estimates: every parameter by name: linear ones by the name of their column, nonlinear ones as `id.name`.
         torque_unit: `N m`, or that of a current in whose stead every parameter is per unit of it.
+        slides: whether the one joint slides; of an arm the body tells it.
         torque_constant: by which a current became the torque that the model was fitted to, if one did; the errors of
             the estimates include its own.
         correlation: of the errors of the estimates, rows and columns in their order; empty if unknown.
@@ -127,6 +128,7 @@ class Model(Mapping[str, Estimate]):
     terms: tuple[Term, ...] = BASE
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
     torque_unit: str = "N m"
+    slides: bool = False
     torque_constant: Estimate | None = None
     correlation: tuple[tuple[float, ...], ...] = ()
     log_format: Mapping[str, Any] = field(default_factory=dict)
@@ -251,7 +253,7 @@ class Model(Mapping[str, Estimate]):
             raise ModelError(f"the model has '{term.id}' already: each effect can be added once")
         refuse_held(self.terms, term)
         added = Model.build([term], theta)
-        new = added.per(self.torque_unit).estimates
+        new = added.per(self.units()).estimates
         return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **new}, correlation=())
 
     @property
@@ -275,13 +277,13 @@ class Model(Mapping[str, Estimate]):
 
     def units(self, joint: str = "") -> JointUnits:
         """Return the units of quantities at a joint."""
-        return self.body.units(joint, self.torque_unit)
+        return self.body.units(joint, JointUnits(self.torque_unit, self.slides))
 
-    def per(self, torque_unit: str) -> Self:
-        """The same numbers with the units that they have if torque is in another unit, such as `A`."""
-        unit = JointUnits(torque_unit).unit
-        named = {name: replace(e, unit=unit(e.unit)) for name, e in self.estimates.items()}
-        return replace(self, estimates=named, torque_unit=torque_unit)
+    def per(self, units: JointUnits) -> Self:
+        """The same numbers with the units of another joint, or of torque in another unit, such as `A`."""
+        own = {term.full(one.name): one.unit_at(units) for term in self.terms for one in term.nonlinear_parameters}
+        named = {name: replace(e, unit=own.get(name) or units.unit(e.unit)) for name, e in self.estimates.items()}
+        return replace(self, estimates=named, torque_unit=units.torque_unit, slides=units.slides)
 
     def of(self, id: str) -> dict[str, Estimate]:
         """Parameters of one of the terms, by name."""
@@ -355,6 +357,8 @@ class Model(Mapping[str, Estimate]):
             data["tables"] = extents
         if self.torque_unit != "N m":
             data["torque_unit"] = self.torque_unit
+        if self.slides:
+            data["slides"] = True
         if self.torque_constant is not None:
             data["torque_constant"] = self.torque_constant.json()
         if self.log_format:
@@ -431,6 +435,7 @@ class _ModelFile(Struct):
     theta: dict[str, Any]  # of each, as `ParameterFile`
     tables: dict[str, Any] | None = None
     torque_unit: Text | None = None
+    slides: bool = False
     torque_constant: ParameterFile | None = None
     covariance: _Covariance | None = None
     log_format: dict[str, Any] | None = None
@@ -481,7 +486,7 @@ def _model(data: _ModelFile) -> Model:
         raise ModelError(f"'theta.inertia.value' is {inertia.value:g}: expected a number above zero")
     constant = data.torque_constant
     model = replace(
-        Model(terms, estimates).per(_unit(data.torque_unit or "N m", "torque_unit")),
+        Model(terms, estimates).per(JointUnits(_unit(data.torque_unit or "N m", "torque_unit"), data.slides)),
         torque_constant=None if constant is None else constant.estimate(_unit(constant.unit, "torque_constant.unit")),
         log_format=read_log_format(data.log_format),
     )

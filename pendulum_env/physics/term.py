@@ -23,6 +23,7 @@ from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.description import DESCRIPTIONS, Description
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.symbols import may, name, repeated
+from pendulum_env.units import JointUnits
 
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
@@ -167,6 +168,11 @@ class NonlinearParameter:
     follows: str = ""  # name of a linear parameter of another term that this one is to equal
     instant: bool = False  # whether it is a time at which something happens, which shows only in what is sampled then
     nominal: float | None = None  # value at which it stays, and is no parameter at all, unless data call for another
+    is_frequency: bool = False  # whether its rad/s are of an oscillation, and no speed of the joint
+
+    def unit_at(self, units: JointUnits) -> str:
+        """Return its unit at a joint."""
+        return self.unit if self.is_frequency else units.unit(self.unit)
 
 
 @dataclass(frozen=True)

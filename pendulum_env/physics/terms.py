@@ -8,7 +8,7 @@ import numpy as np
 from pendulum_env._typing import ArrayLike
 from pendulum_env.physics.term import Term
 from pendulum_env.quantity import Quantity
-from pendulum_env.units import JointUnits
+from pendulum_env.units import TURNING, JointUnits
 
 
 def ids(terms: Sequence[Term]) -> frozenset[str]:
@@ -57,10 +57,10 @@ def with_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike]
     return tuple(changed)
 
 
-def untested_ends(term: Term, low: float, high: float) -> dict[str, Quantity]:
+def untested_ends(term: Term, low: float, high: float, units: JointUnits = TURNING) -> dict[str, Quantity]:
     """Ends `low` and `high` of a motion [rad] beyond which a term may act; empty if none."""
     ends = zip(("low", "high"), (low, high), term.open_ends, strict=True)
-    unit = JointUnits(slides=term.slides).unit("rad")
+    unit = units.unit("rad")
     return {name: Quantity(value, unit=unit) for name, value, is_open in ends if is_open}
 
 

@@ -61,7 +61,7 @@ class PeriodicDisturbance(Term):
     id = "periodic_disturbance"
     law = "s sin wt + c cos wt"
     kind = "time-varying"
-    nonlinear_parameters = (NonlinearParameter("frequency", "rad/s", 1e-5, 1e5),)
+    nonlinear_parameters = (NonlinearParameter("frequency", "rad/s", 1e-5, 1e5, is_frequency=True),)
 
     @property
     def columns(self) -> tuple[Column, ...]:

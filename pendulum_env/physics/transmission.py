@@ -104,7 +104,7 @@ class JointFlexibility(Transmission):
     id = "joint_flexibility"
     law = "J (ql'' - q'') + mgl (sin ql - sin q)"
     nonlinear_parameters = (
-        NonlinearParameter("resonance", "rad/s", 1.0, 2e3),
+        NonlinearParameter("resonance", "rad/s", 1.0, 2e3, is_frequency=True),
         NonlinearParameter("damping", "1/s", 1e-2, 1e3),
         NonlinearParameter("gravity", "1/s^2", 0.1, 1e4),
     )
@@ -136,7 +136,7 @@ class Backlash(Transmission):
     forgets = 2.0
     nonlinear_parameters = (
         NonlinearParameter("gap", "rad", 1e-4, 0.5),
-        NonlinearParameter("resonance", "rad/s", 10.0, 5e3),
+        NonlinearParameter("resonance", "rad/s", 10.0, 5e3, is_frequency=True),
         NonlinearParameter("damping", "1/s", 1e-2, 1e4),
         NonlinearParameter("gravity", "1/s^2", 0.1, 1e4),
     )

@@ -247,8 +247,8 @@ class Recording:
 
     @property
     def units(self) -> JointUnits:
-        """Units of its quantities."""
-        return JointUnits(self.torque_unit)
+        """Units of its quantities: the joint slides if the position of its file is in metres."""
+        return JointUnits(self.torque_unit, self.origin is not None and self.origin.slides)
 
     @property
     def summary(self) -> str:

@@ -91,7 +91,7 @@ def test_identify_prints_six_schemes_and_saves_a_model(runs, done):
     assert data["schemes"]["dynamic"]["theta"]["inertia"]["unit"] == "kg m^2"
     out = done("identify train.csv --scheme filtered_power --columns position=position:m,torque=torque:N")
     assert "filtered_power" in out and "hamiltonian" not in out
-    assert "read kg for kg m^2, N for N m" in out  # of an axis that slides
+    assert "inertia [kg]" in out and "gravity [N]" in out  # of a joint that slides
 
 
 def test_compare_says_how_far_off_and_where_and_writes_a_report(runs, done):

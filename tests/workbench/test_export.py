@@ -14,6 +14,7 @@ from pendulum_env.physics import Column, Model, Term, effects
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.table import Extent, TorqueByAngle
 from pendulum_env.plant import PAPER, hide, paper_plant
+from pendulum_env.units import JointUnits
 from tests.pendulum_env.physics.test_table import KINDS, in_model
 from tests.terms import Table
 from tests.workbench.exported import in_mujoco, library, module, needs_compiler, off
@@ -193,7 +194,7 @@ def test_a_known_mass_moves_the_centre_and_a_known_armature_is_part_of_the_inert
 
 
 REFUSED = {
-    "a torque in A: masses and inertias are those per A": (paper_plant().per("A"), "mjcf", Request()),
+    "a torque in A: masses and inertias are those per A": (paper_plant().per(JointUnits("A")), "mjcf", Request()),
     "a law of this model cannot be written down": (paper_plant().add(Table(), [0.4]), "c", Request()),
     "the hysteresis of hard_stop": (plant("hard_stop"), "mjcf", Request()),
     "--mass has to be above 0.46": (plant(), "mjcf", Request(mass=0.4)),

@@ -28,6 +28,7 @@ from pendulum_env.physics.friction import QuadraticDrag, Stribeck
 from pendulum_env.physics.library import effect
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.registration import PENDULUM
+from pendulum_env.units import JointUnits
 from tests import cases, slow
 from tests.feeding import fed, played
 
@@ -158,7 +159,7 @@ def test_a_given_model_is_compared_in_its_unit_and_without_its_unknown_parameter
     env.reset(seed=0)
     *_, info = played(env, 2400)
     assert "gravity" in info["diagnosis"].changed and "viscous" not in info["diagnosis"].changed
-    model.per("A").save(tmp_path / "current.json")
+    model.per(JointUnits("A")).save(tmp_path / "current.json")
     with pytest.raises(ValueError, match="per A, but the environment measures torque in N m"):
         DiagnoseOnline(gym.make(PENDULUM), model=tmp_path / "current.json")
 

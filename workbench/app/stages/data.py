@@ -66,7 +66,7 @@ def _courses(state: State, k: int, recording: Recording) -> list[Figure]:
             own,
             f"course-{k}-{n}",
             f"{joint}, {recording.name}" if joint else recording.name,
-            state.body.units(joint, recording.torque_unit),
+            state.body.units(joint, recording.units),
             **height,
         )
         for n, (joint, own) in enumerate(zip(recording.names, recording.joints, strict=True))
