@@ -14,9 +14,9 @@ from gymnasium.vector import AutoresetMode
 
 from agents.observer import LOG_SCALE, OBSERVATION_BOUND, Batch
 from agents.task import Task, TaskState, TaskVector
-from estimators.arms.excitation import PRIOR, Moving, objection, to_rest
-from estimators.arms.limits import USUAL, Limits, limits_of
-from estimators.arms.reference import HOLD, Reference
+from estimators.arms.excitation import INFORMATION_PRIOR, MotionBatch, find_problem, stop_motion
+from estimators.arms.limits import DEFAULT_LIMITS, Limits, find_limits
+from estimators.arms.reference import KNOT_PERIOD, Reference
 from estimators.regression.equations import IdentificationError
 from estimators.wrappers.options import find_body
 from pendulum_env._typing import Array
@@ -39,15 +39,15 @@ N_SAMPLED_MOTIONS = 256  # drawn from a policy; the best is used
 TIME_SCALE = 5.0  # [s], divisor of the time left in the observation
 
 
-def compute_observation(moving: Moving, left: float) -> Batch:
+def compute_observation(motions: MotionBatch, time_left: float) -> Batch:
     """Compute observations (B, 8 n + 2 P + 1) of motions at a knot with the time left [s]."""
-    q, (low, high, speed, torque, acceleration) = moving.position, moving.limits
-    own = np.log(moving.information.diagonal(axis1=1, axis2=2) / PRIOR)
-    known = -np.log(moving.variances * PRIOR)
-    where = [np.sin(q), np.cos(q), (2 * q - low - high) / (high - low), moving.speed / speed]
-    rise = speed / acceleration / USUAL.rise
+    q, (low, high, speed, torque, acceleration) = motions.position, motions.limits
+    own = np.log(motions.information.diagonal(axis1=1, axis2=2) / INFORMATION_PRIOR)
+    known = -np.log(motions.variances * INFORMATION_PRIOR)
+    where = [np.sin(q), np.cos(q), (2 * q - low - high) / (high - low), motions.speed / speed]
+    rise = speed / acceleration / DEFAULT_LIMITS.rise
     limits = [(high - low) / (2 * np.pi), speed / USUAL_SPEED, torque / TORQUE, rise]
-    time = np.full((len(q), 1), left / TIME_SCALE)
+    time = np.full((len(q), 1), time_left / TIME_SCALE)
     seen = np.concatenate([*where, *limits, own / LOG_SCALE, known / LOG_SCALE, time], axis=1)
     return np.clip(seen, -OBSERVATION_BOUND, OBSERVATION_BOUND).astype(np.float32)
 
@@ -96,16 +96,16 @@ class ArmExcitationDesignVector(TaskVector):
         Raises:
             ValueError: if an argument is out of its range, or the file is no robot.
         """
-        if seconds is not None and not HOLD <= seconds < np.inf:
-            raise Mistake(f"an episode of {seconds:g} s is too short: give {HOLD:g} s or more")
+        if seconds is not None and not KNOT_PERIOD <= seconds < np.inf:
+            raise Mistake(f"an episode of {seconds:g} s is too short: give {KNOT_PERIOD:g} s or more")
         self.body = find_body(PlanarArm()) if robot is None else read_body(robot)
         torque = TORQUE if max_torque is None else max_torque
         self.body.refuse_impossible_links()
-        self.limits = limits_of(self.body, max_angle, max_speed, torque, max_acceleration)
+        self.limits = find_limits(self.body, max_angle, max_speed, torque, max_acceleration)
         self._seconds, self._draw = seconds, draw
-        self._moving = Moving(self.body, self.limits, num_envs)
+        self._motions = MotionBatch(self.body, self.limits, num_envs)
         super().__init__(
-            num_envs, compute_observation(self._moving, 1.0).shape[1], len(self.body.joints), autoreset_mode
+            num_envs, compute_observation(self._motions, 1.0).shape[1], len(self.body.joints), autoreset_mode
         )
 
     def _begin_episodes(self, options: dict[str, Any]) -> TaskState:
@@ -118,16 +118,16 @@ class ArmExcitationDesignVector(TaskVector):
                 low, high, limits.speed * speed, limits.torque * torque, limits.acceleration * speed * acceleration
             )
         seconds = rng.uniform(*SECONDS) if self._seconds is None else self._seconds
-        self._moving, self._steps_left = Moving(self.body, limits, self.num_envs), round(seconds / HOLD)
+        self._motions, self._steps_left = MotionBatch(self.body, limits, self.num_envs), round(seconds / KNOT_PERIOD)
         return self._task_state()
 
     def _apply_actions(self, shares: Array) -> TaskState:
-        self._moving.go(np.clip(shares, -1.0, 1.0))
+        self._motions.advance(np.clip(shares, -1.0, 1.0))
         return self._task_state()
 
     def _task_state(self) -> TaskState:
-        info = {"speed": self._moving.speed, "variances": self._moving.variances}
-        return compute_observation(self._moving, self._steps_left * HOLD), self._moving.worth, info
+        info = {"speed": self._motions.speed, "variances": self._motions.variances}
+        return compute_observation(self._motions, self._steps_left * KNOT_PERIOD), self._motions.log_precision, info
 
 
 class ArmExcitationDesign(Task):
@@ -152,18 +152,20 @@ def plan_motion(policy: Policy, body: Body, limits: Limits, seconds: float) -> R
         IdentificationError: if each motion needs more torque than allowed, or leaves a joint at rest.
     """
     limits = limits._replace(torque=np.minimum(limits.torque, TORQUE))
-    moving = Moving(body, limits, N_SAMPLED_MOTIONS)
+    motions = MotionBatch(body, limits, N_SAMPLED_MOTIONS)
     state: State = (np.random.default_rng(0),)
-    start, speeds = moving.position[0], [moving.speed]
-    for left in range(round(seconds / HOLD), 0, -1):
+    start, speeds = motions.position[0], [motions.speed]
+    for steps_left in range(round(seconds / KNOT_PERIOD), 0, -1):
         begins = np.full(N_SAMPLED_MOTIONS, len(speeds) == 1)
-        action, state = policy.predict(compute_observation(moving, left * HOLD), state, begins, deterministic=False)
-        moving.go(np.clip(np.asarray(action, dtype=float), -1.0, 1.0))
-        speeds.append(moving.speed)
+        action, state = policy.predict(
+            compute_observation(motions, steps_left * KNOT_PERIOD), state, begins, deterministic=False
+        )
+        motions.advance(np.clip(np.asarray(action, dtype=float), -1.0, 1.0))
+        speeds.append(motions.speed)
     reason = ""
-    for best in np.argsort(-moving.worth)[:, None]:
-        motion = to_rest(body, moving.chosen(best), start, [speed[best] for speed in speeds])
-        if not (problem := objection(motion, limits)):
+    for best in np.argsort(-motions.log_precision)[:, None]:
+        motion = stop_motion(body, motions.select(best), start, [speed[best] for speed in speeds])
+        if not (problem := find_problem(motion, limits)):
             return motion
         reason = reason or problem
     raise IdentificationError(f"{body.name}: under the policy {reason}")

@@ -20,10 +20,10 @@ import numpy as np
 from agents import load
 from agents.arm_env import TORQUE, plan_motion
 from agents.comparison import bootstrap_interval, compute_gain
-from estimators.arms.excitation import PRIOR, design_excitation, sizes, telling
+from estimators.arms.excitation import INFORMATION_PRIOR, design_excitation, information_rows, parameter_scales
 from estimators.arms.following import follow
-from estimators.arms.limits import limits_of
-from estimators.arms.reference import TICK, condition_of, torque_rows
+from estimators.arms.limits import find_limits
+from estimators.arms.reference import TICK, condition_number, torque_rows
 from estimators.online import OnlineEstimator
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
@@ -80,7 +80,7 @@ def scaled(body: Body, period: float, waves: Array, share: float = 0.9, **limits
     It has a share of their angles and speeds; five waves in 5 s at 4 rad/s never take more than 25 rad/s^2. None where
     that takes more torque than there is.
     """
-    low, high, speed, torque, _ = limits_of(body, **limits)
+    low, high, speed, torque, _ = find_limits(body, **limits)
     time, middle = np.linspace(0, period, 200, endpoint=False), 0.5 * (low + high)
     q, v, _ = Series(body, 0 * middle, *waves, period)(time)
     scale = share * np.minimum(0.5 * (high - low) / np.abs(q).max(axis=0), speed / np.abs(v).max(axis=0))
@@ -130,9 +130,9 @@ def cma_fourier(body: Body, seconds: float, rng: np.random.Generator, **limits: 
 def information(body: Body, motion: Motion, seconds: float) -> Array:
     """Of parameters as shares of their sizes (P, P), in units of a tick's noise."""
     q, v, a = motion(np.arange(TICK / 2, seconds, TICK))
-    own = sizes(body)
-    rows = telling(body, own, q, v, a).reshape(-1, len(own))
-    return PRIOR * np.eye(len(own)) + rows.T @ rows
+    own = parameter_scales(body)
+    rows = information_rows(body, own, q, v, a).reshape(-1, len(own))
+    return INFORMATION_PRIOR * np.eye(len(own)) + rows.T @ rows
 
 
 def log_det(motion: Any, seconds: float) -> float:
@@ -147,7 +147,7 @@ def deviation(motion: Any, seconds: float) -> float:
 
 def agent(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
     """The policy that ships."""
-    return plan_motion(load("arm"), body, limits_of(body, **limits), seconds)
+    return plan_motion(load("arm"), body, find_limits(body, **limits), seconds)
 
 
 def by_knots(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
@@ -184,7 +184,7 @@ def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Gene
     own = np.concatenate([truth.values, *np.array([(link.viscous, link.coulomb) for link in links]).T])
     names = [*file.names, *(f"{kind}@{joint}" for kind in ("viscous", "coulomb") for joint in file.joints)]
     places = [estimator.names.index(name) for name in names]
-    found, relative = [], sizes(truth)
+    found, relative = [], parameter_scales(truth)
     acted = np.vstack([np.zeros((1, len(file.joints))), recording.torque[:-1]])  # over the period that ends then
     for time, *sample in zip(recording.time, recording.position, acted, strict=True):
         now = estimator.take(np.array([time]), *(part[None] for part in sample))
@@ -231,18 +231,18 @@ def robots(folder: Path, seconds: float = 10.0) -> None:
     """Standard errors and condition numbers of motions of published robots."""
     print("robot, motion: RMS standard error as a share of random Fourier series, geometric mean, condition")
     for name, file in ROBOTS.items():
-        moving = [f"panda_joint{k}" for k in range(1, 8)] if name == "Panda" else None
-        body = read_body(folder / file, joints=moving)
+        motions = [f"panda_joint{k}" for k in range(1, 8)] if name == "Panda" else None
+        body = read_body(folder / file, joints=motions)
         first: Any = None
         for own in (BASE, "fourier, CMA-ES", "knot by knot"):
             motion: Any = CONTENDERS[own](body, seconds, np.random.default_rng(0))
             first = first or motion
             shares = deviation(motion, seconds) / deviation(first, seconds)
             both = (log_det(one, seconds) for one in (first, motion))
-            mean = np.exp(0.5 * -np.diff([*both])[0] / len(sizes(body)))
+            mean = np.exp(0.5 * -np.diff([*both])[0] / len(parameter_scales(body)))
             time = np.arange(0.0, seconds, TICK)
             q, v, a = motion(time)
-            condition = condition_of(torque_rows(body, q, v, a))
+            condition = condition_number(torque_rows(body, q, v, a))
             torque = (np.abs(torque_of(motion, time)).max(axis=0) / body.torque_limits).max()
             print(
                 f"{name:12} {own:18} {shares:.2f} {mean:.2f} {condition:5.0f}  torque {torque:.2f}, "

@@ -22,7 +22,7 @@ from agents.network import load
 from agents.observer import ARM, CONSTRAINTS, EPISODE, Pilot
 from estimators.arms.excitation import design_excitation
 from estimators.arms.following import follow
-from estimators.arms.limits import limits_of
+from estimators.arms.limits import find_limits
 from estimators.arms.reference import Reference
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
@@ -270,7 +270,7 @@ def _motion(
     limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
     limits["max_acceleration"] = arguments.max_acceleration
     if learnt:
-        return plan_motion(load(arguments.policy or ARM), body, limits_of(body, **limits), seconds)
+        return plan_motion(load(arguments.policy or ARM), body, find_limits(body, **limits), seconds)
     return design_excitation(body, seconds, **limits, rng=rng)
 
 

@@ -1,4 +1,4 @@
-"""What is of arms alone: excitation, payload and standard parameters."""
+"""Excitation, payload and standard parameters of arms."""
 
 from typing import TYPE_CHECKING
 

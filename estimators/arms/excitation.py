@@ -1,8 +1,8 @@
-"""Excitation of an arm knot by knot: which speeds its joints have next, within their limits, to learn most of it.
+"""Design of excitation motions of an arm, knot by knot, within the limits of its joints.
 
-Under a robot's own controller the motion, and so what it teaches, does not depend on the parameters that are to be
-learnt: it is chosen in advance, by A-optimality of relative errors (Fedorov, Theory of Optimal Experiments, 1972) and a
-beam search (Lowerre, The Harpy Speech Recognition System, 1976).
+The arm follows the motion with its own controller, so the information of the motion does not depend on the unknown
+parameters. The motion is designed in advance by A-optimality of relative errors (Fedorov, Theory of Optimal
+Experiments, 1972) and a beam search (Lowerre, The Harpy Speech Recognition System, 1976).
 """
 
 from __future__ import annotations
@@ -11,35 +11,35 @@ from typing import Self
 
 import numpy as np
 
-from estimators.arms.limits import Limits, limits_of
-from estimators.arms.reference import HOLD, TICK, Reference, averaged, reachable, torque_rows
+from estimators.arms.limits import Limits, find_limits
+from estimators.arms.reference import KNOT_PERIOD, TICK, Reference, average_motion, limit_speeds, torque_rows
 from estimators.regression.equations import IdentificationError
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.plane import friction_of
 from pendulum_env.plant import PAPER
 
-SLOW = 0.05  # [rad/s or m/s]; slower than this nothing is learnt: estimators keep clear of stick,
-GUARD = 0.03  # [s] before and after a reversal, their filters' reach included
-PRIOR = 0.1  # of the information: (noise / spread)^2 with 0.1 N m of noise on a tick and arms within some 30 %
-CRAWL = 0.15  # [rad/s or m/s], where dry friction is told from viscous best: slow, and clear of stick all the same
-BREADTH = 3200  # numbers in the information matrices of the motions that are carried on: 32 for two links, 1 for six
-SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the acceleration that are tried until the torque suffices
-TOO_WEAK = "moving needs more torque than the joints have: allow less speed or angle, or more torque"
+MIN_SPEED = 0.05  # [rad/s or m/s]; slower samples are near stick and have no information
+REVERSAL_GUARD = 0.03  # [s] before and after a reversal, including the reach of filters
+INFORMATION_PRIOR = 0.1  # (noise / spread)^2 with 0.1 N m of noise per tick and a spread of the arms of 30 %
+CRAWL_SPEED = 0.15  # [rad/s or m/s]; slow but clear of stick, which separates dry from viscous friction
+BEAM_ELEMENTS = 3200  # numbers in the information matrices of a beam: 32 motions for two links, 1 for six
+ACCELERATION_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the acceleration, tried in turn until the torque suffices
+TORQUE_PROBLEM = "the motion needs more torque than the joints have: allow less speed or angle, or more torque"
 
 
-def clear(v: Array, a: Array) -> Mask:
-    """Where velocity [rad/s or m/s] is clear of stick and, at this acceleration, of reversals; the shapes of both."""
-    return np.abs(v) >= SLOW + GUARD * np.abs(a)
+def is_clear_of_stick(v: Array, a: Array) -> Mask:
+    """Return whether a velocity v with acceleration a is clear of stick and reversals."""
+    return np.abs(v) >= MIN_SPEED + REVERSAL_GUARD * np.abs(a)
 
 
-def sizes(body: Body) -> Array:
-    """What counts as the size of base parameters, viscous and dry friction (P,), by the file.
+def parameter_scales(body: Body) -> Array:
+    """Compute scales of base parameters, viscous and dry friction (P,) from the robot file.
 
-    A first moment counts as large as that of its link along all axes, an element of its inertia as large as all, and
-    where a link has none, as the smallest that another has: nothing is zero for certain.
+    The scale of a first moment is the norm of the first moments of its link, and likewise for the inertia. A link
+    without values has the smallest scale of another link.
     """
-    groups = []  # kind, and whose it is
+    groups = []  # kind, and link
     for quantity, _, joint in (name.partition("@") for name in body.names):
         alone = quantity in ("m", "rotor")
         groups.append(({"m": "mass", "rotor": "I"}[quantity] if alone else quantity[0], f"{quantity * alone}@{joint}"))
@@ -53,32 +53,32 @@ def sizes(body: Body) -> Array:
     return np.concatenate([links, *friction])
 
 
-def telling(body: Body, own: Array, q: Array, v: Array, a: Array) -> Array:
-    """Rows (N, n, P) of a motion in parameters as shares of their sizes `own` (P,), zero where it is not clear."""
-    return torque_rows(body, q, v, a) * own * clear(v, a)[..., None]
+def information_rows(body: Body, own: Array, q: Array, v: Array, a: Array) -> Array:
+    """Compute rows (N, n, P) of a motion for parameters relative to their scales `own` (P,); zero near stick."""
+    return torque_rows(body, q, v, a) * own * is_clear_of_stick(v, a)[..., None]
 
 
-class Moving:
-    """B motions of an arm at a knot, and what they have taught.
+class MotionBatch:
+    """B motions of an arm up to a knot, and their information.
 
     Attributes:
         limits: of the joints, (B, n) each.
         speed: at the last knot (B, n) [rad/s or m/s].
-        information: of parameters as shares of their sizes, in units of the noise of a tick's mean torque (B, P, P).
+        information: of parameters relative to their scales, for unit noise of the mean torque of a tick (B, P, P).
         variances: squared standard errors of the parameters, in the same units (B, P).
     """
 
     def __init__(self, body: Body, limits: Limits, batch: int) -> None:
-        """Begin at rest, with all joints as near to zero as they may be; limits are (n,) or (B, n)."""
-        self._body, self._sizes = body, sizes(body)
+        """Start at rest, with all joints as near to zero as the limits (n,) or (B, n) allow."""
+        self._body, self._sizes = body, parameter_scales(body)
         self.limits = Limits(*(np.broadcast_to(values, (batch, values.shape[-1])) for values in limits))
-        self._place = np.clip(0.0, self.limits.low, self.limits.high)  # at the knot before the last
+        self._place = np.clip(0.0, self.limits.low, self.limits.high)  # at the last but one knot
         self._before, self.speed = np.zeros((2, *self._place.shape))
-        self.information = np.tile(PRIOR * np.eye(len(self._sizes)), (batch, 1, 1))
-        self.variances = np.full((batch, len(self._sizes)), 1 / PRIOR)
+        self.information = np.tile(INFORMATION_PRIOR * np.eye(len(self._sizes)), (batch, 1, 1))
+        self.variances = np.full((batch, len(self._sizes)), 1 / INFORMATION_PRIOR)
 
-    def chosen(self, which: Index) -> Self:
-        """Copies of those motions of the batch; one may be chosen several times."""
+    def select(self, which: Index) -> Self:
+        """Return copies of motions of the batch; an index may occur several times."""
         other = object.__new__(type(self))
         other._body, other._sizes = self._body, self._sizes
         other.limits = Limits(*(values[which] for values in self.limits))
@@ -88,25 +88,25 @@ class Moving:
 
     @property
     def position(self) -> Array:
-        """At the last knot (B, n) [rad or m]."""
-        return self._place + 0.5 * HOLD * (self._before + self.speed)
+        """Return the positions at the last knot (B, n) [rad or m]."""
+        return self._place + 0.5 * KNOT_PERIOD * (self._before + self.speed)
 
-    def go(self, share: Array) -> None:
-        """Go on to the next knot, with shares (B, n) of the largest speeds there as far as limits allow."""
+    def advance(self, share: Array) -> None:
+        """Advance to the next knot, with shares (B, n) of the largest speeds, as far as the limits allow."""
         position = self.position
-        after = reachable(self._body, self.limits, position, self.speed, share)
-        s = np.arange(TICK / 2, HOLD, TICK)[:, None]
+        after = limit_speeds(self._body, self.limits, position, self.speed, share)
+        s = np.arange(TICK / 2, KNOT_PERIOD, TICK)[:, None]
         knots = (x[:, None] for x in (self._place, self._before, self.speed, after))
-        way = averaged(*knots, s)  # type: ignore[call-arg]  # (B, ticks, n) each
-        q, v, a = (x.reshape(-1, x.shape[-1]) for x in way)
-        rows = telling(self._body, self._sizes, q, v, a).reshape(len(position), -1, len(self._sizes))
+        path = average_motion(*knots, s)  # type: ignore[call-arg]  # (B, ticks, n) each
+        q, v, a = (x.reshape(-1, x.shape[-1]) for x in path)
+        rows = information_rows(self._body, self._sizes, q, v, a).reshape(len(position), -1, len(self._sizes))
         self.information = self.information + np.swapaxes(rows, 1, 2) @ rows
         self.variances = np.asarray(np.linalg.inv(self.information).diagonal(axis1=1, axis2=2))
         self._place, self._before, self.speed = position, self.speed, after
 
     @property
-    def worth(self) -> Array:
-        """How small the standard errors are (B,) [nat]: minus the logarithm of their root mean square."""
+    def log_precision(self) -> Array:
+        """Return minus the log of the RMS standard error (B,) [nat]."""
         return -0.5 * np.log(self.variances.mean(axis=1))
 
 
@@ -120,73 +120,74 @@ def design_excitation(
     max_acceleration: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> Reference:
-    """A motion within the joints' limits that teaches much, found knot by knot.
+    """Design an informative motion within the limits of the joints by a beam search, knot by knot.
 
-    One joint after the other, in an order drawn anew at each knot, goes at full speed or at a crawl, to either side. Of
-    all motions that come of this, those go on after which all standard errors together are smallest: many for a few
-    joints, the best alone for six. After the time the arm is brought to rest.
+    At each knot, the joints are tried in a random order at full and at crawl speed, to either side. The motions with
+    the smallest standard errors are kept: many for a few joints, one for six. At the end, the arm is brought to rest.
 
     Args:
-        body: with the limits of its file; half a turn, or 0.2 m, to either side where it has none.
-        seconds: of the motion, until it is brought to rest.
-        max_angle: bound of every angle to either side of zero [rad], if less than the file's.
-        max_speed: bound of every angle's speed [rad/s], if less than the file's; 4 rad/s, or 0.5 m/s, without one.
-        max_torque: bound of every torque [N m], if less than the file's.
-        max_acceleration: bound of every angle's acceleration [rad/s^2]; by default the largest speed takes 0.2 s.
-        rng: that draws the orders.
+        body: with the limits of its file; half a turn, or 0.2 m, to either side without limits.
+        seconds: duration of the motion before it is brought to rest [s].
+        max_angle: bound of every angle to either side of zero [rad]; the limit of the file applies, too.
+        max_speed: bound of every speed [rad/s], 4 rad/s or 0.5 m/s by default; the limit of the file applies, too.
+        max_torque: bound of every torque [N m]; the limit of the file applies, too.
+        max_acceleration: bound of every acceleration [rad/s^2]; by default the largest speed is reached in 0.2 s.
+        rng: of the orders.
 
     Raises:
-        IdentificationError: if limits leave a joint no room, a bound makes no sense, or every motion needs more torque.
-        BodyError: if a link has an inertia that no body has.
+        IdentificationError: if limits leave a joint no room, a bound is not positive, or every motion needs too much
+            torque.
+        BodyError: if a link has an impossible inertia.
     """
     body.refuse_impossible_links()
-    if not HOLD <= seconds < np.inf:
-        raise IdentificationError(f"a motion cannot last {seconds:g} s: give {HOLD:g} s or more")
-    rng, limits = rng or np.random.default_rng(0), limits_of(body, max_angle, max_speed, max_torque, max_acceleration)
-    for share in SHARES:
-        found = _search(body, limits._replace(acceleration=share * limits.acceleration), seconds, rng)
-        if not objection(found, limits):
+    if not KNOT_PERIOD <= seconds < np.inf:
+        raise IdentificationError(f"a motion of {seconds:g} s is too short: give {KNOT_PERIOD:g} s or more")
+    rng, limits = rng or np.random.default_rng(0), find_limits(body, max_angle, max_speed, max_torque, max_acceleration)
+    for share in ACCELERATION_SHARES:
+        found = _search_motion(body, limits._replace(acceleration=share * limits.acceleration), seconds, rng)
+        if not find_problem(found, limits):
             return found
-    raise IdentificationError(f"{body.name}: {TOO_WEAK}")
+    raise IdentificationError(f"{body.name}: {TORQUE_PROBLEM}")
 
 
-def objection(motion: Reference, limits: Limits) -> str:
-    """What speaks against a motion: torque beyond the limits, friction left out, or a joint that does not move."""
+def find_problem(motion: Reference, limits: Limits) -> str:
+    """Return the problem of a motion: too much torque, without friction, or a joint at rest; empty without one."""
     q, v, a = motion(np.arange(0.0, motion.seconds, TICK))
     affordable = np.abs(motion.body.torque(q, v, a) @ motion.body.values) <= limits.torque
     if not affordable.all() or motion.speeds[-1].any():
-        return TOO_WEAK
+        return TORQUE_PROBLEM
     still = np.array(motion.body.joints)[~motion.speeds.any(axis=0)]
     return f"joint '{still[0]}' never moves" if len(still) else ""
 
 
-def _search(body: Body, limits: Limits, seconds: float, rng: np.random.Generator) -> Reference:
-    moving = Moving(body, limits, 1)
-    start, speeds = moving.position[0], moving.speed[:, None]  # (W, knots, n) of the W motions that are carried on
-    shares, width = np.zeros_like(moving.speed), max(1, BREADTH // len(sizes(body)) ** 2)
-    crawl = np.minimum(CRAWL / limits.speed, 1.0)
+def _search_motion(body: Body, limits: Limits, seconds: float, rng: np.random.Generator) -> Reference:
+    motions = MotionBatch(body, limits, 1)
+    start, speeds = motions.position[0], motions.speed[:, None]  # (W, knots, n) of W motions in the beam
+    shares, width = np.zeros_like(motions.speed), max(1, BEAM_ELEMENTS // len(parameter_scales(body)) ** 2)
+    crawl = np.minimum(CRAWL_SPEED / limits.speed, 1.0)
     levels = np.array([-np.ones_like(crawl), -crawl, crawl, np.ones_like(crawl)])
-    for _ in range(round(seconds / HOLD)):
+    for _ in range(round(seconds / KNOT_PERIOD)):
         owners = np.arange(len(shares))
         for joint in rng.permutation(len(body.joints)):
             of, tried = np.repeat(owners, len(levels)), np.repeat(shares, len(levels), axis=0)
             tried[:, joint] = np.tile(levels[:, joint], len(shares))
-            candidates = moving.chosen(of)
-            candidates.go(tried)
-            # the same worth is the same motion, because limits leave no choice, or its image in a mirror
-            best = np.unique(candidates.worth.round(9), return_index=True)[1][::-1][:width]
+            candidates = motions.select(of)
+            candidates.advance(tried)
+            # motions with equal values are equal by the limits, or mirror images
+            best = np.unique(candidates.log_precision.round(9), return_index=True)[1][::-1][:width]
             shares, owners = tried[best], of[best]
-        moving = candidates.chosen(best)
-        speeds = np.concatenate([speeds[owners], moving.speed[:, None]], axis=1)
-    return to_rest(body, moving.chosen(np.arange(1)), start, list(speeds[0][:, None]))
+        motions = candidates.select(best)
+        speeds = np.concatenate([speeds[owners], motions.speed[:, None]], axis=1)
+    return stop_motion(body, motions.select(np.arange(1)), start, list(speeds[0][:, None]))
 
 
-def to_rest(body: Body, moving: Moving, start: Array, speeds: list[Array]) -> Reference:
-    """The motion that had these speeds, each (1, n), brought to rest where the torque allows that."""
+def stop_motion(body: Body, motions: MotionBatch, start: Array, speeds: list[Array]) -> Reference:
+    """Bring a motion with these speeds, each (1, n), to rest, as far as the torque allows."""
     count = len(speeds)
-    limits = moving.limits
-    longest = 10 + 4 * np.ceil(limits.speed / (HOLD * limits.acceleration)).max()  # twice what half of it takes
-    while np.any(moving.speed) and len(speeds) < count + longest:
-        moving.go(np.zeros_like(moving.speed))
-        speeds.append(moving.speed)
+    limits = motions.limits
+    # twice the time at half the acceleration
+    longest = 10 + 4 * np.ceil(limits.speed / (KNOT_PERIOD * limits.acceleration)).max()
+    while np.any(motions.speed) and len(speeds) < count + longest:
+        motions.advance(np.zeros_like(motions.speed))
+        speeds.append(motions.speed)
     return Reference(body, start, np.concatenate(speeds))

@@ -1,4 +1,4 @@
-"""A simulated arm that follows a designed motion, as a robot's own controller would let it."""
+"""Simulation of an arm that follows a designed motion with a controller."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from pendulum_env.arms.plane import friction_of
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.policy import measure, transitions
 
-BANDWIDTH = 30.0  # [rad/s]: fast beside the motion, slow beside samples of some milliseconds
+BANDWIDTH = 30.0  # [rad/s]; fast against the motion, slow against samples of some milliseconds
 
 
 @dataclass(frozen=True, eq=False)
 class Follow:
-    """A controller by computed torque: what the body by its file needs to come back, critically damped.
+    """Computed-torque controller with critical damping.
 
         tau = Y(q, q', a) theta + b q_r' + fc sgn q_r',    a = q_r'' + 2 w (q_r' - q') + w^2 (q_r - q)
 
-    It knows the friction of the file; what differs from that leaves a lag behind the reference.
+    It uses the links and the friction of the file. Other friction of the plant causes a lag behind the reference.
     Source: Siciliano, Sciavicco, Villani and Oriolo, Robotics, 2009, section 8.5.2.
 
     Attributes:
@@ -39,18 +39,18 @@ class Follow:
     limits: Array
 
     def torque(self, info: Mapping[str, Any]) -> Array:
-        """Torques (n,) [N m] for the period that begins with a measurement of time, position and velocity."""
+        """Compute the torques (n,) for the next period from time, position and velocity in `info` [N m]."""
         body, w = self.motion.body, BANDWIDTH
         time, q, v = info["time"], info["position"], info["velocity"]
         (q_r,), (v_r,), (a_r,) = self.motion(np.array([time]))
         a = a_r + 2 * w * (v_r - v) + w**2 * (q_r - q)
-        (asked,) = body.torque(q[None], v[None], a[None]) @ body.values
+        (torque,) = body.torque(q[None], v[None], a[None]) @ body.values
         viscous, coulomb = self._friction
-        return np.clip(asked + viscous * v_r + coulomb * np.sign(v_r), -self.limits, self.limits)
+        return np.clip(torque + viscous * v_r + coulomb * np.sign(v_r), -self.limits, self.limits)
 
     @cached_property
     def _friction(self) -> Array:
-        """Viscous and dry friction of the joints by the file, zero where it gives none (2, n)."""
+        """Return viscous and dry friction of the joints in the file, by default zero (2, n)."""
         return np.array(friction_of(self.motion.body, np.zeros(len(self.limits)))).T
 
 
@@ -64,19 +64,19 @@ def follow(
     name: str = "simulated",
     progress: Progress = no_progress,
 ) -> ArmRecording:
-    """Record an arm that follows a motion from its first instant on.
+    """Record a simulated arm that follows a motion.
 
     Args:
         arm: with the joints of the motion.
         motion: to follow.
-        samples: of the recording.
-        max_torque: of every joint [N m], if less than the file's.
+        samples: number of samples.
+        max_torque: of every joint [N m]; the limit of the file applies, too.
         rng: of the noise.
         name: of the recording.
-        progress: told what is being done.
+        progress: called with the progress.
 
     Raises:
-        RecordingError: if the motion is none that a recording can hold.
+        RecordingError: if the motion is not finite.
     """
     limits = np.minimum(motion.body.torque_limits, np.inf if max_torque is None else max_torque)
     (position,), (velocity,), _ = motion(np.zeros(1))

@@ -1,4 +1,4 @@
-"""What the joints of an arm may do, by its file and by what is asked for."""
+"""Limits of the joints of an arm, from its file and from arguments."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from pendulum_env.excitation import USUAL_SPEED
 
 
 @dataclass(frozen=True)
-class UsualLimits:
-    """Limits where neither file nor argument has one, and what is kept of them."""
+class DefaultLimits:
+    """Default limits, for joints without limits in file and arguments."""
 
     angle: float = np.pi  # [rad] to either side
     stroke: float = 0.2  # [m] to either side
-    slide: float = 0.5  # [m/s], largest speed of a joint that slides
+    slide: float = 0.5  # [m/s], largest speed of a sliding joint
     rise: float = 0.2  # [s] from rest to the largest speed
-    narrowest: float = 1e-3  # [rad] or [m] between limits, below which a motion is of no use
+    narrowest: float = 1e-3  # [rad] or [m], least range between limits
 
 
-USUAL = UsualLimits()
+DEFAULT_LIMITS = DefaultLimits()
 
 
 class Limits(NamedTuple):
-    """What the joints of an arm may do (n,)."""
+    """Limits of the joints of an arm (n,)."""
 
     low: Array  # least position [rad or m]
     high: Array  # largest
@@ -37,38 +37,38 @@ class Limits(NamedTuple):
     acceleration: Array  # [rad/s^2 or m/s^2]
 
 
-def limits_of(
+def find_limits(
     body: Body,
     max_angle: float | None = None,
     max_speed: float | None = None,
     max_torque: float | None = None,
     max_acceleration: float | None = None,
 ) -> Limits:
-    """Limits of the file, of arguments as in `design_excitation`, and usual ones where neither has any.
+    """Combine the limits of the file, the arguments of `design_excitation` and the defaults.
 
     Raises:
-        IdentificationError: if a bound is not positive, or they leave a joint no room.
+        IdentificationError: if a bound is not positive, or the limits leave a joint no room.
     """
     bounds = {"angle": max_angle, "speed": max_speed, "torque": max_torque, "acceleration": max_acceleration}
     for name, bound in bounds.items():
         if bound is not None and not bound > 0:
-            raise IdentificationError(f"{body.name}: the largest {name} cannot be {bound:g}: give a number above zero")
+            raise IdentificationError(f"{body.name}: max_{name} is {bound:g}: give a positive number")
     slides, joints = np.array(body.slides), np.array(body.joints)
-    (low, high), usual = body.position_limits, np.where(slides, USUAL.stroke, USUAL.angle)
+    (low, high), usual = body.position_limits, np.where(slides, DEFAULT_LIMITS.stroke, DEFAULT_LIMITS.angle)
     low, high = np.where(np.isfinite(low), low, -usual), np.where(np.isfinite(high), high, usual)
     if max_angle is not None:
         reach = np.where(slides, np.inf, max_angle)
         low, high = np.maximum(low, -reach), np.minimum(high, reach)
         for joint in joints[low >= high]:
             raise IdentificationError(
-                f"{body.name}: joint '{joint}' is never within {max_angle:g} rad of zero: allow a larger angle"
+                f"{body.name}: '{joint}' has no position within {max_angle:g} rad of zero: give a larger max_angle"
             )
-    for joint in joints[high - low < USUAL.narrowest]:
-        raise IdentificationError(f"{body.name}: the limits of joint '{joint}' leave it no room to move: widen them")
+    for joint in joints[high - low < DEFAULT_LIMITS.narrowest]:
+        raise IdentificationError(f"{body.name}: the limits of joint '{joint}' leave no room to move: widen them")
     speed = np.minimum(
-        body.velocity_limits, np.where(slides, USUAL.slide, USUAL_SPEED if max_speed is None else max_speed)
+        body.velocity_limits, np.where(slides, DEFAULT_LIMITS.slide, USUAL_SPEED if max_speed is None else max_speed)
     )
     torque = np.minimum(body.torque_limits, np.where(slides, np.inf, np.inf if max_torque is None else max_torque))
-    rise = speed / USUAL.rise
+    rise = speed / DEFAULT_LIMITS.rise
     acceleration = np.where(slides, rise, rise if max_acceleration is None else max_acceleration)
     return Limits(low, high, speed, torque, acceleration)

@@ -1,7 +1,7 @@
 """Reference motions of an arm from knot to knot, within the limits of its joints.
 
-Between knots speeds are linear in time. What the arm follows is the average of that over the time between two knots:
-averages keep the limits of angle and speed, and acceleration has no jumps, which estimators would not forgive.
+Speeds are linear in time between knots. The reference is the moving average of this motion over one period of knots.
+The average keeps the limits of angle and speed, and its acceleration is continuous.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from estimators.arms.limits import Limits
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 
-HOLD = 0.1  # [s] between knots
-TICK = 0.02  # [s] between instants at which rows are taken
-PARTS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.1)  # of a change of speed that are tried until the torque suffices
-MARGIN = 0.9  # of the torque that is used
+KNOT_PERIOD = 0.1  # [s] between knots
+TICK = 0.02  # [s] between rows
+SPEED_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.1)  # of a change of speed, tried in turn until the torque suffices
+TORQUE_SHARE = 0.9  # of the torque limit in use
 
 
-def averaged(q: Array, before: Array, now: Array, after: Array, s: Array) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration of the reference; all arguments broadcast.
+def average_motion(q: Array, before: Array, now: Array, after: Array, s: Array) -> tuple[Array, Array, Array]:
+    """Compute position, velocity and acceleration of the reference; all arguments broadcast.
 
     Args:
-        q: position at the knot before the last [rad or m].
-        before: speed there.
-        now: at the last knot.
-        after: at the next.
+        q: position at the last but one knot [rad or m].
+        before: speed at that knot.
+        now: speed at the last knot.
+        after: speed at the next knot.
         s: time since the last knot [s].
     """
-    h, last = HOLD, q + 0.5 * HOLD * (before + now)
+    h, last = KNOT_PERIOD, q + 0.5 * KNOT_PERIOD * (before + now)
     rise, next_rise = (now - before) / h, (after - now) / h
     position = q * (h - s) + before * (h**2 - s**2) / 2 + rise * (h**3 - s**3) / 6
     position = position + last * s + now * s**2 / 2 + next_rise * s**3 / 6
@@ -40,22 +40,22 @@ def averaged(q: Array, before: Array, now: Array, after: Array, s: Array) -> tup
     return position / h, velocity / h, (rise * (h - s) + next_rise * s) / h
 
 
-def reachable(body: Body, limits: Limits, q: Array, v: Array, share: Array) -> Array:
-    """Speeds (N, n) at the next knot, of those that are asked for as shares of the largest (N, n).
+def limit_speeds(body: Body, limits: Limits, q: Array, v: Array, share: Array) -> Array:
+    """Limit requested speeds at the next knot (N, n) by acceleration, angle and torque.
 
-    Acceleration stays within its limit. The speed is so low that the joint can stop before the end of its angle with
-    half of it; what that takes goes before the torque, by the file and without friction, which is kept where it can be.
+    A joint can always stop before the end of its range with half its acceleration. This has priority over the limit of
+    the torque, which is computed from the file without friction.
 
     Args:
         body: the arm.
         limits: of its joints, (n,) or (N, n) each.
         q: positions at the last knot (N, n) [rad or m].
-        v: speeds there.
-        share: of the largest speeds, in [-1, 1].
+        v: speeds at the last knot (N, n).
+        share: requested shares of the largest speeds, in [-1, 1] (N, n).
     """
-    h, most = HOLD, limits.acceleration * HOLD
-    slowing = np.minimum(0.5 * limits.acceleration, (limits.high - limits.low) / h**2)  # nor from end to end in a knot
-    # up and down, the largest w with w^2 / (2 slowing) + h w / 2 within the room; where there is none it slows down
+    h, most = KNOT_PERIOD, limits.acceleration * KNOT_PERIOD
+    slowing = np.minimum(0.5 * limits.acceleration, (limits.high - limits.low) / h**2)
+    # up and down, the largest w with w^2 / (2 slowing) + h w / 2 within the room; without room, it slows down
     up, down = (
         np.where(
             room >= 0,
@@ -67,11 +67,13 @@ def reachable(body: Body, limits: Limits, q: Array, v: Array, share: Array) -> A
     high, low = (sign * np.clip(own, -limits.speed, limits.speed) for sign, own in ((1, up), (-1, down)))
     change = np.clip(np.clip(share * limits.speed, low, high) - v, -most, most)
     taken, excess = np.zeros_like(change), np.full(len(q), np.inf)
-    for wanted, part in itertools.product((change, np.clip(-v, -most, most)), PARTS):  # or else it slows down
+    for wanted, part in itertools.product(
+        (change, np.clip(-v, -most, most)), SPEED_SHARES
+    ):  # if no share suffices, it slows down
         a = part * wanted / h
         ends = (q, v), (q + h * v + 0.5 * h**2 * a, v + h * a)
         needed = np.max([np.abs(body.torque(*end, a) @ body.values) for end in ends], axis=0)
-        own = (needed / np.maximum(MARGIN * limits.torque, 1e-300)).max(axis=1)
+        own = (needed / np.maximum(TORQUE_SHARE * limits.torque, 1e-300)).max(axis=1)
         better = (excess > 1) & (own < excess)
         taken[better], excess[better] = part * wanted[better], own[better]
         if (excess <= 1).all():
@@ -80,13 +82,13 @@ def reachable(body: Body, limits: Limits, q: Array, v: Array, share: Array) -> A
 
 
 def torque_rows(body: Body, q: Array, v: Array, a: Array) -> Array:
-    """Regressor of the torques in base parameters, viscous and dry friction (N, n, P), of a motion (N, n) each."""
+    """Compute the torque regressor of base parameters, viscous and dry friction (N, n, P) of a motion (N, n)."""
     own = np.eye(v.shape[1])
     return np.concatenate([body.torque(q, v, a), v[:, :, None] * own, np.sign(v)[:, :, None] * own], axis=2)
 
 
-def condition_of(rows: Array) -> float:
-    """Condition number of a regressor (N, n, P), its columns scaled to equal length; infinite if one is zero."""
+def condition_number(rows: Array) -> float:
+    """Compute the condition number of a regressor (N, n, P) with scaled columns; infinite if a column is zero."""
     phi = rows.reshape(-1, rows.shape[-1])
     length = np.linalg.norm(phi, axis=0)
     return float(np.linalg.cond(phi / length)) if length.all() else np.inf
@@ -94,12 +96,12 @@ def condition_of(rows: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A reference motion of n joints, from rest to rest.
+    """Reference motion of n joints, from rest to rest.
 
     Attributes:
         body: the arm.
-        start: where it begins (n,) [rad or m].
-        speeds: at the knots (K + 1, n), the first and the last of them zero [rad/s or m/s].
+        start: initial positions (n,) [rad or m].
+        speeds: at the knots (K + 1, n), zero at the first and the last [rad/s or m/s].
     """
 
     body: Body
@@ -111,23 +113,23 @@ class Reference:
 
     @property
     def condition(self) -> float:
-        """Condition number of the torque regressor in base parameters and friction, columns scaled to equal length."""
-        return condition_of(torque_rows(self.body, *self(np.arange(TICK / 2, self.seconds, TICK))))
+        """Return the condition number of the torque regressor of base parameters and friction with scaled columns."""
+        return condition_number(torque_rows(self.body, *self(np.arange(TICK / 2, self.seconds, TICK))))
 
     @property
     def seconds(self) -> float:
-        """From rest to rest."""
-        return HOLD * len(self.speeds)
+        """Return the duration from rest to rest [s]."""
+        return KNOT_PERIOD * len(self.speeds)
 
     def __call__(self, time: Array) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration of the joints (N, n) at N instants [s]; before and after, it rests."""
+        """Compute position, velocity and acceleration of the joints (N, n) at N instants [s]; at rest outside."""
         (q, v), time = self._knots, np.clip(time, 0.0, self.seconds)
-        k = np.clip(np.floor(time / HOLD + 1e-9).astype(int), 0, len(v) - 3)
-        s = np.minimum(time - HOLD * k, HOLD)[:, None]
-        return averaged(q[k], v[k], v[k + 1], v[k + 2], s)
+        k = np.clip(np.floor(time / KNOT_PERIOD + 1e-9).astype(int), 0, len(v) - 3)
+        s = np.minimum(time - KNOT_PERIOD * k, KNOT_PERIOD)[:, None]
+        return average_motion(q[k], v[k], v[k + 1], v[k + 2], s)
 
     @cached_property
     def _knots(self) -> tuple[Array, Array]:
-        """Positions and speeds at the knots, with one before the start and two after the end."""
+        """Return positions and speeds at the knots, with one knot before the start and two after the end."""
         v = np.pad(self.speeds, ((1, 2), (0, 0)))
-        return self.start + HOLD * np.pad(np.cumsum(0.5 * (v[1:] + v[:-1]), axis=0), ((1, 0), (0, 0))), v
+        return self.start + KNOT_PERIOD * np.pad(np.cumsum(0.5 * (v[1:] + v[:-1]), axis=0), ((1, 0), (0, 0))), v

@@ -10,9 +10,9 @@ from agents.config import Config
 from agents.training import make_task, train
 from benchmarks import six_joint
 from benchmarks.arm_excitation import deviation, random_fourier
-from estimators.arms.excitation import PRIOR, design_excitation
-from estimators.arms.limits import limits_of
-from estimators.arms.reference import HOLD
+from estimators.arms.excitation import INFORMATION_PRIOR, design_excitation
+from estimators.arms.limits import find_limits
+from estimators.arms.reference import KNOT_PERIOD
 from estimators.wrappers.options import find_body
 from pendulum_env.arms.env import PlanarArm
 from workbench.cli import main
@@ -28,15 +28,15 @@ def test_the_reward_is_the_fall_of_the_standard_errors_and_an_episode_ends():
         _, reward, terminated, done, info = env.step(rng.uniform(-1, 1, 2).astype(np.float32))
         paid, steps = paid + reward, steps + 1
         assert not terminated
-    assert steps == round(3.0 / HOLD)
-    assert paid == pytest.approx(-0.5 * np.log(info["variances"].mean() * PRIOR))
+    assert steps == round(3.0 / KNOT_PERIOD)
+    assert paid == pytest.approx(-0.5 * np.log(info["variances"].mean() * INFORMATION_PRIOR))
 
 
 def test_a_training_ends_in_a_policy_that_plays_whole_motions(tmp_path):
     network = train(Config.of(SMALL), folder=tmp_path)
     network.save(tmp_path / "arm.npz")
     loaded, body = Network.load(tmp_path / "arm.npz"), find_body(PlanarArm())
-    motions = [plan_motion(policy, body, limits_of(body, max_torque=TORQUE), 2.0) for policy in (network, loaded)]
+    motions = [plan_motion(policy, body, find_limits(body, max_torque=TORQUE), 2.0) for policy in (network, loaded)]
     np.testing.assert_allclose(motions[0].speeds, motions[1].speeds, atol=1e-6)
     assert len(motions[0].speeds) >= 21 and not motions[0].speeds[-1].any()
     np.testing.assert_array_equal(train(Config.of(SMALL)).weights[0], network.weights[0])
@@ -56,11 +56,11 @@ def test_nothing_is_to_be_expected_after_the_end_of_a_motion():
 @pytest.mark.parametrize(("limits", "seconds"), [({}, 5.0), ({"max_angle": 1.5, "max_speed": 3.0}, 8.0)])
 def test_the_policy_that_ships_teaches_as_much_as_planning_and_more_than_series(limits, seconds):
     body, limits = find_body(PlanarArm()), {"max_torque": TORQUE, **limits}
-    motion = plan_motion(load("arm"), body, limits_of(body, **limits), seconds)
+    motion = plan_motion(load("arm"), body, find_limits(body, **limits), seconds)
     series = random_fourier(body, seconds, np.random.default_rng(0), **limits)
     assert deviation(motion, seconds) < 0.7 * deviation(series, seconds)
     assert deviation(motion, seconds) < 1.05 * deviation(design_excitation(body, seconds, **limits), seconds)
-    are_kept(motion, limits_of(body, **limits))
+    are_kept(motion, find_limits(body, **limits))
 
 
 def are_kept(motion, limits):
@@ -79,26 +79,26 @@ def test_limits_are_kept_however_large_acceleration_and_small_torque_may_be(aske
     body = find_body(PlanarArm())
     names = ("max_angle", "max_speed", "max_torque", "max_acceleration")
     asked = {name: own for name, own in zip(names, asked, strict=True) if own is not None}
-    limits = limits_of(body, **asked)
+    limits = find_limits(body, **asked)
     for motion in (plan_motion(load("arm"), body, limits, 5.0), design_excitation(body, 5.0, **asked)):
         are_kept(motion, limits)
 
 
 def test_a_motion_is_the_best_of_many_that_are_drawn_and_the_same_each_time():
     policy, body = load("arm"), find_body(PlanarArm())
-    first, again = (plan_motion(policy, body, limits_of(body), 2.0) for _ in range(2))
+    first, again = (plan_motion(policy, body, find_limits(body), 2.0) for _ in range(2))
     np.testing.assert_array_equal(first.speeds, again.speeds)
 
     class Sure:
         def predict(self, observation, state=None, episode_start=None, deterministic=True):
             return policy.predict(observation, state, episode_start, deterministic=True)
 
-    assert deviation(first, 2.0) < deviation(plan_motion(Sure(), body, limits_of(body), 2.0), 2.0)
+    assert deviation(first, 2.0) < deviation(plan_motion(Sure(), body, find_limits(body), 2.0), 2.0)
 
 
 def test_a_policy_of_another_arm_is_refused():
     with pytest.raises(ValueError, match=r"the policy \(arm\) was trained on observations of"):
-        plan_motion(load("arm"), six := six_joint.body(), limits_of(six), 1.0)
+        plan_motion(load("arm"), six := six_joint.body(), find_limits(six), 1.0)
 
 
 @pytest.mark.parametrize("asked", [[], ["--excitation", "rl"]])

@@ -8,10 +8,17 @@ from hypothesis import strategies as st
 from benchmarks.arm_excitation import deviation, random_fourier
 from benchmarks.two_link import TwoLink
 from estimators import identify
-from estimators.arms.excitation import PRIOR, Moving, clear, design_excitation, sizes, to_rest
+from estimators.arms.excitation import (
+    INFORMATION_PRIOR,
+    MotionBatch,
+    design_excitation,
+    is_clear_of_stick,
+    parameter_scales,
+    stop_motion,
+)
 from estimators.arms.following import follow
-from estimators.arms.limits import Limits, limits_of
-from estimators.arms.reference import HOLD, TICK, torque_rows
+from estimators.arms.limits import Limits, find_limits
+from estimators.arms.reference import KNOT_PERIOD, TICK, torque_rows
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
@@ -29,13 +36,13 @@ from pendulum_env.plant import PAPER
 )
 def test_angle_speed_and_acceleration_are_kept_whatever_is_asked_for(body, seed, angle, speed, slowness):
     both = np.ones(2)
-    limits = Limits(-angle * both, angle * both, speed * both, np.inf * both, speed / HOLD / slowness * both)
-    moving, rng = Moving(body, limits, 1), np.random.default_rng(seed)
-    start, speeds = moving.position[0], [moving.speed]
+    limits = Limits(-angle * both, angle * both, speed * both, np.inf * both, speed / KNOT_PERIOD / slowness * both)
+    motions, rng = MotionBatch(body, limits, 1), np.random.default_rng(seed)
+    start, speeds = motions.position[0], [motions.speed]
     for _ in range(60):
-        moving.go(rng.choice([-1.0, -0.3, 0.0, 1.0], (1, 2)) if seed % 2 else np.ones((1, 2)))
-        speeds.append(moving.speed)
-    motion = to_rest(body, moving, start, speeds)
+        motions.advance(rng.choice([-1.0, -0.3, 0.0, 1.0], (1, 2)) if seed % 2 else np.ones((1, 2)))
+        speeds.append(motions.speed)
+    motion = stop_motion(body, motions, start, speeds)
     time = np.linspace(0, motion.seconds, 5001)
     q, v, a = motion(time)
     assert np.abs(q).max() <= angle * (1 + 1e-9)
@@ -49,7 +56,7 @@ def test_velocity_and_acceleration_are_derivatives_without_jumps(body):
     q, v, a = motion(time)
     assert np.abs(np.gradient(q, time, axis=0) - v)[1:-1].max() < 1e-4
     assert np.abs(np.gradient(v, time, axis=0) - a)[1:-1].max() < 0.05
-    steepest = 2 * motion.speeds.max() / HOLD**2  # from one full acceleration to the other within a knot
+    steepest = 2 * motion.speeds.max() / KNOT_PERIOD**2  # from one full acceleration to the other within a knot
     assert np.abs(np.diff(a, axis=0)).max() <= 1e-4 * steepest * (1 + 1e-9)
     for end in (0, -1):
         assert np.allclose(v[end], 0, atol=1e-2) and np.allclose(a[end], 0, atol=0.5)
@@ -57,16 +64,16 @@ def test_velocity_and_acceleration_are_derivatives_without_jumps(body):
 
 
 def test_what_a_motion_is_said_to_teach_is_what_its_rows_hold(body):
-    moving, rng = Moving(body, limits_of(body, max_torque=12.0), 1), np.random.default_rng(0)
-    start, speeds = moving.position[0], [moving.speed]
+    motions, rng = MotionBatch(body, find_limits(body, max_torque=12.0), 1), np.random.default_rng(0)
+    start, speeds = motions.position[0], [motions.speed]
     for _ in range(20):
-        moving.go(rng.uniform(-1, 1, (1, 2)))
-        speeds.append(moving.speed)
-    taught = moving.information[0].copy()
-    q, v, a = to_rest(body, moving, start, speeds)(np.arange(TICK / 2, 20 * HOLD, TICK))
-    rows = torque_rows(body, q, v, a) * sizes(body)
-    rows = rows[clear(v, a)]
-    np.testing.assert_allclose(taught, PRIOR * np.eye(rows.shape[1]) + rows.T @ rows, rtol=1e-9, atol=1e-9)
+        motions.advance(rng.uniform(-1, 1, (1, 2)))
+        speeds.append(motions.speed)
+    taught = motions.information[0].copy()
+    q, v, a = stop_motion(body, motions, start, speeds)(np.arange(TICK / 2, 20 * KNOT_PERIOD, TICK))
+    rows = torque_rows(body, q, v, a) * parameter_scales(body)
+    rows = rows[is_clear_of_stick(v, a)]
+    np.testing.assert_allclose(taught, INFORMATION_PRIOR * np.eye(rows.shape[1]) + rows.T @ rows, rtol=1e-9, atol=1e-9)
 
 
 def test_an_arm_of_six_joints_is_taught_more_of_than_by_the_best_of_random_series(six):
@@ -90,7 +97,7 @@ def test_a_simulated_arm_that_follows_has_smaller_standard_errors_and_is_right(b
         truth = np.concatenate([body.values, [own for link in links for own in (link.viscous, link.coulomb)]])
         std = np.array([model.estimates[column.name].std for column in model.columns])
         assert np.abs((model.theta - truth) / std).max() < 4.5
-        errors[str(motion)] = np.sqrt(np.mean((std[:6] / sizes(body)[:6]) ** 2))
+        errors[str(motion)] = np.sqrt(np.mean((std[:6] / parameter_scales(body)[:6]) ** 2))
     planned, series = errors.values()
     assert planned < 0.8 * series
 
@@ -98,10 +105,10 @@ def test_a_simulated_arm_that_follows_has_smaller_standard_errors_and_is_right(b
 @pytest.mark.parametrize(
     ("bounds", "told"),
     [
-        ({"max_torque": 1e-3}, "moving needs more torque than the joints have"),
-        ({"max_speed": -1.0}, "the largest speed cannot be -1"),
-        ({"max_angle": np.nan}, "the largest angle cannot be nan"),
-        ({"seconds": 0.0}, "a motion cannot last 0 s"),
+        ({"max_torque": 1e-3}, "needs more torque than the joints have"),
+        ({"max_speed": -1.0}, "max_speed is -1"),
+        ({"max_angle": np.nan}, "max_angle is nan"),
+        ({"seconds": 0.0}, "a motion of 0 s is too short"),
     ],
 )
 def test_what_no_arm_can_do_is_refused(six, bounds, told):
@@ -112,5 +119,5 @@ def test_what_no_arm_can_do_is_refused(six, bounds, told):
 def test_friction_that_a_file_sets_to_zero_has_a_size_all_the_same(body, tmp_path):
     text = TwoLink().urdf().replace("</joint>", '<dynamics damping="0.1" friction="0"/></joint>')
     (tmp_path / "arm.urdf").write_text(text)
-    own = sizes(read_body(tmp_path / "arm.urdf"))
+    own = parameter_scales(read_body(tmp_path / "arm.urdf"))
     assert (own > 0).all() and own[-4:-2] == pytest.approx(0.1) and own[-2:] == pytest.approx(PAPER["coulomb"])

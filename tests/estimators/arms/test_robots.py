@@ -5,7 +5,7 @@ import pytest
 
 from estimators import compare, diagnose, identify
 from estimators.arms.excitation import design_excitation
-from estimators.arms.limits import USUAL
+from estimators.arms.limits import DEFAULT_LIMITS
 from estimators.arms.standard import standard_parameters
 from estimators.findings import Kind
 from pendulum_env.arms.body import read_body
@@ -99,5 +99,5 @@ def test_a_motion_that_is_designed_keeps_a_torso_within_its_stroke(runs):
     body = runs["torso"][0]
     motion = design_excitation(body, 3.0, max_angle=1.0, max_speed=2.0, max_torque=60.0)
     q, v, a = motion(np.linspace(0, motion.seconds, 400))
-    assert np.abs(q[:, 1:]).max() <= 1.0 + 1e-9 and np.abs(v[:, 0]).max() <= USUAL.slide
+    assert np.abs(q[:, 1:]).max() <= 1.0 + 1e-9 and np.abs(v[:, 0]).max() <= DEFAULT_LIMITS.slide
     assert np.abs(body.torque(q, v, a) @ body.values)[:, 0].max() > 60.0  # what it carries weighs more
