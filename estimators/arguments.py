@@ -1,4 +1,4 @@
-"""What people hand to the functions of this package: names or things, one or several; wrong ones are told at once."""
+"""Conversion and checks of arguments: recordings, terms, effects and models, one or several, by name or object."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Terms = str | Sequence[str | Term]
 def chosen_recordings(
     given: Recordings, *, empty: bool = False, body: Mechanism = PENDULUM, log_format: Mapping[str, Any] | None = None
 ) -> tuple[Recording, ...]:
-    """One recording, or several; time counts from the start of each: logs often have seconds since 1970.
+    """Return recordings as a tuple; time counts from the start of each, since logs often have Unix time.
 
     Args:
         given: a recording, what `read_recording` reads (a path, a data frame, a mapping of arrays), or several.
@@ -57,7 +57,7 @@ def chosen_recordings(
 
 
 def _recording(given: Any, number: str, body: Mechanism, format: Source) -> Recording:
-    """A recording as it is, or read from a file or table; tables in memory are numbered."""
+    """Return a recording, or read it from a file or table; tables in memory are numbered."""
     if isinstance(given, Recording):
         return given
     if not is_readable(given):
@@ -78,7 +78,7 @@ def _recording(given: Any, number: str, body: Mechanism, format: Source) -> Reco
 
 
 def chosen_terms(given: Terms | Model | None) -> tuple[Term, ...]:
-    """Terms as they are, or by id with their default nonlinear parameters; None are the paper's four.
+    """Return terms by object, or by id with default nonlinear parameters; None for the four of the paper.
 
     Behind the links of an arm are those at its joints, by id as in `stribeck@elbow`.
 
@@ -113,7 +113,7 @@ def chosen_effects(
     without: Iterable[str],
     body: Mechanism = PENDULUM,
 ) -> dict[str, type[Term]]:
-    """Effects that may be named: of a library, or of all that are known, only some, or all but some.
+    """Select effects from a library, by default all known ones: only some, or all except some.
 
     Of an arm, `stribeck` is at every joint where it makes sense, `stribeck@elbow` at that one.
 
@@ -130,7 +130,7 @@ def chosen_effects(
 
 
 def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> dict[str, type[Term]]:
-    """Effects that recordings might show: none that needs turns, a quantity, or torque, which none of them has.
+    """Select effects that recordings can show: without missing quantities, torque, or whole turns.
 
     Raises:
         IdentificationError: if there are some, and all need such a quantity.
@@ -163,7 +163,7 @@ def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recordin
 def within_limits(
     terms: Sequence[Term], library: Mapping[str, type[Term]], fixed: Mapping[str, float] | None, bounds: Bounds | None
 ) -> tuple[tuple[Term, ...], dict[str, type[Term]]]:
-    """Terms and effects whose parameters are known, or stay within bounds, by name: `gravity`, `cogging.order`.
+    """Fix or bound parameters of terms and effects by name, such as `gravity` or `cogging.order`.
 
     Raises:
         LimitsError: if no term has such a parameter, or its bounds leave nothing.
@@ -182,15 +182,15 @@ def within_limits(
 
 
 class HasModel(Protocol):
-    """A result that stands for its model."""
+    """Result with a model."""
 
     @property
     def model(self) -> Model:
-        """The model."""
+        """Return the model."""
 
 
 def model_that_moves(given: Model | HasModel) -> Model:
-    """A model with inertia, or of an arm: given itself, or as the model of a result.
+    """Return a model, or the model of a result, and check that it has inertia or is of an arm.
 
     Raises:
         TypeError: if it is no model, such as a file's name.
@@ -205,6 +205,6 @@ def model_that_moves(given: Model | HasModel) -> Model:
 
 
 def listed(given: object) -> tuple[Any, ...]:
-    """One thing, or several, as a tuple; a text and a dataclass, such as a model, are one."""
+    """Convert one or several objects to a tuple; a text or a dataclass is one object."""
     is_one = isinstance(given, str | bytes) or is_dataclass(given)
     return tuple(given) if isinstance(given, Iterable) and not is_one else (given,)

@@ -1,4 +1,4 @@
-"""Findings on data, on a model or on the next step: a kind and numbers; the narrator of the workbench has the words."""
+"""Findings on data, a model or the next step: a kind and numbers; the narrator of the workbench writes the text."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -130,7 +130,7 @@ WITHHOLDING = {
 
 @dataclass(frozen=True)
 class Remedy:
-    """Columns with which some recordings are read rightly."""
+    """Columns that read some recordings correctly."""
 
     columns: Mapping[str, str]  # as in `read_recording`
     recordings: tuple[str, ...]  # names
@@ -162,16 +162,16 @@ class Finding:
 
     @property
     def withheld(self) -> tuple[str, ...]:
-        """Parameters whose estimates are meaningless because of it."""
+        """Return the parameters whose estimates are meaningless."""
         return self.parameters if self.kind in WITHHOLDING else ()
 
     @property
     def rivals(self) -> tuple[str, str] | None:
-        """An effect and the term of the model that it passes for in these data."""
+        """Return an effect and the term of the model that imitates it in these data."""
         return self.effects[:2] if self.kind in (Kind.ONE_DIRECTION, Kind.SMALL_ANGLES) else None  # type: ignore[return-value]
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         return {
             "kind": str(self.kind),
             "numbers": {name: number.json() for name, number in self.numbers.items()},

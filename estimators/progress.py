@@ -1,4 +1,4 @@
-"""How long work tells what it is doing."""
+"""Progress of long computations."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ def no_progress(what: str, share: float) -> None:
 
 
 def forward(progress: Progress) -> Progress:
-    """Progress that never runs back, of work that goes in rounds whose number nobody knows, each told from 0 to 1.
+    """Make progress monotonic for an unknown number of rounds, each reported from 0 to 1.
 
     Each round is given a part of what is left, so that the bar always moves on and ends only when the work does.
     """

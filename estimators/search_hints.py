@@ -1,4 +1,4 @@
-"""Hints for the search over the nonlinear parameters of effects: where it begins, and which variants make sense.
+"""Hints for the search over nonlinear parameters of effects: initial grids and physical conditions.
 
 An effect holds its law, from which the hints follow; effects of the library have better ones here. Users add hints for
 an effect of their own by `set_hints`.
@@ -53,7 +53,7 @@ def grid_over_bounds(kind: type[Any], x: Samples, residual: Array) -> list[Term]
 
 
 def _spread(parameter: NonlinearParameter, count: int, x: Samples) -> list[float]:
-    """Values of a parameter over its bounds, by factors where they are positive; none if a bound is infinite."""
+    """Spread values of a parameter over its bounds, geometrically if positive; none if a bound is infinite."""
     low, high = parameter.low, parameter.high
     if parameter.instant:
         low, high = max(low, float(np.min(x.time))), min(high, float(np.max(x.time)))
@@ -100,7 +100,7 @@ def set_hints(kind: type[Term], hints: SearchHints) -> None:
 
 
 def hints_of(kind: type[Term]) -> SearchHints:
-    """Find the hints for an effect: its own, or those of the class that it is derived from."""
+    """Return the hints for an effect, or those of its base class."""
     hints = next((_HINTS[base] for base in kind.__mro__ if base in _HINTS), SearchHints())
     old: Any = kind  # of an effect for an earlier release, whose hints are methods
     if hasattr(old, "grid"):
@@ -128,7 +128,7 @@ def n_tried(kind: type[Term], x: Samples, residual: Array) -> int:
 
 
 def is_possible(term: Term, x: Samples) -> bool:
-    """Test whether a term has nonlinear parameters of a joint that moved as in N samples."""
+    """Return whether the nonlinear parameters of a term are plausible for the motion in N samples."""
     return hints_of(type(term)).is_possible(term, x)
 
 
@@ -158,7 +158,7 @@ def _is_stribeck(term: Stribeck, x: Samples) -> bool:
 
 
 def _orders_of_cogging(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """All coarse orders, and the strongest of the fine ones that gears with strain waves make."""
+    """List all low orders, and the strongest of the high orders of strain-wave gears."""
     bins = 8 * FINEST  # of a turn, so fine that each wave lies within several
     turn = np.floor(np.asarray(x.position) / (2 * np.pi) * bins).astype(int) % bins
     power = np.abs(np.fft.rfft(np.bincount(turn, residual, bins)))[COARSE + 1 : FINEST + 1]
@@ -173,7 +173,7 @@ def _is_cogging(term: Cogging, x: Samples) -> bool:
 
 
 def _stops(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """Stops near either end of the motion: there the arm rests or turns round."""
+    """List stops near either end of the motion, where the arm rests or reverses."""
     q = np.asarray(x.position)
     low, high = float(q.min()), float(q.max())
     depths = (high - low) * np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4])
@@ -206,7 +206,7 @@ def _frequencies(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
 
 
 def _periodogram(x: Samples, residual: Array) -> tuple[Array, Array]:
-    """Frequencies [rad/s], so close that no peak falls between two of them, and the residual's power there."""
+    """Compute the power of the residual at frequencies [rad/s] that are close enough for every peak."""
     time = np.asarray(x.time)
     gaps = np.diff(time)
     step = float(np.median(gaps[gaps > 0])) / 2
@@ -262,7 +262,7 @@ def _times_of_table(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
 
 
 def _of_values(values: Iterable[float]) -> Grid:
-    """Grid over the first nonlinear parameter that takes the same values for all data."""
+    """Make a grid over the first nonlinear parameter with the same values for all data."""
     numbers = [float(value) for value in values]
     return lambda kind, x, residual: [kind(number) for number in numbers]
 

@@ -1,4 +1,4 @@
-"""The six schemes of the paper, and the identification of parameters by them."""
+"""The six schemes of the paper, and identification of parameters with them."""
 
 from estimators.schemes.six import PAPER, SCHEMES, Integral, LowPass, Scheme, scheme
 

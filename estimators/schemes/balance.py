@@ -1,4 +1,4 @@
-"""The balance of an arm on the three views that the six schemes take: n rows a sample, or one of power.
+"""Balance of an arm in the three views of the six schemes: n rows per sample, or one row of power.
 
     torque   at an instant                  Y(q, q', q'') theta + f = tau
     impulse  mean over a sample             (M q')' + dU/dq - dK/dq + f = tau, momentum by its increments
@@ -29,12 +29,12 @@ Joints = tuple[Measurements, ...]  # of n joints
 
 
 def series(joints: Joints, *names: str) -> tuple[Array, ...]:
-    """Some of what was measured of all joints, (N, n) each."""
+    """Stack measured series of all joints, (N, n) each."""
     return tuple(np.column_stack([getattr(m, name) for m in joints]) for name in names)
 
 
 def motion(joints: Joints) -> tuple[Array, ...]:
-    """Smoothed position, velocity and acceleration of all joints, (N, n) each."""
+    """Return smoothed position, velocity and acceleration of all joints, (N, n) each."""
     return series(joints, "position", "velocity", "acceleration")
 
 
@@ -58,7 +58,7 @@ OF_LINKS: dict[
 
 
 def for_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
-    """Schemes as arms need them: those of energy without a guard, as one of many joints is always near a reversal.
+    """Adapt schemes to arms: energy schemes have no guard, since one of many joints is always near a reversal.
 
     Raises:
         TypeError: if one is none of the six, nor one of them with other options.
@@ -75,7 +75,7 @@ ARM_SCHEMES = for_arms(SCHEMES)
 
 
 def rows(joints: Joints, terms: Sequence[Term], view: str) -> list[Equations]:
-    """Balances of N samples in the parameters of terms, the links first: one of each joint, or one of all."""
+    """Compute the balances of N samples in the parameters of terms, the links first: one per joint, or one of all."""
     links, *others = terms
     assert isinstance(links, Links)
     names = links.body.joints
@@ -104,7 +104,7 @@ def rows(joints: Joints, terms: Sequence[Term], view: str) -> list[Equations]:
 
 
 def through(scheme: Scheme, balances: Sequence[Equations], joints: Joints) -> list[Regression]:
-    """What a scheme makes of the balance of each joint, or of that of all."""
+    """Apply a scheme to the balance of each joint, or to the balance of all."""
     clear = [m.clear(scheme.guard) for m in joints]
     gates = [np.all(clear, axis=0)] if scheme.adds_up else clear
     moving = np.any([m.moving for m in joints], axis=0)
@@ -113,7 +113,7 @@ def through(scheme: Scheme, balances: Sequence[Equations], joints: Joints) -> li
 
 
 def _along(joints: Joints, factors: Mapping[int, float]) -> Measurements:
-    """Measurements of what turns with some joints, each by its factor; with one, those of the joint."""
+    """Combine measurements of joints by factors; for one joint, return its measurements."""
     first = joints[next(iter(factors))]
     if len(factors) == 1:
         return first

@@ -1,4 +1,4 @@
-"""Least squares of a scheme's equations, batch and recursive, over the samples of all recordings and joints."""
+"""Batch and recursive least squares of the equations of a scheme over all recordings and joints."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Segments = Sequence[Sequence[Joints]]  # of each recording, the measurements of 
 
 @dataclass(frozen=True, eq=False)
 class Convergence:
-    """How the estimates settle: the paper's recursion at K moments.
+    """Convergence of the estimates: the recursion of the paper at K instants.
 
     Attributes:
         time: seconds of recording taken in, one recording after the other (K,) [s].
@@ -48,13 +48,13 @@ class Convergence:
     std: Array
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         return {"time": self.time.tolist(), "theta": self.theta.tolist(), "std": self.std.tolist()}
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Equations of all recordings in a row (R,), those of the joints of an arm at one instant next to each other.
+    """Equations of all recordings (R,); those of the joints of an arm at one instant are adjacent.
 
     Attributes:
         equations: R equations in P unknowns.
@@ -79,7 +79,7 @@ class Stack:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identified:
-    """What one scheme finds.
+    """Estimates of one scheme.
 
     Attributes:
         scheme: its id.
@@ -105,7 +105,7 @@ class Identified:
 
     @property
     def withheld(self) -> frozenset[str]:
-        """Parameters that are unknown, see the identification's doubts."""
+        """Return the parameters without estimates, see the findings of the identification."""
         return frozenset(name for name, estimate in self.model.estimates.items() if estimate.is_unknown)
 
     def __repr__(self) -> str:
@@ -116,7 +116,7 @@ class Identified:
         return shown(self)
 
     def per(self, units: JointUnits) -> Identified:
-        """The same numbers at another joint, or with torque in another unit."""
+        """Convert the estimates to another joint, or another unit of torque."""
         model, unit = as_read(self.model.per(units)), units.unit
         return replace(self, model=model, unit=unit(self.unit), units=tuple(map(unit, self.units)))
 
@@ -126,14 +126,14 @@ class Identified:
         return self if model is self.model else replace(self, model=model)
 
     def calibrated(self, constant: TorqueConstant, there: Model) -> Identified:
-        """The same with the error of the torque constant, one of which more moves the parameters `there`."""
+        """Add the standard error of the torque constant; one standard error more gives the parameters `there`."""
         model = widen_by_constant(self.model, constant, self.model, there)
         old, new = (np.array([e.std for e in m.estimates.values()])[: len(m.theta)] for m in (self.model, model))
         course = replace(self.convergence, std=self.convergence.std * (new / np.maximum(old, 1e-300)))
         return replace(self, model=model, convergence=course)
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON; withheld estimates are null."""
+        """Return a dictionary for JSON; withheld estimates are null."""
         theta = {
             name: {"value": None, "std": None, "unit": estimate.unit} if estimate.is_unknown else estimate.json()
             for name, estimate in self.model.estimates.items()
@@ -152,7 +152,7 @@ class Identified:
 
 
 def regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Regression]]:
-    """What a scheme makes of measurements: a regression of each joint, or of all; balances of an arm are kept."""
+    """Compute the regression of each joint, or of all joints; balances of an arm are memoised."""
     kept: dict[tuple[int, str], list[Equations]] = {}
 
     def of(scheme: Regressor, joints: Joints) -> list[Regression]:
@@ -167,7 +167,7 @@ def regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Reg
 
 
 def stack(segments: Segments, of: Callable[[Joints], list[Regression]], terms: Sequence[Term] = ()) -> Stack:
-    """Equations of every segment of each recording in the columns of terms; quiet recordings, or joints, count more."""
+    """Stack the equations of all segments, weighted by the noise of recordings and joints."""
     measured = [joints[0] for own in segments for joints in own]
     parts = [of(joints) for own in segments for joints in own]
     length, count = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS), len(parts[0])
@@ -201,12 +201,12 @@ def stack(segments: Segments, of: Callable[[Joints], list[Regression]], terms: S
 
 
 def _in_turn(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Rows of each joint (N, ...), those of one instant next to each other (n N, ...)."""
+    """Interleave the rows of joints (N, ...), so that those of one instant are adjacent (n N, ...)."""
     return parts[0] if len(parts) == 1 else np.stack(parts, axis=1).reshape(-1, *parts[0].shape[1:])
 
 
 def by_joint(equations: Equations, joint: Index) -> Array:
-    """Weights (R,) by which joints with less noise count more."""
+    """Compute weights (R,) of the rows by the noise of their joints."""
     phi, y = equations.phi, equations.y
     w = 1.0 / levels(y, joint)[joint]
     theta = least_squares(phi * w[:, None], y * w)
@@ -214,12 +214,12 @@ def by_joint(equations: Equations, joint: Index) -> Array:
 
 
 def levels(values: Array, joint: Index) -> Array:
-    """Root mean square of each joint (n,)."""
+    """Compute the root mean square of each joint (n,)."""
     return np.sqrt(np.maximum(np.bincount(joint, values**2) / np.maximum(np.bincount(joint), 1), 1e-24))
 
 
 def fitted(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model | None = None) -> Identified:
-    """Batch estimate with honest standard errors, and the recursion on its way there.
+    """Fit the equations: batch estimate with standard errors under correlated residuals, and the recursion.
 
     Args:
         scheme: that made the equations.
@@ -269,14 +269,14 @@ def fitted(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model 
 
 
 def _units(scheme: Regressor, terms: Sequence[Term]) -> tuple[str, ...]:
-    """Units of the residuals of the joints, or of all together."""
+    """Return the units of the residuals of the joints, or of their common balance."""
     body = terms[0].mechanism
     is_sum = isinstance(scheme, Scheme) and scheme.adds_up
     return (scheme.unit,) if is_sum else tuple(body.units(at).unit(scheme.unit) for at in body.joints)
 
 
 def _of_momentum(terms: Sequence[Term]) -> list[int]:
-    """Numbers of the columns that the momentum has."""
+    """Return the indices of the columns of the momentum."""
     own = [column.mass is not zero for term in terms for column in term.columns]
     if isinstance(terms[0], Links):  # whose columns `Body` has
         body = terms[0].body
@@ -286,7 +286,7 @@ def _of_momentum(terms: Sequence[Term]) -> list[int]:
 
 
 def _random_walk_covariance(equations: Equations, data: Stack, theta: Array) -> Array:
-    """Covariance (F, F) of a least-squares fit whose errors are running sums of independent increments.
+    """Compute the covariance (F, F) of a least-squares fit with errors that are sums of independent increments.
 
     theta - truth = (phi' phi)^-1 sum_k phi_k e_k with e_k = sum_{j <= k} d_j, and so = (phi' phi)^-1 sum_j d_j S_j with
     S_j the sum of phi from j to the end of the recording: one score for each cluster of increments.
@@ -309,7 +309,7 @@ def _random_walk_covariance(equations: Equations, data: Stack, theta: Array) -> 
 def _converge(
     equations: Equations, data: Stack, fit: Fit, free: Sequence[int], theta: Array, std: Array, points: Index
 ) -> Convergence:
-    """The recursion's history at some points, with P scaled so that its errors end at the batch estimate's."""
+    """Compute the history of the recursion, with P scaled to end at the standard errors of the batch estimate."""
     weighted = Equations(equations.phi * data.weights[:, None], equations.y * data.weights)
     course = history(weighted, data.usable, points)
     spread = course.std  # (K, F)

@@ -1,4 +1,4 @@
-"""Findings on parameters that recordings do not determine, in place of numbers that mean nothing."""
+"""Findings on parameters that recordings do not determine."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from pendulum_env.units import TURNING, JointUnits
 
 @dataclass(frozen=True)
 class IdentifiabilitySettings:
-    """When data cannot tell a parameter."""
+    """Limits below which data do not determine a parameter."""
 
     small: float = 0.3  # [rad]; up to here sin q and q differ by less than 1.5 %
     alike: float = 1e-4  # columns of length one whose weighted sum is shorter than this act alike
@@ -36,7 +36,7 @@ PLACES = 50  # instants at which the joints' inertia is looked at
 def identifiability(
     measurements: Sequence[Measurements], terms: Sequence[Term], units: JointUnits = TURNING
 ) -> tuple[Finding, ...]:
-    """What recordings, taken together, cannot tell about the parameters of the terms; empty if all is well.
+    """Find the parameters of the terms that recordings together do not determine.
 
     `units` are those at the joint.
     """
@@ -76,7 +76,7 @@ def identifiability(
 def find_unidentifiable(
     model: Model, measurements: Sequence[Measurements], doubts: Sequence[Finding] = ()
 ) -> tuple[Finding, ...]:
-    """Parameters of the base that a model does not tell, fitted to recordings that hardly depend on them."""
+    """Find base parameters that a fitted model does not determine."""
     position, velocity, torque, acceleration = (
         np.concatenate([getattr(m, name) for m in measurements])[:, None]
         for name in ("position", "velocity", "held", "acceleration")
@@ -92,7 +92,7 @@ def find_unidentifiable(
 
 
 def unidentifiable(model: Model, position: Array, velocity: Array, torque: Array) -> list[str]:
-    """Parameters of links and friction that a model fitted to N samples of n joints (N, n) does not tell.
+    """Find parameters of links and friction that a model fitted to N samples of n joints (N, n) does not determine.
 
     An error is large if at some joint it is more torque, at the speeds that were seen and at any angle, than was
     recorded; or as much of the inertia, which cannot be nothing, as leaves that open.
@@ -109,7 +109,7 @@ def unidentifiable(model: Model, position: Array, velocity: Array, torque: Array
 
 
 def _large_errors_of_links(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
-    """Errors of base parameters that are large beside the torque of each joint (n,) and the inertia that it has."""
+    """Find base parameters with large standard errors against torque and inertia of each joint (n,)."""
     seen = position[:: max(1, len(position) // PLACES)]
     units = np.eye(len(body.joints))
     masses = [body.momentum(seen, np.broadcast_to(unit, seen.shape))[:, k] for k, unit in enumerate(units)]
@@ -124,12 +124,12 @@ def _large_errors_of_links(model: Model, body: Body, position: Array, largest: A
 
 
 def is_determined(estimate: Estimate, large: float) -> bool:
-    """Whether an estimate tells its parameter: it differs from nothing, or its error is less than what is large."""
+    """Return whether an estimate determines its parameter: it is significant, or its error is below a limit."""
     return estimate.is_significant or estimate.std <= large
 
 
 def has_effective_torque(m: Measurements) -> bool:
-    """Test whether torque changes by more than noise, or the motion follows a torque that is constant or white."""
+    """Return whether torque changes by more than noise, or the motion follows a constant or white torque."""
     if np.std(m.held) > max(3 * m.torque_noise, 1e-9):
         return True
     equations, usable = scheme("dynamic").regression(m, BASE)
@@ -141,7 +141,7 @@ def has_effective_torque(m: Measurements) -> bool:
 
 
 def inseparable(phi: Array, names: Sequence[str], acts: Mask) -> list[Finding]:
-    """Columns of the regressor (R, P) of which some add up to nothing, and those that never act (P,).
+    """Find linearly dependent columns of the regressor (R, P), and columns of zeros (P,).
 
     What acts only where the joint turns round, as a stop does, acts nowhere clear of that.
     """

@@ -60,7 +60,7 @@ FEWEST = 10  # that hold motion, below which standard errors mean little
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification(Mapping[str, Identified]):
-    """Results of all schemes for the same recordings: a mapping from the id of a scheme to its result.
+    """Results of all schemes on the same recordings, by the id of the scheme.
 
     Two identifications are equal only if they are the same object.
 
@@ -84,7 +84,7 @@ class Identification(Mapping[str, Identified]):
 
     @property
     def body(self) -> Mechanism:
-        """Joints of the model."""
+        """Return the joints of the model."""
         return next(iter(self.schemes.values())).model.body
 
     def __getitem__(self, scheme: str) -> Identified:
@@ -100,7 +100,7 @@ class Identification(Mapping[str, Identified]):
 
     @cached_property
     def windows(self) -> Model:
-        """The least-squares fit over windows, on which `compare` and `diagnose` stand, too; raises as `fitted`."""
+        """Return the least-squares fit over windows, as in `compare` and `diagnose`; raises as `fitted`."""
         first, *_ = models = [one.model for one in self.schemes.values()]
         disputed = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
         recordings = [] if self.data is None else [w.recording for w in self.data.windows]
@@ -114,7 +114,7 @@ class Identification(Mapping[str, Identified]):
         return model.biased(disputed).withholding(unknown)
 
     def fitted(self, fit: Callable[[TorqueWindows], Model]) -> Model:
-        """The model that a fit finds in the windows, in their unit of torque, and with their torque constant.
+        """Return the model of the fit over windows, in the unit of the recorded torque, with the torque constant.
 
         Raises:
             IdentificationError: if there are none.
@@ -200,7 +200,7 @@ def identify(
 def _of_one_joint(
     recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]
 ) -> Identification:
-    """The same of one joint, whose torque constant may be unknown."""
+    """Identify one joint, whose torque constant may be unknown."""
     given = FitData.of(recordings, terms=terms)
     recordings, original = given.recordings, terms
     terms = swing_terms(original, recordings)
@@ -257,7 +257,7 @@ def _undriven(recordings: Sequence[Recording]) -> str:
 
 
 def _of_links(recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]) -> Identification:
-    """The same of an arm: its first term are the links."""
+    """Identify an arm, whose first term is its links."""
     segments = [measure_joints(recording.joints) for recording in recordings]
     measured = [joints for own in segments for joints in own]
     for k, joint in enumerate(terms[0].mechanism.joints):
@@ -296,7 +296,7 @@ def _measure_joints(recordings: Sequence[Recording], terms: Sequence[Term]) -> S
 
 
 def _at_rate(schemes: Sequence[Regressor], segments: Segments) -> tuple[tuple[Regressor, ...], tuple[Finding, ...]]:
-    """Schemes whose filters these samples allow, and a finding where one had to be slowed down."""
+    """Limit the filters of schemes to the sampling rate, and return a finding on each limited filter."""
     rate = min(joints[0].rate for own in segments for joints in own)
     slowed = tuple(_slowed(scheme, rate) for scheme in schemes)
     if slowed == tuple(schemes):
@@ -307,7 +307,7 @@ def _at_rate(schemes: Sequence[Regressor], segments: Segments) -> tuple[tuple[Re
 def _withheld(
     results: dict[str, Identified], measurements: Sequence[Measurements], doubts: tuple[Finding, ...]
 ) -> tuple[dict[str, Identified], tuple[Finding, ...]]:
-    """Results without the numbers that the recordings cannot tell, and doubts that say so.
+    """Remove estimates that the recordings do not determine, and return findings on them.
 
     What no scheme tells is said; a scheme that alone does not tell a parameter shows no number for it.
     """
@@ -326,7 +326,7 @@ def _by_schemes(
     recordings: Sequence[Recording],
     of: Callable[[Regressor, Joints], list[Regression]],
 ) -> dict[str, Identified]:
-    """What each scheme finds in the segments of recordings, by its id; `of` makes regressions, see `regressions`."""
+    """Fit each scheme to the segments of recordings; `of` makes regressions, see `regressions`."""
     joints, names = terms[0].mechanism.joints, _names(recordings)
     results: dict[str, Identified] = {}
     for scheme in schemes:
@@ -350,7 +350,7 @@ def _by_schemes(
 
 
 def _mistakes(given: FitData, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:
-    """Find what seems wrong with the recordings themselves: torque out of time, a controller, another plant."""
+    """Check the recordings: timing of torque, feedback, agreement."""
     timed = given.timed()
     return [
         *timed.timing(True),
@@ -391,7 +391,7 @@ def _missing(
 
 
 def _gaps(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
-    """How far two schemes are apart in a parameter that was estimated, in standard errors, and its name."""
+    """Compute the largest difference of two schemes in a parameter, in standard errors, and its name."""
     for one, other in combinations(results, 2):
         for name in one.model.estimates.keys() - one.withheld - other.withheld:
             first, second = (own.model.estimates[name] for own in (one, other))
@@ -401,7 +401,7 @@ def _gaps(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
 
 
 def _slowed(scheme: Regressor, rate: float) -> Regressor:
-    """The scheme, its filter at one radian per sample if it is beyond the Nyquist frequency."""
+    """Limit the filter of a scheme to one radian per sample if it is above the Nyquist frequency."""
     operator = scheme.operator if isinstance(scheme, Scheme) else None
     if isinstance(operator, LowPass) and operator.cutoff >= np.pi * rate:
         return replace(scheme, operator=replace(operator, cutoff=rate))  # type: ignore[type-var]

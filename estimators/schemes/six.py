@@ -1,4 +1,4 @@
-"""Six regressor models of one pendulum: each turns measurements and terms into a linear regression, and stops there.
+"""Six regressor models of one pendulum, which convert measurements and terms into a linear regression.
 
 Three views of the torque balance tau = sum_k theta_k (mass_k q'' + force_k + dry_k sgn q') are enough for all six:
 
@@ -43,52 +43,52 @@ View = Callable[[Measurements, Column], Array]
 
 
 class Regression(NamedTuple):
-    """Equations, one for each of N samples, and those that may be used (N,)."""
+    """Equations of N samples, and a mask of the usable ones (N,)."""
 
     equations: Equations
     usable: Mask
 
 
 class Regressor(Protocol):
-    """What `identify` needs of a scheme, be it one of the six or one's own."""
+    """Interface of a scheme for `identify`, for one of the six or a scheme of the user."""
 
     @property
     def id(self) -> str:
-        """Name in files and on the command line."""
+        """Return the name in files and on the command line."""
 
     @property
     def unit(self) -> str:
-        """Unit of y and of the residual."""
+        """Return the unit of y and of the residual."""
 
     @property
     def drifts(self) -> bool:
-        """Whether the error is a random walk from the start of each recording, where it otherwise forgets."""
+        """Return whether the error is a random walk from the start of each recording."""
 
     @property
     def borrows(self) -> str | None:
-        """Id of the scheme that finds the inertia this one is given, if any; see `give`."""
+        """Return the id of the scheme whose inertia this scheme uses, or None; see `give`."""
 
     def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
-        """Equations y = phi theta, phi (N, P), for the columns of the terms in order; fixed columns are moved to y."""
+        """Compute equations y = phi theta, phi (N, P), for the columns of the terms; fixed columns are moved to y."""
 
 
 # ------------------------------------------------------------------------------------- three views of a column
 
 
 def torque_view(m: Measurements, column: Column) -> Array:
-    """Torque at the instants per unit of the parameter, mass q'' + force + dry sgn q' (N,)."""
+    """Compute the torque at the instants per unit of the parameter, mass q'' + force + dry sgn q' (N,)."""
     return np.broadcast_to(np.asarray(column.torque(m.samples, m.acceleration), dtype=float), m.time.shape)
 
 
 def impulse_view(m: Measurements, column: Column) -> Array:
-    """Mean torque over the sample before each instant, (mass dq' + integral of force + dry sgn q') / period (N,)."""
+    """Compute the mean torque over the sample before, (mass dq' + integral of force + dry sgn q') / period (N,)."""
     x = m.samples
     momentum = mean_over_sample(column.mass(x), m) * increments(m.velocity)
     return momentum / m.period + mean_over_sample(column.force(x) + column.dry(x) * np.sign(m.velocity), m)
 
 
 def energy_view(m: Measurements, column: Column) -> Array:
-    """Mean power over the sample before each instant, (mass d(q'^2 / 2) + dU + dissipated work) / period (N,)."""
+    """Compute the mean power over the sample before, (mass d(q'^2 / 2) + dU + dissipated work) / period (N,)."""
     x = m.samples
     stored = mean_over_sample(column.mass(x), m) * increments(0.5 * m.velocity**2)
     if column.potential is not None:
@@ -97,22 +97,22 @@ def energy_view(m: Measurements, column: Column) -> Array:
 
 
 def supply(m: Measurements) -> Array:
-    """Mean power of the held torque over the sample before each instant (N,) [W]."""
+    """Compute the mean power of the held torque over the sample before each instant (N,) [W]."""
     return m.held * increments(m.position) / m.period
 
 
 def increments(values: Array) -> Array:
-    """Increments up to each sample (N, ...), the first 0."""
+    """Compute the increments up to each sample (N, ...); the first is 0."""
     return np.diff(values, axis=0, prepend=values[:1])
 
 
 def mean_over_sample(values: Array | float, m: Measurements) -> Array:
-    """Mean over the sample before each instant (N,), see `means`."""
+    """Average over the sample before each instant (N,), see `means`."""
     return np.full(len(m), float(values)) if np.ndim(values) == 0 else means(np.asarray(values))
 
 
 def means(f: Array) -> Array:
-    """Means over samples before instants (N, ...), of fourth order: (-f[k-2] + 13 f[k-1] + 13 f[k] - f[k+1]) / 24."""
+    """Average over samples before instants (N, ...): (-f[k-2] + 13 f[k-1] + 13 f[k] - f[k+1]) / 24."""
     mean = np.empty_like(f)
     mean[2:-1] = (13 * (f[1:-2] + f[2:-1]) - (f[:-3] + f[3:])) / 24
     mean[[0, 1, -1]] = f[0], 0.5 * (f[0] + f[1]), 0.5 * (f[-2] + f[-1])
@@ -127,13 +127,13 @@ VIEWS: dict[str, tuple[View, Callable[[Measurements], Array]]] = {  # of a colum
 
 
 def give(equations: Equations, columns: Sequence[int], theta: Array) -> Equations:
-    """Move columns whose parameters theta (G,) are known from phi (N, P) to y."""
+    """Move columns with known parameters theta (G,) from phi (N, P) to y."""
     known = list(columns)
     return Equations(np.delete(equations.phi, known, axis=1), equations.y - equations.phi[:, known] @ theta)
 
 
 def exponential_average(series: Array, cutoff: float, period: float, order: int = 1) -> Array:
-    """F = (lambda / (s + lambda))^order over mean values per sample, (N,) or (N, P), from rest.
+    """Apply F = (lambda / (s + lambda))^order to mean values per sample, (N,) or (N, P), from rest.
 
     F[k] = a F[k-1] + (1 - a) x[k] with a = (2 - lambda T) / (2 + lambda T): the bilinear rule, applied to the running
     sum of x and differentiated.
@@ -148,7 +148,7 @@ def exponential_average(series: Array, cutoff: float, period: float, order: int 
 
 
 def forgets(cutoff: float, period: float) -> float:
-    """Share a of F that is left after a sample.
+    """Compute the decay of F over a sample.
 
     Raises:
         ValueError: if lambda is beyond the Nyquist frequency.
@@ -166,7 +166,7 @@ def forgets(cutoff: float, period: float) -> float:
 
 @dataclass(frozen=True)
 class LowPass:
-    """F = (lambda / (s + lambda))^order on both sides of a balance: needs no acceleration.
+    """Low-pass filter F = (lambda / (s + lambda))^order on both sides of a balance, which needs no acceleration.
 
     Order 1 is the paper's F; where the motion is not smoothed, order 2 keeps encoder noise out of the inertia.
     """
@@ -183,7 +183,7 @@ class LowPass:
 
 @dataclass(frozen=True)
 class Integral:
-    """Both sides of a balance summed over a sliding `window` [s], or from the start of the recording where it is None.
+    """Sum of both sides of a balance over a sliding `window` [s], or from the start of the recording if it is None.
 
     From the start, as in the paper's (7), the error is a random walk and least squares is far from efficient; over a
     window, it is nearly white. A sum is used where the gate is open for half of the window, or for the newest sample.
@@ -192,7 +192,7 @@ class Integral:
     window: float | None = 0.05
 
     def samples(self, period: float) -> int:
-        """Length of the window [samples], 0 from the start."""
+        """Return the length of the window [samples]; 0 sums from the start."""
         return 0 if self.window is None else max(1, round(self.window / period))
 
     def __call__(self, equations: Equations, gate: Mask, period: float) -> Regression:
@@ -211,7 +211,7 @@ class Integral:
 
 @dataclass(frozen=True)
 class Scheme:
-    """A regressor model: one view of the balance, away from stick, passed through F, an integral, or nothing.
+    """Regressor model: one view of the balance, away from stick, with a filter, an integral, or neither.
 
     Attributes:
         id: name in files and on the command line.
@@ -238,16 +238,16 @@ class Scheme:
 
     @property
     def adds_up(self) -> bool:
-        """Whether the balances of an arm's joints make one."""
+        """Return whether the balances of the joints of an arm are added."""
         return self.view == "energy"
 
     @property
     def drifts(self) -> bool:
-        """Whether the balance is summed from the start."""
+        """Return whether the balance is summed from the start."""
         return isinstance(self.operator, Integral) and self.operator.window is None
 
     def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
-        """Equations y = phi theta, phi (N, P): what is supplied, less fixed columns and known load, on the columns."""
+        """Compute equations y = phi theta, phi (N, P); y is the supply minus fixed columns and known load."""
         m, (view, supplied) = remember(m, terms), VIEWS[self.view]
         phi = np.column_stack([view(m, column) for term in terms for column in term.columns])
         fixed = [column for term in terms for column in term.fixed] + ([LOAD] if m.load else [])
@@ -255,14 +255,14 @@ class Scheme:
         return self.through(Equations(phi, y), self.gate(m.clear(self.guard), m.moving), m.period)
 
     def gate(self, clear: Mask, moving: Mask) -> Mask:
-        """Equations on the view (N,) that touch no sample in stick; the first step has no beginning."""
+        """Find equations (N,) of the view without a sample in stick; the first one has no earlier sample."""
         if self.view == "torque":
             return clear
         inside = clear & moving if self.view == "energy" else clear
         return inside & np.append(False, inside[:-1])
 
     def through(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """What becomes of balances on the view (N,), true within the gate."""
+        """Apply the filter or integral to balances of the view (N,) within the gate."""
         return Regression(equations, gate) if self.operator is None else self.operator(equations, gate, period)
 
 
@@ -282,7 +282,7 @@ SCHEMES: tuple[Scheme, ...] = (
 
 
 def scheme(id: str, **options: Any) -> Scheme:
-    """Scheme of that id, with other options than usual: `scheme("filtered_power", operator=LowPass(100.0))`.
+    """Return a scheme by id with other options: `scheme("filtered_power", operator=LowPass(100.0))`.
 
     Raises:
         ValueError: if there is none; the message names the nearest and all that exist.
@@ -301,7 +301,7 @@ PAPER: tuple[Scheme, ...] = (
 
 
 def chosen_schemes(given: str | Sequence[str | Regressor]) -> tuple[Regressor, ...]:
-    """Schemes as they are, or by id; "all" are the six.
+    """Return schemes by object or id; "all" for the six.
 
     Raises:
         ValueError: if there is no scheme of a name, one is named twice, or there is none at all.

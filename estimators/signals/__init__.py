@@ -1,1 +1,1 @@
-"""From a recording to clean signals: derivatives, noise, stick."""
+"""Signals of a recording: derivatives, noise, stick."""

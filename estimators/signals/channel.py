@@ -1,4 +1,4 @@
-"""The torque channel: what acts, from what is logged."""
+"""Torque channel: the acting torque from the logged torque."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ECHO = 0.8  # of a half-sample mixture that is undone: all of it would raise noi
 
 @dataclass(frozen=True)
 class Channel:
-    """A law of the torque channel, which gives what acts from what is logged.
+    """Law of the torque channel, which converts the logged torque into the acting torque.
 
     Attributes:
         delay: [s] by which torque is logged late, as against one that is held from its sample to the next; below zero,
@@ -33,17 +33,17 @@ class Channel:
 
     @property
     def is_late(self) -> bool:
-        """Whether torque is logged late or filtered, which no physical effect can do."""
+        """Return whether torque is logged late or filtered, which no physical effect imitates."""
         return self.delay + self.lag > 0
 
     def unfiltered(self, torque: Array, period: float) -> Array:
-        """Torque (N,) before the logger's filter y[k] = a y[k-1] + (1 - a) u[k], a = exp(-period / lag)."""
+        """Return torque (N,) before the filter of the log, y[k] = a y[k-1] + (1 - a) u[k], a = exp(-period / lag)."""
         if self.lag <= 0:
             return torque
         return torque + np.diff(torque, prepend=torque[0]) / np.expm1(period / self.lag)
 
     def held(self, torque: Array, period: float) -> Array:
-        """The acting torque (N,) from each sample to the next, where it is logged late or filtered.
+        """Return the acting torque (N,) from each sample to the next, without delay and filter of the log.
 
         A log that is late by n + f samples saw (1 - f) u[k - n] + f u[k - n - 1] of a torque that was held; averaging
         once more would blunt every step, so that this is undone, forwards or backwards in time, whichever is stable.
@@ -59,7 +59,7 @@ class Channel:
         return acting[np.clip(np.arange(len(torque)) + int(whole), 0, len(torque) - 1)]
 
     def around(self, x: Samples, torque: Array, period: float) -> Array:
-        """The acting torque (N,) as windows see it: its average under a triangle over both sides of each sample."""
+        """Average the acting torque under a triangle over both sides of each sample (N,), as windows use it."""
         if self.lag < 0:
             return ActuatorLag(-self.lag).trace(x, torque, period)[0]
         torque, delay = self.unfiltered(torque, period), self.delay
@@ -69,7 +69,7 @@ class Channel:
 
 
 def _sampled(torque: Array, late: float) -> Array:
-    """Held torque (N,) that moves a mass as the smooth one does which was sampled, and logged so many samples late.
+    """Compute the held torque (N,) with the effect of a smooth torque, sampled and logged late by some samples.
 
     That is the cubic through four samples, and of this the averages between samples less what holding them blunts:
     right to the fourth order.
@@ -83,7 +83,7 @@ def _sampled(torque: Array, late: float) -> Array:
 
 
 def _unmixed(mixed: Array, share: float) -> Array:
-    """Series u (N,) whose mixture (1 - share) u[k] + share u[k - 1] was logged, share at most a half."""
+    """Recover a series u (N,) from its mixture (1 - share) u[k] + share u[k - 1], with a share of at most 0.5."""
     echo = min(share / (1 - share), ECHO)
     clear = lag(mixed, -echo, mixed[0])
     rest = share - echo / (1 + echo)  # of a sample, by which slow torque would still be late

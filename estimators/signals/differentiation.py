@@ -1,4 +1,4 @@
-"""Position, velocity and acceleration from what was recorded, without delay, and how noisy they are."""
+"""Position, velocity and acceleration of a recording without delay, and their noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STILL = 1e-9  # [rad] or any unit, change of a signal from sample to sample that
 
 
 def scatter(series: Array, where: Mask | slice = np.s_[:]) -> float:
-    """Standard deviation of white noise on a signal that is smooth, or constant between steps, most of the time.
+    """Estimate the standard deviation of white noise on a signal that is mostly smooth or constant.
 
     Args:
         series: the signal (N,).
@@ -27,12 +27,12 @@ def scatter(series: Array, where: Mask | slice = np.s_[:]) -> float:
 
 
 def white_noise(series: Array) -> float:
-    """Standard deviation of the white part of a smooth signal, its rounding to whole steps included."""
+    """Estimate the standard deviation of the white part of a smooth signal, including rounding."""
     return max(scatter(series), rounding(series) / np.sqrt(12))
 
 
 def rounding(series: Array) -> float:
-    """Step to multiples of which a signal was rounded; 0 where its least change is none.
+    """Find the step to whose multiples a signal was rounded; 0 without rounding.
 
     A command that is held has a least change, too, and was not rounded to that: at rest for three quarters of the time,
     it changes by more than that at once, or only switches between two or three values.
@@ -48,14 +48,14 @@ def rounding(series: Array) -> float:
 
 
 def encoder_noise(position: Array) -> float:
-    """Standard deviation of an encoder's noise [rad]; a coarse one shows none while the joint rests."""
+    """Estimate the standard deviation of encoder noise [rad]; samples at rest are left out."""
     moved = np.abs(np.diff(position)) > STILL
     near = np.asarray(sliding_window_view(moved, 4).any(axis=1))  # of each difference of four steps
     return max(white_noise(position), scatter(position, near)) if near.any() else white_noise(position)
 
 
 def near_turns(velocity: Array, moving: Mask, distance: int) -> Mask:
-    """Samples within so many of one in stick, where the velocity has no sign, or of a reversal (N,)."""
+    """Find samples near stick, where the velocity has no sign, or near a reversal (N,)."""
     halted = ~moving
     halted[1:] |= np.sign(velocity[1:]) != np.sign(velocity[:-1])
     so_far, place = np.cumsum(np.append(0, halted)), np.arange(len(halted))
@@ -64,12 +64,12 @@ def near_turns(velocity: Array, moving: Mask, distance: int) -> Mask:
 
 
 def shared(weights: Array, lag: int) -> float:
-    """Correlation of two averages of white noise under the same weights (K,), a lag apart."""
+    """Compute the correlation of two averages of white noise with equal weights (K,) at a lag."""
     return float(weights[lag:] @ weights[: len(weights) - lag]) / float(weights @ weights)
 
 
 def smooth_motion(recording: Recording, series: Array, half_width: int) -> tuple[Array, Array]:
-    """Zero-phase values and slope of a series (N,) of a recording: local cubics over 2 half_width + 1 samples.
+    """Smooth a series (N,) by local cubics over 2 half_width + 1 samples, and return values and slope without delay.
 
     Each segment is smoothed on its own: nothing is known of what happens in a gap.
     """
@@ -101,7 +101,7 @@ class Motion:
 
 
 def from_position(recording: Recording, window: Array, half_width: int) -> Motion:
-    """Motion by differentiating the position; the acceleration will be averaged over `window`."""
+    """Compute the motion by differentiation of the position; the acceleration will be averaged over `window`."""
     period = 1.0 / recording.rate
     q, v = smooth_motion(recording, recording.position, half_width)
     a = np.zeros_like(q)
@@ -114,7 +114,7 @@ def from_position(recording: Recording, window: Array, half_width: int) -> Motio
 
 
 def from_velocity(recording: Recording, window: Array, half_width: int) -> Motion | None:
-    """Motion from a measured velocity, None where that disagrees with the position."""
+    """Compute the motion from a measured velocity; None if it disagrees with the position."""
     if recording.velocity is None:
         return None
     period = 1.0 / recording.rate

@@ -44,7 +44,7 @@ AT_INSTANT = np.pad(np.convolve([0.0, 0.5, 0.5], SHARPEN), 1)
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """N samples of one recording, away from its ends by the reach of the filter; build them with `measure`.
+    """N filtered samples of one recording, without its ends; made by `measure`.
 
     Attributes:
         time: (N,) [s].
@@ -78,16 +78,16 @@ class Measurements:
 
     @property
     def rate(self) -> float:
-        """Samples per second [Hz]."""
+        """Return the sampling rate [Hz]."""
         return 1.0 / self.period
 
     @property
     def samples(self) -> Samples:
-        """What a column depends on, (N,) each."""
+        """Return the samples on which columns depend, (N,) each."""
         return Samples(self.time, self.position, self.velocity, self.torque, self.memory, self.load, self.temperature)
 
     def clear(self, guard: float | None) -> Mask:
-        """Samples at least `guard` [s], and the filter's reach, away from stick and reversals; None keeps both, (N,).
+        """Find samples that are farther than `guard` [s] and the reach of the filter from stick and reversals (N,).
 
         Terms with memory do not know their start: with them, the first moments are left out too.
         """
@@ -100,7 +100,7 @@ class Measurements:
 
 
 def window(half_width: int) -> Array:
-    """Smooth weights over 2 half_width + 1 samples that sum to one and have no second moment."""
+    """Compute smooth weights over 2 half_width + 1 samples with sum one and zero second moment."""
     s = np.arange(-half_width, half_width + 1) / (half_width + 1)
     bump = (1.0 - s**2) ** 3
     fourth = bump @ s**4
@@ -111,7 +111,7 @@ def window(half_width: int) -> Array:
 
 @dataclass(frozen=True)
 class Smoothing:
-    """The one filter that a recording's motion and torque pass.
+    """Filter of motion and torque of a recording.
 
     Attributes:
         half_width: of its window [samples].
@@ -123,12 +123,12 @@ class Smoothing:
 
     @classmethod
     def of_encoder(cls, counts: int, rate: float) -> Smoothing:
-        """Choose the window for the steps of an encoder, see `of_noise`."""
+        """Choose the window for the resolution of an encoder, see `of_noise`."""
         return cls.of_noise(of_steps(counts), rate)
 
     @classmethod
     def of_noise(cls, noise: float, rate: float) -> Smoothing:
-        """Shortest window, of two samples or more, through which position noise is negligible in the acceleration.
+        """Choose the shortest window of at least two samples with negligible position noise in the acceleration.
 
         For online use, where the motion to come is not known: it is taken to be as lively as `TYPICAL_ACCELERATION`.
         """
@@ -139,11 +139,11 @@ class Smoothing:
         return cls(m, max(SLOWEST, 5 * noise * rate * _length(np.convolve(window(m), SLOPE))))
 
     def of_position(self) -> Array:
-        """Weights (2 reach + 1,) of positions, newest first, that give the position."""
+        """Return weights (2 reach + 1,) of positions, newest first, for the position."""
         return np.convolve(window(self.half_width), VALUE)
 
     def of_steps(self, period: float) -> Array:
-        """Weights (2, 2 reach) of position steps, newest first, that give velocity and acceleration.
+        """Return weights (2, 2 reach) of position steps, newest first, for velocity and acceleration.
 
         Steps rather than positions: while the encoder stands still, velocity is then 0 and not what rounding leaves.
         """
@@ -152,23 +152,23 @@ class Smoothing:
         return np.cumsum(kernels, axis=1)[:, :-1]
 
     def of_torque(self) -> Array:
-        """Weights (2, 2 reach + 1), newest sample first, that give torque at the instant and over the sample before."""
+        """Return weights (2, 2 reach + 1), newest first, for the torque at the instant and over the sample before."""
         w = window(self.half_width)
         return np.array([np.convolve(w, AT_INSTANT), np.convolve(w, BEFORE)])
 
     @property
     def reach(self) -> int:
-        """Samples on either side that a value depends on; of the torque, one less of those to come."""
+        """Return the number of samples on either side of a value; the torque uses one later sample less."""
         return self.half_width + SIDES
 
 
 def of_steps(counts: int) -> float:
-    """Standard deviation of the position noise of an encoder's steps [rad]; 0 counts measure exactly."""
+    """Return the standard deviation of the position noise of an encoder [rad]; 0 counts measure exactly."""
     return float(2 * np.pi / counts / np.sqrt(12)) if counts else 0.0
 
 
 def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measurements:
-    """Measurements of a recording; what it reports as velocity is not used, as its delay is not known.
+    """Filter a recording; its velocity is not used, since its delay is unknown.
 
     Args:
         recording: at least 30 samples longer than the window.
@@ -209,12 +209,12 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
 
 
 def measure_segments(recording: Recording) -> list[Measurements]:
-    """Measurements of each segment of a recording, see `measure_joints`."""
+    """Filter each segment of a recording, see `measure_joints`."""
     return [m for (m,) in measure_joints([recording])]
 
 
 def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]]:
-    """Measurements of n joints in each segment of their recordings; segments too short to differentiate are left out.
+    """Filter n joints in each segment of their recordings; segments too short to differentiate are left out.
 
     All pass the longest of the windows that the joints ask for: their rows of the balance share all motion.
 
@@ -236,7 +236,7 @@ def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]
 
 
 def remember(m: Measurements, terms: Sequence[Term]) -> Measurements:
-    """The same measurements with the states of the terms along them, driven by the torque that all parts see."""
+    """Add the states of the terms along measurements, driven by the acting torque."""
     command = np.append(m.held[1:], m.held[-1])  # from each sample to the next
     states = {
         id: memory
@@ -248,7 +248,7 @@ def remember(m: Measurements, terms: Sequence[Term]) -> Measurements:
 
 
 def choose_smoothing(recording: Recording) -> Smoothing:
-    """Shortest window, of two samples or more, through which encoder noise is negligible in the acceleration.
+    """Choose the shortest window of at least two samples with negligible encoder noise in the acceleration.
 
     Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
     is all noise, which falls with the window's length to the power -2.5.
@@ -266,5 +266,5 @@ def choose_smoothing(recording: Recording) -> Smoothing:
 
 
 def _length(kernel: Array) -> float:
-    """Gain of a kernel for white noise."""
+    """Compute the gain of a kernel for white noise."""
     return float(np.sqrt(kernel @ kernel))

@@ -1,4 +1,4 @@
-"""What instants and windows of a recording have in common: where motion has a sign, and what hangs on the joint."""
+"""Direction of motion, temperature and known load of a recording."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity h
 
 
 def warmth(recording: Recording) -> Array:
-    """Temperature along a recording (N,) [deg C]: that of a room if nobody measured it.
+    """Return the temperature along a recording (N,) [deg C]; room temperature without a measurement.
 
     A thermometer shows it in steps. Where it shows another value, the temperature is between both; where it turns
     round, and at either end, it is taken for what is shown.
@@ -34,12 +34,12 @@ def warmth(recording: Recording) -> Array:
 
 
 def known_load(recording: Recording) -> KnownLoad:
-    """The known load of a recording, for samples of it; none where torque is no torque, and cannot be compared."""
+    """Return the known load of samples of a recording; none if the torque is not in N m."""
     return UNLOADED if recording.torque_unit != NEWTON_METRE else load_in_newton_metres(recording)
 
 
 def load_in_newton_metres(recording: Recording) -> KnownLoad:
-    """The known load of a recording whatever the unit of its torque."""
+    """Return the known load of a recording for any unit of its torque."""
     outside = 0.0 if recording.load_torque is None else recording.load_torque
     if recording.load is None:
         return KnownLoad(torque=outside)

@@ -1,4 +1,4 @@
-"""Where a model fails: regions of angle, velocity, torque, time and frequency whose residual stands out of noise."""
+"""Regions of angle, velocity, torque, time and frequency with a significant residual."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ SYMBOLS = {"position": "q", "velocity": "q'", "torque": "tau", "time": "t", "fre
 
 @dataclass(frozen=True)
 class RegionSettings:
-    """Bins of a profile, and what stands out in it."""
+    """Settings of profiles, and limits of significant regions."""
 
     bins: int = 24
     turns: float = 2.0  # turns of the joint, from which on its angle is told within one
@@ -31,7 +31,7 @@ WITHIN = "rad within a turn"
 
 @dataclass(frozen=True)
 class Profile:
-    """Residual against one quantity: mean and scatter in bins of equal count.
+    """Residual over one quantity: mean and scatter in bins of equal count.
 
     Attributes:
         axis: position, velocity, torque, time or frequency.
@@ -52,7 +52,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class Region:
-    """A stretch of one axis in which the residual stands out.
+    """Interval of one axis with a significant residual.
 
     Attributes:
         axis: position, velocity, torque, time or frequency.
@@ -81,16 +81,16 @@ class Region:
 
     @property
     def is_constant(self) -> bool:
-        """True if the residual is the same at all times."""
+        """Return whether the residual is constant."""
         return self.axis == "time" and not self.unit
 
     @property
     def kind(self) -> str:
-        """Kind of its cause, or the axis on which it stands out."""
+        """Return the kind of the cause, or the axis."""
         return str(self.cause.kind) if self.cause is not None else self.axis
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON; null stands for no limit."""
+        """Return a dictionary for JSON; null means no limit."""
         low, high = (limit if np.isfinite(limit) else None for limit in (self.low, self.high))
         return {
             "joint": self.at,
@@ -121,17 +121,17 @@ def everywhere(
 
 
 def turns(position: Array) -> bool:
-    """Whether a joint turns and turns, so that its angle (R,) [rad] counts within a turn."""
+    """Return whether a joint makes whole turns, so that its angle (R,) [rad] is taken within a turn."""
     return bool(np.ptp(position) > REGIONS.turns * 2 * np.pi)
 
 
 def wrapped(position: Array) -> Array:
-    """Angles (N,) within a turn [rad]."""
+    """Wrap angles (N,) to one turn [rad]."""
     return (np.asarray(position) + np.pi) % (2 * np.pi) - np.pi
 
 
 def profile(axis: str, values: Array, residual: Array, noise: float) -> Profile:
-    """Bin the residual (R,) over `values` (R,), bins of equal count; `noise` is its deviation from noise alone.
+    """Bin the residual (R,) over `values` (R,) with equal counts; `noise` is the standard deviation of noise alone.
 
     The angle of a joint that turns is taken within a turn.
     """
@@ -150,7 +150,7 @@ def _bins(values: Array, edges: Array) -> Array:
 
 
 def spectrum(time: Array, residual: Array, noise: float) -> Profile:
-    """Amplitude of the residual (R,) [N m] over frequency [Hz], by Lomb-Scargle, as windows in stick are missing.
+    """Compute the amplitude of the residual (R,) [N m] over frequency [Hz] by Lomb-Scargle, as windows may be missing.
 
     Source: Scargle, Astrophysical Journal 263, 1982.
     """
@@ -177,7 +177,7 @@ def _fit_amplitude(time: Array, residual: Array, omega: float) -> float:
 def profiles(
     x: Samples, residual: Array, noise: float, axes: Sequence[str] = tuple(SYMBOLS), units: JointUnits = TURNING
 ) -> list[Profile]:
-    """Profiles over position, velocity, torque and time, and the spectrum, or some of them."""
+    """Compute profiles over position, velocity, torque and time, and the spectrum, or some of these."""
     found = [
         spectrum(np.asarray(x.time), residual, noise)
         if axis == "frequency"
@@ -196,7 +196,7 @@ def stand_out(
     most: int = 6,
     units: JointUnits = TURNING,
 ) -> list[Region]:
-    """Regions whose mean residual exceeds five standard errors of the noise, the most telling first.
+    """Find regions with a mean residual above five standard errors, the most significant first.
 
     Each finding is told once: over the quantity whose profile tells most of it for the number of its bins, or as a
     constant; over others, what that leaves. Where each finding shows most comes first.
@@ -218,14 +218,14 @@ def stand_out(
 
 
 def _constant(x: Samples, residual: Array, noise: float, units: JointUnits) -> Profile:
-    """The mean, as a profile of one bin: all of the time."""
+    """Compute the mean as a profile with one bin over all times."""
     edges = np.array([np.min(x.time), np.max(x.time)], dtype=float)
     mean, error = np.array([residual.mean()]), np.array([noise / np.sqrt(len(residual))])
     return Profile("time", "s", edges, mean, error, units)
 
 
 def weight(law: Profile) -> float:
-    """What a profile tells of a residual: its sum of squares, in terms of the noise, less two a parameter."""
+    """Compute the significance of a profile: its sum of squares relative to the noise, minus two per parameter."""
     squares = (law.mean / np.maximum(law.error, 1e-12)) ** 2
     if law.axis == "frequency":  # one tone, the largest of many
         return float(squares.max() - 2 * (2 + np.log(len(squares))))
@@ -233,7 +233,7 @@ def weight(law: Profile) -> float:
 
 
 def _of(law: Profile, x: Samples, residual: Array) -> Array:
-    """What a profile says of each row of the residual (R,) [N m]."""
+    """Evaluate a profile at each row of the residual (R,) [N m]."""
     if law.axis == "frequency":
         peak = int(np.argmax(law.mean))
         phase = np.pi * (law.edges[peak] + law.edges[peak + 1]) * np.asarray(x.time)
@@ -244,7 +244,7 @@ def _of(law: Profile, x: Samples, residual: Array) -> Array:
 
 
 def _regions(item: Profile) -> list[Region]:
-    """Stretches of a profile that stand out, the most telling first; of a spectrum, its peak."""
+    """Find significant intervals of a profile, the most significant first; of a spectrum, its peak."""
     score = np.abs(item.mean) / np.maximum(item.error, 1e-12)
     signs = np.sign(item.mean) * (score > REGIONS.stands_out)
     if item.axis == "frequency":
