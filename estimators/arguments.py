@@ -122,11 +122,19 @@ def chosen_effects(
     """
     kinds = effects_of(body) if library is None else library
     known = {kind.id: kind for kind in at_joints(kinds.values(), body)}
-    barred, allowed = ({kind.id: kind for kind in kinds_at(listed(ids), body, kinds)} for ids in (without, only or ()))
+    barred, allowed = ({kind.id: kind for kind in kinds_at(_ids(ids), body, kinds)} for ids in (without, only or ()))
     chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in barred}
     if not chosen and known:
         raise Mistake("no effect is left to look for: leave out fewer, or look for more")
     return chosen
+
+
+def _ids(given: object) -> tuple[str, ...]:
+    """Ids of effects, one or several."""
+    ids = listed(given)
+    if not all(isinstance(id, str) for id in ids):
+        raise TypeError(f"{shown(given)} names no effects: give ids, such as 'stribeck'")
+    return ids
 
 
 def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> dict[str, type[Term]]:
@@ -196,9 +204,9 @@ def model_that_moves(given: Model | HasModel) -> Model:
         TypeError: if it is no model, such as a file's name.
         ModelError: if it lacks inertia.
     """
-    given = getattr(given, "model", given)
-    if not isinstance(given, Model):
-        raise TypeError(f"{shown(given)} is not a model: read a file with Model.load, or take the model of a result")
+    if not isinstance(given := getattr(given, "model", given), Model):
+        result = "one scheme of it" if isinstance(given, Mapping) else "a result"
+        raise TypeError(f"{shown(given)} is not a model: read a file with Model.load, or take the model of {result}")
     if not any(item.kind == "inertial" for item in given.terms):
         raise ModelError(NO_INERTIA)
     return given

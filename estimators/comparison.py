@@ -25,6 +25,7 @@ from estimators.weak_form.torque_windows import join_windows
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
+from pendulum_env.lookup import with_known_arguments
 from pendulum_env.mistake import Mistake
 from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import Model, ModelError
@@ -190,6 +191,7 @@ def join_recordings(parts: Sequence[RegressionData]) -> RegressionData:
     )
 
 
+@with_known_arguments
 def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
     """Compare a model with recordings, as it is: torque residual and free-running simulation.
 

@@ -40,6 +40,8 @@ class Unreadable(Mistake):
 
 def shown(value: object, most: int = SHOWN) -> str:
     """A value as a sentence quotes it, up to so many characters; what it holds in turn is left out."""
+    if type(value).__module__ != "builtins" and "\n" in repr(value):  # of an array, or a result
+        return f"<{type(value).__name__}>"
     brief = reprlib.Repr()
     brief.maxlevel, brief.maxlong, brief.maxstring, brief.maxother = 1, most, most, most
     text = " ".join(brief.repr(value).split())

@@ -32,7 +32,7 @@ from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import named_twice, read_as, read_sources
 from pendulum_env.words import listing, plus_minus
 from workbench.mistakes import InputError
-from workbench.narrator.findings import GIVE_INERTIA, describe_late
+from workbench.narrator.findings import advise_inertia, describe_late
 from workbench.narrator.notes import WARNING, describe_note
 from workbench.robot import RobotFile, held_text, straying
 from workbench.terminal import Terminal
@@ -302,10 +302,10 @@ def write_model(model: Model, path: str | None, terminal: Terminal) -> str | Non
     """
     inertia = model.estimates.get("inertia")
     if path is not None and inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
-        old = ", what is there is that of before" if Path(path).is_file() else ""
+        old, advice = ", what is there is that of before" if Path(path).is_file() else "", advise_inertia()
         terminal.say(
             f"warning: {path} is not written{old}: inertia came out as {plus_minus(inertia.value, inertia.std)} "
-            f"{inertia.unit}, and no body has that: {GIVE_INERTIA[0].lower()}{GIVE_INERTIA[1:]}",
+            f"{inertia.unit}, and no body has that: {advice[0].lower()}{advice[1:]}",
             style="yellow",
         )
         return None

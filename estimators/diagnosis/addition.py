@@ -23,6 +23,7 @@ from estimators.selection.physical import confirmation_gates
 from estimators.selection.search import SearchResult
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import kind_at
+from pendulum_env.lookup import with_known_arguments
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.terms import is_hidden
@@ -39,6 +40,7 @@ def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = 
     ).steps[-1]
 
 
+@with_known_arguments
 def add(
     model: Model | HasModel,
     id: str,

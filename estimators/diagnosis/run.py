@@ -23,11 +23,13 @@ from estimators.progress import Progress, forward, no_progress
 from estimators.selection.criterion import Criterion
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import body_of
+from pendulum_env.lookup import with_known_arguments
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.recording import Recording
 
 
+@with_known_arguments
 def diagnose(
     recordings: Recordings,
     holdout: Recordings = (),

@@ -38,7 +38,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
-from pendulum_env.lookup import find
+from pendulum_env.lookup import find, with_known_arguments
 from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds, LimitsError, collect_limits
@@ -147,6 +147,7 @@ class Identification(Mapping[str, Identified]):
         }
 
 
+@with_known_arguments
 def identify(
     recordings: Recordings,
     terms: Terms = BASE,

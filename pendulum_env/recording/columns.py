@@ -10,6 +10,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from pendulum_env.lookup import UnknownName, find
 from pendulum_env.quantity import Quantity
 from pendulum_env.reading import shown
 from pendulum_env.recording.errors import ColumnError
@@ -427,8 +428,10 @@ def without_joint(quantity: str) -> str:
 
 def refuse_unknown_quantity(quantity: str) -> None:
     """Refuse a word that is no quantity of a recording."""
-    if quantity not in ALIASES:
-        raise ColumnError(f"columns are named for {', '.join(ALIASES)}, not for {quantity!r}")
+    try:
+        find("quantity", quantity, ALIASES)
+    except UnknownName as error:
+        raise ColumnError(str(error)) from None
 
 
 def check_named(columns: object) -> None:

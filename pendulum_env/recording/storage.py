@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arguments import check_order
 from pendulum_env.files import replacing
+from pendulum_env.lookup import with_known_arguments
 from pendulum_env.mistake import one_line
 from pendulum_env.quantity import Quantity
 from pendulum_env.reading import Unreadable, check_size
@@ -108,6 +109,7 @@ def label_of(source: Readable, name: str | None = None) -> str:
     return os.fspath(source) if isinstance(source, str | os.PathLike) else name or "recording"
 
 
+@with_known_arguments
 def read_recording(
     source: Readable,
     *,

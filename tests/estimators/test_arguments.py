@@ -15,6 +15,7 @@ from pendulum_env.physics.limits import LimitsError
 from pendulum_env.plant import hide, make_plant
 from pendulum_env.recording import RecordingError, Source, read_recording, write_recording, write_study
 from workbench.export import export
+from workbench.narrator import describe
 from workbench.report import write_report
 
 MODEL = Model.build(BASE, [0.09, 2.0, 0.35, 0.9])
@@ -65,6 +66,12 @@ WRONG = [
     (lambda r: identify(r, bounds={"coulomb": 0.3}), TypeError, "give a dictionary, as in"),
     (lambda r: identify(r, bounds=["coulomb"]), TypeError, "give a dictionary, as in"),
     (lambda r: identify(r, fixed={"gravity": "2"}), TypeError, "give a dictionary, as in"),
+    (lambda r: identify(r, fix={"gravity": 2.0}), ValueError, "unknown argument 'fix': did you mean fixed"),
+    (lambda r: identify(r, scheme="energy"), ValueError, "did you mean schemes"),
+    (lambda r: diagnose(r, only=3), TypeError, "3 names no effects"),
+    (lambda r: compare(identify(r, schemes="energy"), r), TypeError, "<Identification> is not a model.* one scheme"),
+    (lambda r: describe(compare(MODEL, r)), TypeError, "one finding, not Comparison"),
+    (lambda r: read_recording({}, columns={"torqe": "x"}), RecordingError, "did you mean torque"),
     (lambda r: identify(r, fixed={"stribeck": 1.0}), LimitsError, "the model has no parameter 'stribeck'"),
     (lambda r: diagnose(r, "tuesday.csv"), RecordingError, r"tuesday\.csv: there is no such file"),
     (lambda r: add(MODEL, "spring", r, [r, 3]), TypeError, "is not a recording"),

@@ -59,7 +59,7 @@ WORDS = [  # with files of `folder`
     ("identify run.csv --scheme hamiltonia", "did you mean hamiltonian?"),
     ("identify run.csv --shceme all", "did you mean --scheme? (see pendulum-ident identify --help)"),
     ("identify run.csv --columns time", "'time' should be QUANTITY=NAME"),
-    ("diagnose run.csv --columns time=t,angle=q", "not for 'angle'"),
+    ("diagnose run.csv --columns time=t,angle=q", "unknown quantity 'angle'"),
     ("compare m.json run.csv --columns time=t,time=ms:ms", "time is named twice"),
     ("add spring model.json run.csv", "model.json is a file: the order is MODEL.json EFFECT RECORDING"),
     ("record --excitation chrip -o x.csv", "did you mean chirp?"),
@@ -109,6 +109,8 @@ WORDS = [  # with files of `folder`
     ("app --port 99999 --no-browser", "'99999' should be a whole number from 0 to 65535"),
     ("survey empty -o out", "holds no recording"),
     ("survey nowhere -o out", "there is no such folder"),
+    ("survey run.csv -o out", "use diagnose for one recording"),
+    ("identify run.csv --columns torqe=x", "did you mean torque"),
 ]
 PLAYED = ["record", "--excitation", "suggested", "--diagnosis", "d.json", "-o", "x.csv"]
 FILES = [

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from estimators.arms.payload import Payload, find_payload
 from estimators.comparison import compare, in_units_of
+from estimators.in_loop.rollouts import are_driven
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import links_of
@@ -64,6 +65,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs(outputs, [arguments.model])
     asked = opened(arguments, outputs, terminal)
     model, recordings = asked.model, [*asked.recordings, *asked.holdout]
+    if arguments.loop and not are_driven(recordings):
+        raise InputError(f"{recordings[0].name}: --loop needs its controller: give --drive, or [drive] in a study")
     if not isinstance(asked.body, Body):
         given = tell_preprocessed(in_units_of(model, recordings), arguments.align, terminal)
     else:
@@ -71,10 +74,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     recordings = [*given.recordings, *given.holdout]
     with terminal.progress("comparing"):
         found = compare(model, recordings)
-    if arguments.loop and not found.errors.is_in_loop:
-        raise InputError(
-            f"{recordings[0].name}: nobody knows its controller: say it with --drive, or [drive] in a study"
-        )
     payload, is_asked = None, arguments.payload is not None
     if isinstance(asked.body, Body):
         payload = carried(arguments, asked, recordings, terminal)

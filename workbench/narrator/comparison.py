@@ -6,7 +6,7 @@ from estimators.comparison import Comparison
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
-from workbench.narrator.findings import GIVE_INERTIA, measure
+from workbench.narrator.findings import advise_inertia, measure
 
 
 def headline(found: Comparison) -> str:
@@ -26,7 +26,7 @@ def headline(found: Comparison) -> str:
 def caveat(found: Comparison) -> str | None:
     """Name the windows that are not counted in the error of free runs; None if all are."""
     if not found.model.has_known_inertia:
-        return f"The free-running position is unknown, as the inertia of the model is. {GIVE_INERTIA}"
+        return f"The free-running position is unknown, as the inertia of the model is. {advise_inertia()}"
     share = found.joint.unstable
     if share == 0:
         return None

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
-from pendulum_env.settings import setting
+from pendulum_env.settings import Blank, setting
 from pendulum_env.units import to_shown_unit
 from pendulum_env.words import listing, number_text, opening, plus_minus
 from workbench.narrator.effects import description, name
@@ -21,7 +21,6 @@ PHRASES = {  # of violated bounds, by the name of their gate; others are paramet
     "driving_friction": "friction that drives",
     "dry_friction": "dry friction of {}, more than the torque that moved the joint",
 }
-GIVE_INERTIA = "Record faster reversals, or give its value (--fix inertia=VALUE)."
 LIMITS = ("torque", "angle", "speed")
 
 
@@ -30,8 +29,18 @@ def describe(finding: Finding) -> str:
 
     Args:
         finding: to describe.
+
+    Raises:
+        TypeError: if it is no finding, such as a result that has findings.
     """
+    if not isinstance(finding, Finding):
+        raise TypeError(f"describe takes one finding, not {type(finding).__name__}: give one of `findings` of a result")
     return DESCRIBED[finding.kind](finding)
+
+
+def advise_inertia() -> str:
+    """Tell how the inertia becomes known."""
+    return f"Record faster reversals, or give its value ({setting('fixed', {'inertia': Blank('VALUE')})})."
 
 
 def measure(quantity: Quantity, digits: int = 3, is_parameter: bool = False) -> str:
@@ -358,12 +367,12 @@ DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
         "The joint hardly moves, so no parameter can be identified. Record wider or faster motion."
     ),
     Kind.TORQUE_IS_NOISE: lambda found: (
-        "The torque is noise alone, so only ratios of parameters are known. Read the file without it (--columns "
-        "torque=none)."
+        "The torque is noise alone, so only ratios of parameters are known. Read the file without it "
+        f"({setting('columns', {'torque': 'none'})})."
     ),
     Kind.TORQUE_IS_CONSTANT: lambda found: (
         f"The torque is constant at {measure(found.numbers['torque'], 3)}, and the motion does not follow it. "
-        "Read the file without it (--columns torque=none), or look for an offset."
+        f"Read the file without it ({setting('columns', {'torque': 'none'})}), or look for an offset."
     ),
     Kind.ONE_DIRECTION: lambda found: (
         "The velocity never changes sign, so coulomb and torque_offset cannot be told apart. Record both directions."
@@ -382,7 +391,7 @@ DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
     Kind.RELATIVE_TO_INERTIA: lambda found: (
         "No torque is applied: every parameter is relative to the inertia"
         f"{' of the joint with its known load' if found.recordings else ''}, which is 1. A known value makes them "
-        'absolute (--fix inertia=VALUE, or `fixed={"inertia": VALUE}` in Python).'
+        f"absolute ({setting('fixed', {'inertia': Blank('VALUE')})})."
     ),
     Kind.LOADS_UNKNOWN: _constant(
         lambda found: (
@@ -492,7 +501,7 @@ DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
     Kind.FIT_HELD_OUT: _fit_held_out,
     Kind.FIT_HELD_OUT_OR_PAYLOAD: _fit_held_out_or_payload,
     Kind.INERTIA_UNKNOWN: lambda found: (
-        f"The motion of an experiment cannot be predicted without the inertia. {GIVE_INERTIA}"
+        f"The motion of an experiment cannot be predicted without the inertia. {advise_inertia()}"
     ),
     Kind.BEYOND_LIMITS: _beyond_limits,
     Kind.CHECK_DRIVE: lambda found: (

@@ -52,6 +52,8 @@ def find_recordings(folder: Path, reading: Namespace, output: Path | None = None
         InputError: if there are none.
         StudyError: if a study makes no sense.
     """
+    if folder.is_file():
+        raise InputError(f"{folder}: is a file: name a folder, or use diagnose for one recording")
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder: check the path")
     folder = Path(os.path.abspath(folder))  # the workers of a cluster look for the same path

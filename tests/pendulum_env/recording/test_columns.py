@@ -134,7 +134,7 @@ CURRENTS = ["iq", "Current [A]", "/motor/iq_measured", "PWM"]
         ("time,position [counts],torque", {}, "no column for position"),
         ("time,q,tau_cmd,u", {}, "'tau_cmd' and 'u' could both be torque: say which with --columns torque=NAME"),
         (f"__time,{JOINTS}", {}, "could all be position: say which with --columns"),
-        ("t,q,tau", {"angle": "q"}, "are named for time, position, velocity, torque, reference, supply, enabled"),
+        ("t,q,tau", {"angle": "q"}, "unknown quantity 'angle'; known: enabled, load_torque, position"),
         ("t,q,tau", {"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau'"),
         ("t,q,tau,x,x", {"position": "x"}, "2 columns are named 'x'"),
         ("t,q,tau", {"velocity": "q"}, "no column for position"),

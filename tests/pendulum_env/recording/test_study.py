@@ -63,7 +63,7 @@ A = "[[recording]]\nfile = 'a.csv'\n"
         (f"{A}load = {{mass = 1}}", "load needs mass and length, or inertia and gravity"),
         (f"{A}[recording.load]\nmass = 1\nlength = -2", r"'recording\[0\].load.length' is -2: expected a number >= 0"),
         (f"{A}load = {{inertia = 1, gravity = inf}}", "load.gravity' is inf: expected a number <= 1e"),
-        (f"[columns]\ntorqe = 'tau'\n{A}", "columns are named for time, position"),
+        (f"[columns]\ntorqe = 'tau'\n{A}", "did you mean torque"),
         (f"[columns]\ntorque = 3\n{A}", "'columns.torque' is 3: expected a text"),
         (f"{A * 2}role = 'holdout'", "a.csv is named twice"),
         (f"{A}range = [0, 5]\n[[recording]]\nfile = './a.csv'\nrange = [4, 9]", "a.csv is named twice: give"),
