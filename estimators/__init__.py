@@ -1,4 +1,4 @@
-"""What learns from measurements: six schemes, recursive least squares, comparison and diagnosis."""
+"""Estimation from measurements: six schemes, recursive least squares, comparison and diagnosis."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Comparison: how far a model is from recordings, and where."""
+"""Comparison of a model with recordings: errors, and regions of the residual."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ GROWS = 10.0  # times, that an error of the initial position grows in a window o
 
 @dataclass(frozen=True)
 class Distance:
-    """Errors of a model on one recording, or on all.
+    """Errors of a model on one or all recordings.
 
     Attributes:
         name: of the recording.
@@ -59,7 +59,7 @@ class Distance:
 
     @property
     def noise_floor(self) -> float:
-        """That of the one joint that there is; NaN of several."""
+        """Return the noise floor of a single joint; NaN for several joints."""
         return of_one(self.floors)
 
     def json(self) -> JSON:
@@ -74,7 +74,7 @@ class Distance:
 
 @dataclass(frozen=True, repr=False)
 class Comparison:
-    """A model against recordings.
+    """Comparison of a model with recordings.
 
     Attributes:
         model: as it came; nothing is fitted.
@@ -99,29 +99,29 @@ class Comparison:
 
     @property
     def errors(self) -> Errors:
-        """Errors on all recordings together."""
+        """Return the errors on all recordings together."""
         return self.joint.errors
 
     @cached_property
     def recordings(self) -> tuple[Prediction, ...]:
-        """Each recording beside what the model predicts of it, sample by sample."""
+        """Return each recording with the predictions of the model, sample by sample."""
         if self.data is None:
             raise Mistake("the comparison has no data: compare the model with the recordings again")
         return predictions(self.model, self.data)
 
     @property
     def torque_unit(self) -> str:
-        """`N m`, or that of a current that the model is of."""
+        """Return the unit of torque of the model, `N m` or the unit of a current."""
         return self.model.torque_unit
 
     @property
     def is_torque_logged(self) -> bool:
-        """Whether torque was logged in one of the recordings, and is not what a controller asked for."""
+        """Return whether a recording has measured torque instead of the command of a controller."""
         return self.data is None or _is_logged(self.data.recordings)
 
     @property
     def headline(self) -> str:
-        """The result in one sentence."""
+        """Return the result in one sentence."""
         return headline(self)
 
     def __repr__(self) -> str:
@@ -131,7 +131,7 @@ class Comparison:
         return shown(self)
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON; `joint` has all recordings together."""
+        """Return a dictionary for JSON; `joint` has all recordings together."""
         return result_json(self.model, self.torque_constant, self.regions, self.disagreements) | {
             "schema": SCHEMA,
             "recordings": [distance.json() for distance in self.distances],
@@ -173,7 +173,7 @@ def floors_json(floors: Mapping[str, float]) -> JSON:
 
 
 def distance(name: str, prepared: RegressionData, model: Model) -> Distance:
-    """Errors of a model with inertia on prepared data, as they are, and in the loop if the recordings have drives."""
+    """Compute errors of a model with inertia on prepared data, and in the loop if the recordings have drives."""
     simulated = prepared.segments if model.has_known_inertia else ()
     steady = [growth(segments, model.terms, model.theta) < GROWS for segments in simulated]
     kept = tuple(select(*pair) for pair in zip(simulated, steady, strict=True) if pair[1].any())
@@ -183,7 +183,7 @@ def distance(name: str, prepared: RegressionData, model: Model) -> Distance:
 
 
 def join_recordings(parts: Sequence[RegressionData]) -> RegressionData:
-    """Prepared data of several recordings, with what link states of each."""
+    """Join prepared data of several recordings, with the link states of each."""
     data = join_windows([window for part in parts for window in part.data.windows])
     link_states = {id: [x for part in parts for x in part.data.link_states[id]] for id in parts[0].data.link_states}
     return RegressionData(
@@ -235,7 +235,7 @@ def _is_logged(recordings: Sequence[Recording]) -> bool:
 
 
 def _fails(prepared: RegressionData, left: Array, at: str, most: int) -> list[Region]:
-    """Where a residual (R,) stands out of the noise at a joint, everywhere if it is far beyond it at no one place."""
+    """Find the regions of a significant residual (R,) at a joint; everywhere if it is large at no single place."""
     found, floor = prepared.stand_out(left, at, most=most), prepared.floors[at]
     error = prepared.joint_errors(left)[at]
     if found or error <= AGREEMENT.misfits * max(floor, prepared.data.negligible(at)):
@@ -247,7 +247,7 @@ def _fails(prepared: RegressionData, left: Array, at: str, most: int) -> list[Re
 
 
 def _prepared(recording: Recording, model: Model) -> RegressionData:
-    """Prepared data of a recording, with what turns the joint round there and is no friction of the model's."""
+    """Prepare a recording, with impacts that the friction of the model does not explain."""
     prepared = RegressionData.of([recording])
     if has_link(model.terms):
         return prepared.with_link_states(model)
@@ -257,7 +257,7 @@ def _prepared(recording: Recording, model: Model) -> RegressionData:
 
 
 def in_units_of(model: Model, recordings: Sequence[Recording]) -> FitData:
-    """Recordings with the torque in the unit that a model has it in.
+    """Convert recordings to the unit of torque of a model.
 
     Raises:
         IdentificationError: if a current is to be turned into torque, and nothing tells the torque constant.

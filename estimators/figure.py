@@ -29,7 +29,7 @@ COLORS = {  # of a plot outside of a page, that are seen on white and on black
 
 @dataclass(frozen=True)
 class Drawing:
-    """How reports draw."""
+    """Interface of drawings in reports."""
 
     digits: int = 5  # significant digits of a number, more than a plot can show
     sigmas: float = 2.0  # standard errors on either side of a value
@@ -55,7 +55,7 @@ class View:
 
 @dataclass(frozen=True)
 class Figure:
-    """One plot."""
+    """Plot."""
 
     id: str  # unique on the page
     label: str  # what is seen, for those who cannot see it

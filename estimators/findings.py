@@ -138,7 +138,7 @@ class Remedy:
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding.
+    """Finding on data, a model or the next step.
 
     Attributes:
         kind: of the finding.

@@ -1,1 +1,1 @@
-"""What speaks against data or model: physical bounds, homogeneity, alignment, identifiability, residual."""
+"""Checks of recordings: timing, agreement, feedback, column signs, torque constant."""

@@ -1,4 +1,4 @@
-"""Whether torque stands beside the motion that it drives, before anybody asks what drives the motion.
+"""Timing of torque against motion, which is checked before effects are searched.
 
 Many logs hold torque late: it was read after the position, came over a slow bus, or passed a filter. No effect can do
 that, since none acts before its cause; but several effects together can hide it, so that it has to be found first.
@@ -32,7 +32,7 @@ from pendulum_env.recording import Note, NoteKind, Recording
 
 @dataclass(frozen=True)
 class ChannelSettings:
-    """How delays and lags are searched for, and when one is reported."""
+    """Settings of the search for delays and lags, and limits of their report."""
 
     reach: float = 0.05  # [s], delays and lags up to it are looked for
     starts: int = 51  # delays among which a search starts from the best
@@ -84,21 +84,21 @@ class Alignment:
 
     @property
     def is_found(self) -> bool:
-        """Whether torque and motion are apart in time."""
+        """Return whether torque and motion are shifted in time."""
         return self.channel != Channel()
 
     @property
     def is_late(self) -> bool:
-        """Whether torque is logged late or filtered, which no physical effect can do."""
+        """Return whether torque is logged late or filtered, which no physical effect imitates."""
         return self.channel.is_late
 
     @property
     def is_half(self) -> bool:
-        """Whether torque is taken for sampled with the position: half a sample late, whatever a recording's period."""
+        """Return whether torque was sampled with the position: half a sample late, for any sampling period."""
         return self.channel.is_sampled and self.delay_std == 0
 
     def excels(self, other: Alignment, by_chance: float = 0.0) -> bool:
-        """Whether it surely predicts better, by the scatter between stretches, whatever is left.
+        """Return whether it predicts significantly better, by the scatter between clusters of time.
 
         A channel acts always: what fits a single event better is no delay.
         """
@@ -109,21 +109,21 @@ class Alignment:
         return bool((gain.sum(axis=1) - by_chance > SEARCH.clearer * spread).all())
 
     def predicts_better(self, other: Alignment) -> bool:
-        """Whether it predicts better, surely or not."""
+        """Return whether it predicts better, significantly or not."""
         return bool((self.density.sum(axis=1) > other.density.sum(axis=1)).all())
 
     @property
     def is_sure(self) -> bool:
-        """Whether each parameter is told from zero, and inside the search."""
+        """Return whether each parameter differs significantly from zero, and lies inside the search range."""
         pairs = ((self.delay, self.delay_std), (self.lag, self.lag_std))
         return all(SEARCH.sure * std < abs(value) < SEARCH.reach for value, std in pairs if std > 0)
 
     def stands(self, none: Alignment) -> bool:
-        """Whether it surely predicts better than none, and is sure itself."""
+        """Return whether it predicts significantly better than no shift, with significant parameters."""
         return self.is_sure and self.excels(none, SEARCH.by_chance)
 
     def agrees(self, other: Alignment) -> bool:
-        """Whether it is no other delay and lag than another's, as far as both are known."""
+        """Return whether delay and lag agree with those of another alignment within their errors."""
         if self.is_half and other.is_half:  # each of its own period
             return True
         apart = self.delay + self.lag - other.delay - other.lag
@@ -131,7 +131,7 @@ class Alignment:
         return bool(abs(apart) <= SEARCH.sure * spread)
 
     def apply(self, recording: Recording) -> Recording:
-        """The recording with the torque that acted, where it was logged late or filtered; else as it is.
+        """Correct the torque of a recording that was logged late or filtered; return other recordings unchanged.
 
         The last samples of each segment, whose torque was never logged, are left out.
         """
@@ -178,7 +178,7 @@ class Alignment:
         return Finding(Kind.TORQUE_SAMPLED if self.channel.is_sampled else Kind.TORQUE_LATE, numbers)
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON; a standard error that is not known is null."""
+        """Return a dictionary for JSON; an unknown standard error is null."""
         errors = [std if np.isfinite(std) else None for std in (self.delay_std, self.lag_std)]
         return {
             "delay": {"value": self.delay, "std": errors[0], "unit": "s"},

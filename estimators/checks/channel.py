@@ -1,4 +1,4 @@
-"""The torque channel: what was recorded is a gain, a delay, a filter and a hold of what the joint needs.
+"""Fit of the torque channel: gain, delay, filter and hold between recorded and acting torque.
 
 With tau the torque that acts, tau = C u of what is logged, by a law of the channel (`signals.channel.Channel`),
 
@@ -59,7 +59,7 @@ SENSE = Column("sense", "1", dry=lambda x: np.sign(x.torque), of_torque=True)
 
 @dataclass(frozen=True, eq=False)
 class ChannelFits:
-    """Fits of what was recorded under any law of the channel, in rows of which all torque is known.
+    """Fits of the recorded torque under any law of the channel, in rows with known torque.
 
     Attributes:
         data: windows, each with its known load.
@@ -83,7 +83,7 @@ class ChannelFits:
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Self | None:
-        """Fits to recordings beside effects that the joint has, None if too little is clear of the ends of segments.
+        """Fit recordings with effects of the joint; None if too few rows are clear of the ends of segments.
 
         Of an arm all terms of the model are given, the links first; its joints are late alike.
 
@@ -115,14 +115,14 @@ class ChannelFits:
         return found.under_its_own(partial(found._pressed, of_torque)) if of_torque else found
 
     def beside(self, columns: Array, by_torque: Array | None = None) -> Self:
-        """The same with more columns (R, P), and their slopes by the torque where they depend on it."""
+        """Return the fits with more columns (R, P), and their derivatives by the torque."""
         weighted = columns * self.data.weights[self.rows, None]
         slopes = np.zeros_like(columns) if by_torque is None else by_torque
         phi, by_torque = np.column_stack([self.phi, weighted]), np.column_stack([self.by_torque, slopes])
         return replace(self, phi=phi, by_torque=by_torque)
 
     def _pressed(self, terms: Sequence[Term], torque: Array) -> Array:
-        """Columns (R, P) of effects of the torque under another one (R,) [N m], interpolated between the windows."""
+        """Compute columns (R, P) of torque-dependent effects for another torque (R,) [N m], interpolated in time."""
         windows, first = [], 0
         for w in self.data.windows:
             last = first + len(w.centers)
@@ -136,14 +136,14 @@ class ChannelFits:
         return place_columns(len(self.data.weights), parts)[self.rows]
 
     def rubbing(self) -> Self:
-        """The same with friction that is pressed by the motor."""
+        """Return the fits with friction that depends on the motor torque."""
         parts = [
             self.data.averages.column(column, self.data.averages.samples)[self.rows, None] for column in (MOTOR, SENSE)
         ]
         return self.beside(*parts)
 
     def under_its_own(self, columns: Callable[[Array], Array]) -> Self:
-        """The same with columns (R, P) of the torque (R,) [N m]: that of the model, which no log makes late."""
+        """Return the fits with columns (R, P) of the torque (R,) of the model [N m], which is never late."""
         torque, weights, found = self.torque(self.channel(self.start)), self.data.weights[self.rows], self
         for _ in range(SEARCH.bends):
             fitted = (torque - found.residual(torque)) / weights + self.carried[self.rows]
@@ -151,56 +151,56 @@ class ChannelFits:
         return found
 
     def bent(self) -> Self:
-        """The same with columns that bend with the torque of the model: friction under load, and a bent gain."""
+        """Return the fits with columns of the torque of the model: friction under load, and nonlinear gain."""
         sign = np.sign(self.data.samples.velocity[self.rows])
         return self.under_its_own(lambda torque: np.column_stack([np.abs(torque) * sign, torque**2, torque**3]))
 
     def drifting(self) -> Self:
-        """The same with parameters that change along each recording."""
+        """Return the fits with parameters that change along each recording."""
         passed = np.concatenate([2 * w.centers / len(w.recording) - 1 for w in self.data.windows])
         base = np.column_stack([self.data.columns([term])[0][0] for term in BASE])
         return self.beside((base * passed[:, None])[self.rows])
 
     @cached_property
     def span(self) -> Array:
-        """Orthonormal basis of the columns (R, P)."""
+        """Return an orthonormal basis of the columns (R, P)."""
         left, singular, _ = np.linalg.svd(self.phi / np.maximum(np.linalg.norm(self.phi, axis=0), 1e-300), False)
         return np.asarray(left[:, singular > 1e-9 * singular[0]])
 
     @property
     def columns(self) -> tuple[Array, Array]:
-        """What is fitted (R, P), and its slopes by the torque: a basis, unless single parameters are asked for."""
+        """Return the fitted columns (R, P), and their derivatives by the torque: a basis, or single parameters."""
         is_asked = self.by_torque.any() or self.data.windows[0].recording.torque_unit != NEWTON_METRE
         return (self.phi, self.by_torque) if is_asked else (self.span, np.zeros_like(self.span))
 
     @cached_property
     def start(self) -> Array:
-        """The best of a few delays, (2,), see `channel`."""
+        """Return the best of a few delays (2,), see `channel`."""
         delays = SEARCH.reach * np.linspace(-1.0, 1.0, SEARCH.starts)
         return min(np.outer(delays, [1.0, 0.0]), key=lambda x: float(np.linalg.norm(self.misfit(x))))
 
     def sharpest(self) -> Self:
-        """The same beside the model of the motion that tells a delay most precisely: this one, or a wider one."""
+        """Return the fits with the model that determines a delay most precisely: this one, or a larger one."""
         return min((self, self.drifting(), self.bent()), key=lambda own: own.delayed.delay_std)
 
     @cached_property
     def delayed(self) -> Alignment:
-        """The law with a free delay."""
+        """Return the law with a free delay."""
         return self.fit([np.zeros(2), self.start], (0,))
 
     @property
     def period(self) -> float:
-        """Of a sample [s]."""
+        """Return the sampling period [s]."""
         return 1.0 / max(w.recording.rate for w in self.data.windows)
 
     def channel(self, x: Array) -> Channel:
-        """Law with a delay and a filter that delays slow torque by so much [s]; time constants are steep near zero."""
+        """Return the law with a delay, and a filter that delays slow torque by a time [s]."""
         delay, shift = (float(value) for value in x)
         lag = shift if shift <= 0 else self.period / float(np.log1p(self.period / shift))
         return Channel(delay, lag, self.is_sampled)
 
     def torque(self, channel: Channel) -> Array:
-        """Weighted torque (R,) that acts in the windows, less what is known to be taken by loads."""
+        """Return the weighted acting torque (R,) in the windows minus that of known loads."""
         if channel in self.torques:
             return self.torques[channel]
         parts = []
@@ -213,21 +213,21 @@ class ChannelFits:
         return self.torques[channel]
 
     def residual(self, torque: Array) -> Array:
-        """What the columns leave of a weighted torque (R, ...)."""
+        """Return the residual of a weighted torque (R, ...) on the columns."""
         return project_out(self.span, torque)
 
     def misfit(self, x: Array) -> Array:
-        """What the model leaves of the torque, (R,), weighted."""
+        """Return the weighted residual of the torque (R,)."""
         return self.residual(self.torque(self.channel(x)))
 
     def slopes(self, x: Array, ways: Array) -> Array:
-        """Derivatives (R, F) of the torque along each of several ways (F, 2)."""
+        """Compute derivatives (R, F) of the torque along directions (F, 2)."""
         ends = [[self.torque(self.channel(x + sign * SEARCH.nearby * way)) for sign in (1, -1)] for way in ways]
         rises = [(after - before) / (2 * SEARCH.nearby) for after, before in ends]
         return np.reshape(rises, (len(ways), len(self.rows))).T
 
     def fit(self, starts: Iterable[Array], free: Sequence[int] = (), low: float = -SEARCH.reach) -> Alignment:
-        """Best law near the best of the starts.
+        """Fit the law from the best start.
 
         Args:
             starts: delay and shift, see `channel`.
@@ -262,7 +262,7 @@ class ChannelFits:
         return Alignment(channel, delay_std, lag_std, None, gain, np.stack([density, density + raised]))
 
     def simplest(self) -> Alignment:
-        """The simplest law that predicts significantly better than others.
+        """Return the simplest law that predicts significantly better than the others.
 
         A filter shorter than a sample cannot be distinguished from a delay by a share of it.
         """
@@ -287,7 +287,7 @@ class ChannelFits:
         return abs(delay) < SEARCH.negligible * self.period and after > (1 - Criterion.error_margin) * before
 
     def raised(self, channel: Channel) -> float:
-        """By how much the channel's filter raises white noise of the log in the windows, at most."""
+        """Compute the largest gain of white noise of the log in the windows by the inverse filter."""
         factors, reach = [], int(np.ceil(5 * SEARCH.reach / self.period))
         impulse = np.eye(1, 2 * reach + 1, reach)[0]
         for w in self.data.windows:
@@ -299,7 +299,7 @@ class ChannelFits:
 
     @property
     def clusters(self) -> list[Index]:
-        """Stretches of time, and recordings, of each equation (R,), within which errors may be alike."""
+        """Number the clusters of time and recording of each equation (R,), within which errors may be correlated."""
         block, _, of_block = self.data.blocks(BLOCK)
         time, recording = self.data.clusters, of_block[block]
         several = [time, recording] if len(np.unique(recording[self.rows])) >= SEARCH.between else [time]
@@ -312,12 +312,12 @@ def is_brake(data: TorqueWindows) -> bool:
 
 
 def driven_share(data: TorqueWindows, torque: Array) -> float:
-    """Share of the samples in which a torque (N,) or () has the direction of the motion."""
+    """Compute the share of samples in which a torque (N,) or () has the direction of the motion."""
     return float(np.mean(torque * data.samples.velocity > 0))
 
 
 def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = ()) -> Alignment:
-    """Delay and lag of the torque channel that all recordings share.
+    """Estimate delay and lag of the torque channel that all recordings share.
 
     Args:
         recordings: one or more.
@@ -367,7 +367,7 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
 
 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
-    """One alignment for all recordings, or each its own where they differ; see `align`.
+    """Align all recordings together, or each by itself if they differ; see `align`.
 
     All have the same drive and log: what one alone tells is that of all, unless another contradicts.
     """
@@ -383,14 +383,14 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
 
 
 def _under_loads(recordings: Sequence[Recording]) -> TorqueWindows:
-    """Windows of a pendulum, each with its known load."""
+    """Return the windows of a pendulum with known loads."""
     data = prepare(recordings)
     hung = zip(data.windows, map(load_in_newton_metres, recordings), strict=True)
     return replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
 
 
 def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term]) -> TorqueWindows:
-    """Windows of all joints of an arm, each of which counts by what its links and friction leave of it."""
+    """Return the windows of all joints of an arm, weighted by the residual of links and friction."""
     links = terms[0]
     assert isinstance(links, Links)
     data = prepare_arm(recordings, links)
@@ -398,13 +398,13 @@ def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term]) -> TorqueWin
 
 
 def _smooth_laws(data: TorqueWindows) -> tuple[Term, ...]:
-    """Terms that follow nearly any physics of one joint."""
+    """Return terms that approximate nearly any law of one joint."""
     fast = float(np.percentile(np.abs(data.samples.velocity), 95))
     return (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction))
 
 
 def _clear(w: Windows) -> Mask:
-    """Windows whose torque is known under every law of the channel (R,)."""
+    """Find windows with known torque under every law of the channel (R,)."""
     beyond = len(w.kernel) // 2 + int(np.ceil(SEARCH.reach * w.recording.rate)) + 2
     bounds = pairwise((*w.recording.starts, len(w.recording)))
     return np.any([(w.centers >= begin + beyond) & (w.centers < end - beyond) for begin, end in bounds], axis=0)

@@ -1,4 +1,4 @@
-"""Whether torque answers the motion, as a controller's does.
+"""Detection of feedback from motion to torque.
 
 What a sensor misreads, or a disturbance does, is in the torque of a controller at once: in its surprise, which is what
 the past of torque and position does not tell of it. A planned torque knows nothing of the position's surprises.
@@ -19,7 +19,7 @@ from pendulum_env.recording import Recording
 
 @dataclass(frozen=True)
 class FeedbackSettings:
-    """How a controller's answer is told from chance."""
+    """Settings of the test for feedback."""
 
     past: int = 6  # samples of torque and position that tell what comes
     parts: int = 20  # of a recording, whose scatter tells how sure a correlation is
@@ -43,7 +43,7 @@ def feedback(recordings: Sequence[Recording]) -> list[Finding]:
 
 
 def _gain(recording: Recording) -> float | None:
-    """Slope of the torque's surprise over the position's [N m/rad], None unless it is surely below zero."""
+    """Estimate the slope of torque innovations over position innovations [N m/rad]; None unless it is negative."""
     bounds = [(a, b) for a, b in pairwise((*recording.starts, len(recording))) if b - a > 2 * ANSWER.past]
     if sum(b - a - ANSWER.past for a, b in bounds) < 20 * ANSWER.parts:
         return None

@@ -1,4 +1,4 @@
-"""Whether recordings agree: each is fitted on its own, and parameters that differ by more than chance are named.
+"""Agreement of recordings: each is fitted separately, and significantly different parameters are named.
 
 A joint fit takes one plant for granted. Where somebody changed the payload between two recordings, the joint estimate
 lies somewhere in between, and a search finds effects that nobody hid. So each recording's own estimate is compared with
@@ -29,7 +29,7 @@ from pendulum_env.units import TURNING, JointUnits
 
 @dataclass(frozen=True)
 class AgreementSettings:
-    """Which recordings have a say, and which differences count."""
+    """Limits of the recordings and differences that count."""
 
     chance: float = 1e-3  # of a false alarm in all comparisons of one diagnosis
     practical: float = 0.03  # of a parameter: a smaller difference is of no use to anybody
@@ -45,7 +45,7 @@ AGREEMENT = AgreementSettings()
 
 @dataclass(frozen=True)
 class Difference:
-    """One parameter as one recording has it, and as the others have it; `std` is the difference's."""
+    """Parameter of one recording and of the others; `std` is the standard error of the difference."""
 
     parameter: str
     unit: str
@@ -54,13 +54,13 @@ class Difference:
     std: float
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         return {"name": self.parameter, "value": self.value, "others": self.others, "std": self.std, "unit": self.unit}
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """A recording that does not show the plant that the others show, or that a model is of.
+    """Recording of a different plant than the other recordings or a model.
 
     Attributes:
         recording: its number, from 1, held-out recordings following the fitted ones.
@@ -100,7 +100,7 @@ class Disagreement:
 
 
 class Known(NamedTuple):
-    """The parameters that are compared as a recording, several together, or a model has them.
+    """Compared parameters of a recording, of several recordings, or of a model.
 
     Attributes:
         theta, covariance: (P,) and (P, P).
@@ -114,7 +114,7 @@ class Known(NamedTuple):
 
 @dataclass(frozen=True)
 class Own:
-    """The fit of the compared parameters to one recording alone.
+    """Fit of the compared parameters to one recording.
 
     Attributes:
         number, name: of the recording.
@@ -141,16 +141,16 @@ class Own:
 
     @property
     def times(self) -> float:
-        """How many times the noise is left."""
+        """Return the ratio of residual and noise."""
         return self.rms / max(self.floor, 1e-300)
 
     @property
     def is_explained(self) -> bool:
-        """Whether the model lacks nothing that shows in this recording."""
+        """Return whether the residual of this recording is noise."""
         return self.times <= AGREEMENT.fits
 
     def differences(self, other: Known) -> tuple[Difference, ...]:
-        """How the recording differs by more than chance, and than what is left of both explains, the surest first."""
+        """Find the significant differences, beyond the bias by both residuals, the most significant first."""
         gap, std = self._gap(other)
         large = np.abs(gap) > np.maximum(AGREEMENT.practical * np.abs(other.theta), self.known.bias + other.bias)
         told = np.flatnonzero(large & (np.abs(gap) > self.sure * std))
@@ -176,13 +176,13 @@ class Own:
         return Kind.SCALED_TORQUE, {"factor": Quantity(factor)}
 
     def _gap(self, other: Known) -> tuple[Array, Array]:
-        """By how much each parameter is larger, and the standard error of that (P,)."""
+        """Compute the differences of the parameters and their standard errors (P,)."""
         variance = np.diag(self.known.covariance + other.covariance)
         return self.known.theta - other.theta, np.maximum(np.sqrt(variance), 1e-300)
 
 
 def disagreements(fits: Sequence[Own], *, only_if_all_fit: bool = False) -> tuple[Disagreement, ...]:
-    """Recordings that disagree with the largest agreeing part of them, in order; of two, the later one.
+    """Find the recordings that disagree with the largest group that agrees; of two, the later one.
 
     Args:
         fits: of recordings alone, see `own_fits`.
@@ -202,7 +202,7 @@ def disagreements(fits: Sequence[Own], *, only_if_all_fit: bool = False) -> tupl
 
 
 def disagreements_with(model: Model, fits: Sequence[Own]) -> tuple[Disagreement, ...]:
-    """Recordings of another plant than a model's, in order; not those that the model's terms cannot explain."""
+    """Find the recordings that disagree with a model, without those that its terms do not explain."""
     estimates = [model.estimates[column.name] for column in (fits[0].columns if fits else ())]
     covariance = np.diag([estimate.std**2 for estimate in estimates])
     known = Known(np.array([estimate.value for estimate in estimates]), covariance, np.zeros(len(estimates)))
@@ -210,7 +210,7 @@ def disagreements_with(model: Model, fits: Sequence[Own]) -> tuple[Disagreement,
 
 
 def _differing(fits: Sequence[Own], known: Known, others: tuple[str, ...]) -> tuple[Disagreement, ...]:
-    """Those of the fits that differ from what is known."""
+    """Select the fits that differ from known parameters."""
     return tuple(
         Disagreement(fit.number, fit.name, others, told, *fit.kind(known))
         for fit in fits
@@ -219,7 +219,7 @@ def _differing(fits: Sequence[Own], known: Known, others: tuple[str, ...]) -> tu
 
 
 def misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
-    """Recordings that the terms cannot explain beside as many or more that they do explain, in order."""
+    """Find the recordings that the terms do not explain, if they explain at least as many."""
     others = tuple(fit.name for fit in fits if fit.is_explained)
     poor = [fit for fit in fits if fit.times > AGREEMENT.misfits]
     if len(others) < len(poor):
@@ -236,7 +236,7 @@ def misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
 
 
 def own_fits(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[Own]:
-    """Fits of parameters to each recording of some windowed equations alone, where it excites enough to allow one.
+    """Fit the parameters to each recording separately, if it excites them.
 
     Not compared is what changes with time, of which each recording has a course of its own, nor what hangs behind a
     transmission, whose state nobody measured; nor are factors of the torque itself, which one recording alone hardly
@@ -291,7 +291,7 @@ def own_fits(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[O
 
 
 def pool(fits: Sequence[Own]) -> Known:
-    """Common parameters of several fits, weighted by what each knows, and the most that one may be biased by."""
+    """Combine several fits, weighted by information, and bound the bias of each parameter."""
     told = [information(fit.known.covariance) for fit in fits]
     covariance = information(np.sum(told, axis=0))
     weighted = sum(part @ fit.known.theta for part, fit in zip(told, fits, strict=True))
@@ -299,7 +299,7 @@ def pool(fits: Sequence[Own]) -> Known:
 
 
 def spread(fits: Sequence[Own]) -> float:
-    """Cochran's Q: how far several fits are from their common parameters, in standard errors squared."""
+    """Compute Cochran's Q, the squared distance of several fits from their common parameters in standard errors."""
     if len(fits) == 1:
         return 0.0  # exactly, so that ties are ties
     pooled = pool(fits).theta

@@ -1,4 +1,4 @@
-"""Columns that were read wrongly, by a fit to them, with those that read them rightly."""
+"""Detection of wrong signs and zeros of columns by a fit, with the columns that correct them."""
 
 from collections.abc import Callable, Sequence
 
@@ -29,7 +29,7 @@ UPRIGHT_SHARE = 0.05  # of the RMS torque, the least gravity of a joint whose ze
 
 
 def remedies(model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = ()) -> list[Finding]:
-    """Find columns that were read wrongly, by a fit to them; else friction that no joint has.
+    """Find wrong columns by a fit, or else impossible friction.
 
     Args:
         model: that was fitted.
@@ -118,7 +118,7 @@ def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
 
 
 def find_turned_torque(model: Model, recordings: Sequence[Recording]) -> Finding | None:
-    """Find torque that is logged turned round: every parameter of the base model is negative."""
+    """Find torque with the opposite sign: every parameter of the base model is negative."""
     known = [name for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
     clear = sum(is_significantly_negative(model, name) for name in known)
     if (
@@ -131,7 +131,7 @@ def find_turned_torque(model: Model, recordings: Sequence[Recording]) -> Finding
 
 
 def _remedies(recordings: Sequence[Recording], mended: Callable[[Origin], dict[str, str] | None]) -> tuple[Remedy, ...]:
-    """Return columns that read the recordings rightly; none where their columns are unknown."""
+    """Return the columns that correct the recordings; none if their columns are unknown."""
     found: list[tuple[dict[str, str], str]] = []
     for recording in recordings:
         if recording.origin is not None and (columns := mended(recording.origin)) is not None:

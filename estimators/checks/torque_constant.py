@@ -1,4 +1,4 @@
-"""The torque constant of a drive that logs its current, from loads of known size.
+"""Torque constant of a drive that logs its current, from known loads.
 
 With current i instead of torque, tau = K i, every parameter comes out per ampere: motion alone cannot tell K. A load of
 known inertia dI and gravity dmgl, which differs from recording to recording, can,
@@ -32,7 +32,7 @@ LEAST = 5.0  # standard errors that the constant has to be from none
 
 
 def unit_of(recordings: Sequence[Recording]) -> str:
-    """The unit that the torque of all recordings is in.
+    """Return the common unit of torque of recordings.
 
     Raises:
         IdentificationError: if they differ.
@@ -50,7 +50,7 @@ def unit_of(recordings: Sequence[Recording]) -> str:
 def with_torque_constant(
     model: Model, data: TorqueWindows, fit: Callable[[TorqueWindows], Model] | None = None
 ) -> Model:
-    """A model that was fitted to data, in the unit of their torque, with the torque constant and what it errs by.
+    """Return a model fitted to data, in the unit of their torque, with the torque constant and its standard error.
 
     Args:
         model: in which nothing is said of either.
@@ -67,7 +67,7 @@ def with_torque_constant(
 
 
 def widen_by_constant(model: Model, constant: TorqueConstant, here: Model, there: Model) -> Model:
-    """A model whose standard errors include that of the torque constant, which moves parameters from `here` to `there`.
+    """Add the error of the torque constant to standard errors; it changes parameters from `here` to `there`.
 
     The error of the constant and those of a fit that is given it have nothing to do with each other, since the constant
     is fitted beside the columns of that fit: squares add up.

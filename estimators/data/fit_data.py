@@ -189,7 +189,7 @@ class FitData:
 
     @property
     def has_moved(self) -> bool:
-        """Whether any torque was corrected."""
+        """Return whether any torque was corrected."""
         return any(one.is_late for one in self.alignments)
 
     def agrees(self, other: FitData) -> bool:

@@ -62,7 +62,7 @@ DESIGN = DesignSettings()
 
 @dataclass(frozen=True)
 class Limits:
-    """What an experiment may ask of the rig: a bound that is not given is what was recorded, of torque what is usual.
+    """Limits of an experiment; by default those of the recordings, and the default torque.
 
     Attributes:
         torque: largest [N m].
@@ -146,7 +146,7 @@ def questions(
     candidates: Sequence[Candidate],
     doubts: Sequence[Finding],
 ) -> list[Question]:
-    """What a diagnosis leaves open."""
+    """List the open questions of a diagnosis."""
     pairs = [(id, selected) for selected, *alike in groups for id in alike]
     pairs += [doubt.rivals for doubt in doubts if doubt.rivals is not None]
     present = ids(terms)

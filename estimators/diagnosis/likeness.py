@@ -85,7 +85,7 @@ def likenesses(table: Table, curve: Curve) -> list[Likeness]:
 
 
 def _is_enough(simple: Likeness, other: Likeness) -> bool:
-    """Whether one formula makes another needless."""
+    """Return whether one formula makes another one unnecessary."""
     left, less = (max(1.0 - one.share, LIKENESS.alike) for one in (simple, other))
     return simple.parameters < other.parameters and left < 2.0 * less
 

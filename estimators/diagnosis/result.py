@@ -32,7 +32,7 @@ SCHEMA = "pendulum-ident/diagnosis@2"
 
 
 class Verdict(StrEnum):
-    """What became of a candidate effect."""
+    """Verdict on a candidate effect."""
 
     SELECTED = "selected"
     AMBIGUOUS = "ambiguous"
@@ -42,7 +42,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect of the library as the data judge it.
+    """Verdict on one effect of the library, with its scores.
 
     Attributes:
         effect: its id.
@@ -123,7 +123,7 @@ class TriedTreatment:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis:
-    """What a diagnosis found.
+    """Result of a diagnosis.
 
     Attributes:
         steps: the base model, then one entry for each effect added.
@@ -189,7 +189,7 @@ class Diagnosis:
 
     @property
     def noise_floor(self) -> float:
-        """That of the one joint that there is; NaN of several."""
+        """Return the noise floor of a single joint; NaN for several joints."""
         return of_one(self.floors)
 
     @property
@@ -199,7 +199,7 @@ class Diagnosis:
 
     @property
     def is_in_loop(self) -> bool:
-        """Whether errors are those of motion that was simulated with the controller in the loop."""
+        """Return whether errors are those of simulated motion with the controller in the loop."""
         return self.steps[0].errors["holdout"].is_in_loop
 
     def unit_at(self, joint: str) -> str:
@@ -213,7 +213,7 @@ class Diagnosis:
 
     @property
     def effects(self) -> tuple[tuple[str, ...], ...]:
-        """The same, each with those that these data cannot tell from it."""
+        """Return the selected effects, each with the effects that these data do not distinguish from it."""
         rivals = {group[0]: group for group in self.ambiguous}
         return tuple(rivals.get(id, (id,)) for id in self.selected)
 
@@ -225,7 +225,7 @@ class Diagnosis:
 
     @property
     def searched(self) -> bool:
-        """Whether anybody has looked for effects: not in a comparison that is drawn like a diagnosis."""
+        """Return whether effects were searched, which a comparison does not."""
         return bool(self.candidates or self.left)
 
     @property
@@ -284,7 +284,7 @@ class Diagnosis:
 
 @dataclass(frozen=True, repr=False)
 class Addition:
-    """One effect added to a model.
+    """Result of adding an effect to a model.
 
     Attributes:
         before: the model refitted without the effect, and its errors.

@@ -1,4 +1,4 @@
-"""What a verdict of "nothing" could have seen: the smallest effects that the data would have shown."""
+"""Sensitivity of a diagnosis: the smallest effects that the data would show."""
 
 from collections.abc import Mapping
 
@@ -48,7 +48,7 @@ def detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -
 
 
 def detectable(evaluator: ModelEvaluator, terms: Terms, library: Mapping[str, type[Term]]) -> tuple[Detectable, ...]:
-    """What would have shown beside the terms, and from which size on."""
+    """Find the smallest detectable size of effects in addition to the terms."""
     sizes = {id: detectable_size(evaluator, terms, library[id]) for id in TOLD if id in library}
     units = evaluator.train.units()
     found = [

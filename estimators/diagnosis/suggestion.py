@@ -18,7 +18,7 @@ RATE = 500.0  # [Hz], of the experiment's torque as samples
 
 @dataclass(frozen=True)
 class Aim:
-    """What an experiment is to settle: whether `effect` is there, and not `instead` that looks the same so far.
+    """Aim of an experiment: to distinguish `effect` from the absence of it, or from `instead`.
 
     Attributes:
         effect: id of the effect in question.

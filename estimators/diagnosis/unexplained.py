@@ -1,4 +1,4 @@
-"""What the final model of a joint leaves unexplained, in torque or in motion: where it is, and what is said of it."""
+"""Unexplained residual of the final model of a joint in torque or motion: its regions and findings."""
 
 from collections.abc import Sequence
 from dataclasses import replace

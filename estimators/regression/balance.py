@@ -113,7 +113,7 @@ class Balance:
 
     @property
     def is_linear(self) -> bool:
-        """Whether the errors are linear in the parameters."""
+        """Return whether the errors are linear in the parameters."""
         return self.response is None and not self.of_torque.any()
 
     @cached_property
@@ -359,5 +359,5 @@ class Tangent(NamedTuple):
 
     @property
     def target(self) -> Array:
-        """What the slopes predict at the fit (R,) [N m]."""
+        """Return the prediction of the slopes at the fit (R,) [N m]."""
         return self.error + self.slopes @ self.theta

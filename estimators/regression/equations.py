@@ -1,4 +1,4 @@
-"""What every scheme ends in and every solver takes: a linear regression."""
+"""Linear regression, the result of schemes and the input of solvers."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class Errors:
 
     @property
     def is_in_loop(self) -> bool:
-        """Whether there are errors of motion that was simulated with the controller in the loop."""
+        """Return whether there are errors of simulated motion with the controller in the loop."""
         return bool(np.isfinite(self.in_loop))
 
     @property

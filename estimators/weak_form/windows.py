@@ -187,7 +187,7 @@ class Windows:
 
     @cached_property
     def rates(self) -> WindowAverages:
-        """The same of time derivatives, for torque with a lag: <w f'> = -<w' f>."""
+        """Averages of time derivatives, for torque with a lag: <w f'> = -<w' f>."""
         padded = np.pad(self.kernel, 2)
         return self._averages_by(0.5 * self.recording.rate * (padded[:-2] - padded[2:]))
 
