@@ -1,4 +1,4 @@
-"""What produces measurements of a pendulum: physics, recordings, excitation, backends and the Gymnasium environment.
+"""Measurements of a pendulum: physics, recordings, excitation, backends and the Gymnasium environment.
 
 Importing it makes the environments known to `gymnasium.make`, as is Gymnasium's custom; pymunk waits until then.
 """

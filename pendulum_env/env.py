@@ -132,7 +132,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
 
     @property
     def simulated(self) -> bool:
-        """Whether the plant is a model, that can start anywhere and be replaced."""
+        """Return whether the plant is simulated, so that initial state and parameters can be set."""
         return self.traits.simulated
 
     def set_parameters(self, parameters: Values) -> None:
@@ -219,7 +219,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         return observation, 0.0, sample.status is Status.FAULT, sample.status is Status.ENDED, info
 
     def _show(self, sample: Sample, clipped: bool = False) -> tuple[Observation, dict[str, Any]]:
-        """What the agent and the estimators see of a sample."""
+        """Return observation and info of a sample."""
         position, velocity = sample.position, sample.velocity
         if velocity is None:
             periods = max(1, round((sample.time - self._then) * self.rate))  # a recording may have gaps

@@ -105,7 +105,7 @@ class Chirp:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
-        """From about 0.1 to about 4 Hz over the whole recording."""
+        """Draw a chirp from about 0.1 to about 4 Hz over the whole recording."""
         low, high, phase = rng.uniform(0.08, 0.2), rng.uniform(3, 5), rng.uniform(0, 2 * np.pi)
         return cls(amplitude, float(low), float(high), seconds, float(phase))
 

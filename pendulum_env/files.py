@@ -73,7 +73,7 @@ def replacing(path: str | Path, *, private: bool = False) -> Iterator[BinaryIO]:
 
 
 def at_once(path: str, flags: int) -> int:
-    """What `open` opens with where a pipe must not make it wait for somebody at its other end."""
+    """Open a file without waiting for the other end of a pipe; an opener of `open`."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)  # unknown to Windows
 
 

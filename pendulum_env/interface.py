@@ -1,4 +1,4 @@
-"""What one pendulum and many have in common towards Gymnasium: spaces, and what their arguments may be."""
+"""Spaces and argument checks shared by the environments of one and of many pendulums."""
 
 from collections.abc import Mapping
 from numbers import Real
@@ -29,7 +29,7 @@ def spaces(max_torque: float) -> tuple[gym.spaces.Box[np.float32], gym.spaces.Bo
 
 
 def is_beyond(torque: Any, most: float) -> Any:
-    """Whether torques are clipped at a bound, as exactly as the action space knows it: in single precision."""
+    """Return whether torques exceed a bound in single precision, as in the action space."""
     return np.abs(torque).astype(np.float32) > np.float32(most)
 
 

@@ -19,7 +19,7 @@ class UnknownName(Mistake, KeyError):
 
 
 def find(kind: str, name: str, known: Mapping[str, T]) -> T:
-    """What is known under that name.
+    """Find the value of a name.
 
     Raises:
         UnknownName: if nothing is; the message names the nearest and all that exist.

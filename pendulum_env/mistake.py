@@ -1,4 +1,4 @@
-"""What a user can get wrong, apart from what a program can."""
+"""Errors of the user, distinct from errors of the program."""
 
 import traceback
 

@@ -56,7 +56,7 @@ def headline(result: object) -> str:
 
 
 def markup(content: object) -> Html:
-    """What is given, as markup: text is escaped."""
+    """Convert text to markup by escaping it."""
     return content if isinstance(content, Html) else Html(escape(str(content)))
 
 
@@ -93,7 +93,7 @@ def bullets(lines: Iterable[str]) -> Html:
 
 
 def folded(title: str, *parts: Html) -> Html:
-    """What is only shown when asked for."""
+    """Render a part that is collapsed at first."""
     summary = element("summary", "cursor:pointer;margin:.5em 0 .2em", title)
     return element("details", "", summary, *parts)
 

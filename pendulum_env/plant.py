@@ -52,7 +52,7 @@ def typical(kind: type[Term]) -> dict[str, float]:
 
 
 def sizes(term: Term) -> dict[str, float]:
-    """The same of a term: one of several orders has more linear parameters."""
+    """List the sizes of a term; a term of several orders has more linear parameters."""
     linear = {column.name.removeprefix(f"{term.id}."): TYPICAL.get(column.unit, 0.1) for column in term.columns}
     return linear | term.nonlinear_values | (read_parameters(size) if (size := term.typical_size) else {})
 

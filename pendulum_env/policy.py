@@ -18,7 +18,7 @@ State = tuple[Any, ...] | None
 
 
 class Policy(Protocol):
-    """What chooses torques; stable-baselines3's models are policies as they are."""
+    """Interface of policies; models of stable-baselines3 are policies."""
 
     def predict(
         self,
@@ -32,7 +32,7 @@ class Policy(Protocol):
 
 @runtime_checkable
 class Controller(Protocol):
-    """What chooses the torque of a pendulum or an arm from its measurement, which an observation holds not all of."""
+    """Interface of controllers, which compute the torque of a pendulum or an arm from measurements in `info`."""
 
     def torque(self, info: Mapping[str, Any]) -> float | Array:
         """Torque for the period that begins now [N m], of an arm (n,); `info` is the environment's, time 0 at first."""

@@ -83,7 +83,7 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
 
 
 def read_own(path: str | os.PathLike[str]) -> bytes:
-    """What is in a file that only this user can have written, since reading it runs what is in it.
+    """Read a file that belongs to this user, since loading it may run code.
 
     Raises:
         Unreadable: if it cannot be read, belongs to somebody else, or others may write to it.
@@ -125,7 +125,7 @@ def _reason(error: Exception) -> str:
 
 
 def read_json(path: str | os.PathLike[str], hint: str) -> Any:
-    """What a JSON file holds.
+    """Read a JSON file.
 
     Args:
         path: of the file.
@@ -144,7 +144,7 @@ def read_json(path: str | os.PathLike[str], hint: str) -> Any:
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a TOML file holds.
+    """Read a TOML file.
 
     Raises:
         Unreadable: as `read_json`.

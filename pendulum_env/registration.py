@@ -1,4 +1,4 @@
-"""What the environments are called in Gymnasium."""
+"""Names of the environments in Gymnasium."""
 
 PENDULUM = "pendulum_env/DirectDrivePendulum-v0"
 ARM = "pendulum_env/PlanarArm-v0"

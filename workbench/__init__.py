@@ -1,4 +1,4 @@
-"""What a person touches: command line, report and web app, all thin over the same library functions."""
+"""User interfaces: command line, report and web app, based on the same library functions."""
 
 import os
 

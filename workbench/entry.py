@@ -1,4 +1,4 @@
-"""What the console script runs: an interrupt while the libraries load ends as tidily as one later."""
+"""Entry point of the console script, which handles an interrupt while the libraries load."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""What commands read and write, of a pendulum or of an arm whose links `--robot` names, and what they say of it."""
+"""Input and output of commands, for a pendulum or an arm (`--robot`)."""
 
 import argparse
 import json
@@ -125,7 +125,7 @@ def read_model(path: str, body: Mechanism = PENDULUM) -> Model:
 
 @dataclass(frozen=True)
 class Opened:
-    """What a command was given, read."""
+    """Input of a command after reading."""
 
     model: Model  # that is named, or else one without parameters to start from
     fitted: tuple[Source, ...]  # sources of what is fitted
@@ -207,7 +207,7 @@ def tell_preprocessed(given: FitData, align: bool | None, terminal: Terminal) ->
 
 
 def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Opened:
-    """What a command was given of an arm, read."""
+    """Read the input of a command on an arm."""
     made = Asked.of_model(path) if path else Asked()
     sources = [read_as(source, made.log_format, path) for source in sources]
     asked = robot_of(arguments, sources, made)

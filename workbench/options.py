@@ -178,7 +178,7 @@ def _drive(text: str) -> Drive:
 
 
 def _columns(text: str) -> dict[str, str]:
-    """What is said of columns, by quantity; a comma is part of a name unless another `QUANTITY=` follows."""
+    """Parse expressions of columns by quantity; a comma belongs to a name unless another `QUANTITY=` follows."""
     columns: dict[str, str] = {}
     for part in re.split(r",(?=\s*\w+\s*=)", text):
         quantity, equals, name = (word.strip() for word in part.partition("="))

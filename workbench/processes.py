@@ -79,7 +79,7 @@ class End:
 
     @property
     def result(self) -> Any:
-        """What it came to; raises InputError if that is nothing."""
+        """Return the result; raises InputError if there is none."""
         if self.why:
             raise InputError(self.why)
         return self.came
@@ -173,7 +173,7 @@ class Workers:
 
 
 class Job:
-    """One task in a worker, which begins at once."""
+    """Task in a worker process, which starts immediately."""
 
     def __init__(self, title: str, task: Task, workers: Workers, ended: Callable[[Job, End], None]) -> None:
         """Take the task, who does it, and what is told how it ended."""
@@ -187,7 +187,7 @@ class Job:
 
     @property
     def elapsed(self) -> float:
-        """How long it has gone on [s]; how long it will, nobody knows."""
+        """Return the elapsed time [s]."""
         return time.monotonic() - self._began
 
     def cancel(self) -> None:

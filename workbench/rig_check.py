@@ -1,4 +1,4 @@
-"""What a person goes through with a new rig, step by step, before it may use more than a little torque.
+"""Check of a new rig, step by step, before the guard allows more than a small torque.
 
 Each step says what to do, measures what came of it, and says what to change where it came out wrong.
 """
@@ -16,7 +16,7 @@ from pendulum_env.backends.port import Sample, Start, Status
 
 @dataclass(frozen=True)
 class Trial:
-    """What is done in the check, by hand and by the motor."""
+    """Steps of the check, by hand and by the motor."""
 
     quarter: float = 0.5 * math.pi  # [rad], that the arm is turned by hand
     roughly: float = 0.5  # [rad], how well a hand does it
@@ -132,7 +132,7 @@ def _torque(rig: Rig, confirm: Confirm) -> str:
 
 
 def _moved_without_power(rig: Rig, most: float) -> float:
-    """How far a torque turns the arm past the guard, while the drive must not have power [rad]."""
+    """Measure the motion of the arm by a torque while the drive must have no power [rad]."""
     rig.disable()
     drive, sign, moved = rig.guard.drive, rig.config.torque_sign, 0.0
     _, start = rig.guard.read()

@@ -20,7 +20,7 @@ FORMATS = (".urdf", ".xml", ".mjcf")
 
 @dataclass(frozen=True)
 class RobotFile:
-    """How a robot is to be read."""
+    """Settings of a robot file."""
 
     file: Path  # URDF or MJCF
     joints: tuple[str, ...] | None = None  # that move; None: all that can

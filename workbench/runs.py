@@ -60,7 +60,7 @@ Sample = tuple[float, float, float]  # time [s], position [rad], torque over the
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be run: a torque for some time, on a plant or on the rig."""
+    """Plan of a run: a torque for some time, on a plant or on the rig."""
 
     arguments: argparse.Namespace  # of `record`
     rig: RigConfig | None  # None: a plant is simulated, or a recording replayed
@@ -72,7 +72,7 @@ class Plan:
 
     @classmethod
     def of(cls, arguments: argparse.Namespace, rng: np.random.Generator) -> Self:
-        """What was asked for.
+        """Create the plan from arguments.
 
         Raises InputError if the arguments do not go together, a configuration or a policy cannot be used, or a
         diagnosis suggests nothing, and ModelError if an effect is hidden twice.
@@ -85,7 +85,7 @@ class Plan:
         return cls(arguments, rig, plant_of(arguments), rate, command, seconds, release)
 
     def environment(self) -> gym.Env[Any, Any]:
-        """What answers step by step: a simulated plant, a recording that is replayed, or a rig, still without power.
+        """Create the environment: a simulated plant, a replayed recording, or a rig without power.
 
         The rig is owned and connected from now on; raises InputError if it is out of reach, or in use.
         """
@@ -108,12 +108,12 @@ class Plan:
         )
 
     def controller(self, rate: float) -> OpenLoop | Pilot:
-        """What chooses the torque of every period, at a rate [Hz]: a replay has its own."""
+        """Create the controller at a rate [Hz]; a replay has its own torque."""
         return self.command if isinstance(self.command, Pilot) else OpenLoop(self.command, rate)
 
     @property
     def remark(self) -> str:
-        """What the rig's limits leave of the torque, in words; empty if all of it."""
+        """Describe the reduction of the torque by the limits of the rig; empty without one."""
         rig, most = self.rig, self.command.amplitude
         if rig is None or most <= rig.max_torque:
             return ""
@@ -314,7 +314,7 @@ class Here:
         return bool(samples and time - self._since >= self.steady)
 
     def close(self) -> OnlineDiagnosis:
-        """What was said in the end."""
+        """Return the final diagnosis."""
         return self._diagnoser.diagnoses[0]
 
 
@@ -348,7 +348,7 @@ class Apart:
         return self._stands
 
     def close(self) -> OnlineDiagnosis:
-        """What was said in the end; waits until all has been taken in.
+        """Return the final diagnosis after all samples.
 
         Raises OSError if the process has died.
         """

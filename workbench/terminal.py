@@ -1,4 +1,4 @@
-"""What is printed where: results on stdout, progress on stderr, colour and bars only where a person watches."""
+"""Output of commands: results on stdout, progress on stderr, colour and bars only on a terminal."""
 
 import os
 import sys

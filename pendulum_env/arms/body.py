@@ -91,7 +91,7 @@ class Body(Mechanism):
 
     @property
     def weightless(self) -> Body:
-        """The same links where nothing has weight, or where something else holds it."""
+        """Return the links without gravity."""
         return replace(self, model=self._weightless)
 
     @cached_property
@@ -168,7 +168,7 @@ class Body(Mechanism):
 
     @property
     def combine(self) -> Array:
-        """What each base parameter is of the standard parameters (P, S)."""
+        """Return the base parameters as combinations of the standard parameters (P, S)."""
         return self._reduction[1]
 
     def unit_of(self, name: str) -> str:
@@ -288,7 +288,7 @@ class Body(Mechanism):
         return _limits(self._of_joints(self.model.upperVelocityLimit))
 
     def _of_joints(self, values: Array) -> Array:
-        """Those of the links' joints that move by themselves (n,)."""
+        """Select the independent joints (n,)."""
         return np.array(values, dtype=float)[[self.links.index(joint) for joint in self.joints]]
 
 

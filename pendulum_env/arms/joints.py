@@ -35,7 +35,7 @@ OF_A_TURN = ("cogging", "torque_ripple", "position_dependent_friction", "gravity
 
 
 def can_sit(id: str, slides: bool = False) -> bool:
-    """Whether an effect makes sense at a joint of an arm, one that turns or one that slides."""
+    """Return whether an effect is possible at a revolute or sliding joint of an arm."""
     return id not in NOT_DECENTRALISED and not (slides and (id in OF_A_TURN or id == Coupling.id))
 
 
@@ -91,7 +91,7 @@ class Coupling(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Those of a motor's inertia and friction, as functions of its own motion."""
+        """Return the columns of inertia and friction of a motor, as functions of its motion."""
         friction = (
             Column(f"coupling.viscous@{self.at}", "N m s/rad", force=lambda x: x.velocity, least=0.0),
             Column(f"coupling.coulomb@{self.at}", "N m", dry=one, least=0.0),
@@ -155,7 +155,7 @@ def friction(body: Mechanism) -> tuple[Term, ...]:
 
 
 def arm_base(body: Mechanism) -> tuple[Term, ...]:
-    """What a model begins with: links, or inertia and gravity, and viscous and Coulomb friction at each joint."""
+    """Return the base terms: links, or inertia and gravity, and viscous and Coulomb friction at each joint."""
     return model_terms(friction(body), body) if isinstance(body, Body) else BASE
 
 
@@ -170,7 +170,7 @@ def body_of(terms: Sequence[object]) -> Mechanism:
 
 
 def links_of(terms: Sequence[object]) -> Body:
-    """The same of an arm, which the caller knows it to be."""
+    """Return the links of the terms of an arm."""
     body = body_of(terms)
     assert isinstance(body, Body)
     return body

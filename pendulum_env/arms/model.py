@@ -149,7 +149,7 @@ class Asked:
 
     @classmethod
     def of_model(cls, path: str | Path) -> Asked:
-        """As the file of a model tells; nothing if it is none."""
+        """Read it from the file of a model; empty if the file is no model."""
         try:
             data = convert(read_json(path, HINT), _ArmFile)
         except Unreadable:

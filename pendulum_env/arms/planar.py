@@ -23,7 +23,7 @@ from pendulum_env.recording.study import GRAVITY
 
 @dataclass(frozen=True)
 class Link:
-    """One link; its line goes from its joint to the next one.
+    """Link of an arm, a line from its joint to the next one.
 
     Attributes:
         mass: [kg].
@@ -87,7 +87,7 @@ def joint_models(
 
 
 class Acting:
-    """What acts at the joints of a simulated arm, and what it remembers: a torque balance for each joint."""
+    """Torque balances of the joints of a simulated arm, with their states."""
 
     def __init__(self, models: Sequence[Model], h: float) -> None:
         """Take what acts at each joint, without inertia, in steps of h [s]."""
@@ -102,7 +102,7 @@ class Acting:
         self._memory = [balance.start(x) for balance, x in zip(self._balances, samples, strict=True)]
 
     def arriving(self, torque: Array) -> Array:
-        """What of commanded torques (n,) acts in the next step: terms may delay it."""
+        """Return the torques (n,) that act in the next step after delays of the terms."""
         return np.array([now for line, own in zip(self._lines, torque, strict=True) for now in line.push(own)])
 
     def torques(self, position: Array, velocity: Array, torque: Array) -> tuple[Array, Array]:
@@ -201,7 +201,7 @@ class PlanarBodies:
         self.velocity = 0.5 * (self._before + self._half)
 
     def _push(self, position: Array, velocity: Array, torque: Array, h: float) -> Array:
-        """One step of pymunk under the joints' torques at the end of its positions' step; dry friction (n,) [N m]."""
+        """Advance pymunk by one step under joint torques, with dry friction (n,) [N m]."""
         net, dry = self._acting.torques(position, velocity, torque)
         for motor, most in zip(self._motors, dry.tolist(), strict=True):
             if motor.max_force != most:

@@ -49,7 +49,7 @@ class ArmRecording(Recording):
 
     @classmethod
     def of(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> ArmRecording:
-        """From time (N,) [s], positions (N, n) [rad] and held torques (N, n) [N m]; raises as `Recording` does."""
+        """Create a recording of time (N,) [s], positions (N, n) [rad], torques (N, n) [N m]; raises as `Recording`."""
         return cls(time, position, torque, name=name, names=tuple(names))
 
     def __post_init__(self) -> None:
@@ -58,7 +58,7 @@ class ArmRecording(Recording):
         super().__post_init__()
 
     def shape_of(self, quantity: str) -> tuple[int, ...]:
-        """What is of joints has a column a joint."""
+        """Return the shape of a quantity; quantities of joints have one column per joint."""
         return (*np.shape(self.time), len(self.names)) if quantity in OF_JOINTS else np.shape(self.time)
 
     @cached_property

@@ -181,7 +181,7 @@ def pinocchio() -> ModuleType:
 
 @dataclass(frozen=True)
 class _Tie:
-    """What a joint follows: ratio times the position of another, plus an offset."""
+    """Mimic relation: ratio times the position of another joint, plus an offset."""
 
     joint: str
     ratio: float
@@ -217,7 +217,7 @@ def _holding(model: Any, held: Mapping[str, float]) -> Any:
 
 
 def _kind(model: Any, joint: str) -> str:
-    """Whether a joint of Pinocchio's turns or slides; its name if it does neither."""
+    """Return whether a joint of Pinocchio turns or slides, or the name of another type."""
     kind = str(model.joints[model.getJointId(joint)].shortname()).removeprefix("JointModel")
     for ours in (TURNS, SLIDES):
         if kind.startswith(ours) or kind in (f"{ours[0]}{axis}" for axis in "XYZ"):

@@ -112,12 +112,12 @@ class SpatialBodies:
 
     @property
     def position(self) -> Array:
-        """Of the joints (n,) [rad] or [m]."""
+        """Return the joint positions (n,) [rad] or [m]."""
         return np.array(self._data.qpos[self._joints])
 
     @property
     def velocity(self) -> Array:
-        """Of the joints (n,) [rad/s] or [m/s]."""
+        """Return the joint velocities (n,) [rad/s] or [m/s]."""
         return np.array(self._data.qvel[self._joints])
 
     def advance(self, torque: Array) -> None:

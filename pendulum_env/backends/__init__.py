@@ -1,4 +1,4 @@
-"""Where measurements come from."""
+"""Sources of measurements: simulation, replay and rig."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""What a physics engine is to push a pendulum with, from the terms of a model: a step of second order around its own.
+"""Impulses of the terms of a model for a physics engine: a splitting of second order around the step of the engine.
 
 Up to the push, a step is half one of the midpoint rule; after it, state variables go the other half. Both are compiled
 where the laws are formulas, and otherwise run by NumPy.
@@ -19,7 +19,7 @@ from pendulum_env.physics.term import upper
 
 
 class Push(NamedTuple):
-    """What an engine does in a step."""
+    """Impulses and friction of a step of the engine."""
 
     torque: float  # besides dry friction [N m]
     dry: float  # largest dry friction [N m]
@@ -50,7 +50,7 @@ class Interpreted:
         self.memory = x.memory
 
     def push(self, time: float, position: float, velocity: float, torque: float, h: float) -> Push:
-        """What to push with for h [s]; the state variables go on to the middle of the step."""
+        """Compute the impulse for a step h [s], and advance the states of terms to its middle."""
         push, middle = _until_push(self._balance, self._samples(time, position, velocity, torque), h)
         self.memory = middle.memory
         return Push(*map(float, push))
@@ -66,7 +66,7 @@ class Interpreted:
 
 
 class Compiled:
-    """The same as programs; any exception comes where a law is no formula."""
+    """Compiled half steps; raises any exception if a law is no formula."""
 
     def __init__(self, balance: Balance, longest: float) -> None:
         self._until, self._after = (Machine(half, (balance.terms, upper(longest)), 1) for half in (_first, _second))
@@ -101,7 +101,7 @@ class Compiled:
 
 
 def _until_push(balance: Balance, x: Samples, h: Any) -> tuple[Push, Samples]:
-    """What to push with, and the middle of the step; of numbers or symbols.
+    """Compute the impulse and the middle of the step, of numbers or symbols.
 
     Friction keeps its direction until then; a body that starts to move takes that of the net torque. Where the body
     reverses inside the step, the torque makes up for the friction that an engine only knows in the new direction.

@@ -1,4 +1,4 @@
-"""What every backend offers, be it simulated, recorded or a rig: torque for a measurement, once per period."""
+"""Interface of backends (simulation, recording, rig): a torque in and a measurement out, once per period."""
 
 import math
 from collections.abc import Callable
@@ -22,14 +22,14 @@ class Status(Enum):
 
 
 class Timing(NamedTuple):
-    """How well a rig keeps its rate."""
+    """Timing of a rig."""
 
     jitter: float  # how late the sample was taken after its tick [s]
     overruns: int  # ticks of this run that had passed already when their turn came
 
 
 class Sample(NamedTuple):
-    """One measurement, at the end of the period over which the torque was held."""
+    """Measurement at the end of the period of a torque."""
 
     time: float  # since `enable` [s]
     position: float  # unwrapped, as the encoder reads it [rad]
@@ -42,7 +42,7 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class Start:
-    """How a simulated run begins; a rig or a recording begins as it is and ignores it."""
+    """Initial state of a simulated run; a rig or a recording ignores it."""
 
     position: float = 0.0  # [rad]
     velocity: float = 0.0  # [rad/s]
@@ -52,7 +52,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Traits:
-    """What a backend is, as far as its users need to know."""
+    """Properties of a backend."""
 
     rate: float  # samples per second [Hz]
     counts: int | None = 0  # of the encoder per turn; 0 is exact, None where the measurement itself has to tell
@@ -62,7 +62,7 @@ class Traits:
 
     @property
     def follows(self) -> bool:
-        """Whether the torque moves the joint; a recording plays what it holds."""
+        """Return whether the torque moves the joint; in a recording, it does not."""
         return self.recording is None
 
 
@@ -98,7 +98,7 @@ class Backend(Protocol):
 
 @dataclass(frozen=True)
 class Setup:
-    """What the environment is asked for; each backend takes from it what concerns it."""
+    """Arguments of the environment; each backend uses some of them."""
 
     model: Model  # plant to simulate, with its effects
     rate: float  # samples per second [Hz]

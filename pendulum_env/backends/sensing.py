@@ -1,4 +1,4 @@
-"""What a simulated rig shows of its motion: an encoder's counts, a noisy torque channel, a velocity."""
+"""Sensors of a simulated rig: encoder counts, noisy torque, velocity."""
 
 import math
 from dataclasses import dataclass

@@ -13,7 +13,7 @@ from pendulum_env.physics.simulation import Balance, CommandLine
 
 
 class Engine(Protocol):
-    """What moves the body."""
+    """Interface of physics engines."""
 
     def place(self, x: Samples, /) -> None:
         """Begin a run there, scalars; nothing of an earlier one remains."""

@@ -1,4 +1,4 @@
-"""What lies between the torque command and the torque at the joint."""
+"""Terms between the torque command and the torque at the joint."""
 
 from dataclasses import dataclass
 
@@ -164,5 +164,5 @@ class BackEmf(Term):
 
 
 def powered(x: Samples) -> ArrayLike:
-    """Whether the motor is on, as far as anyone says."""
+    """Return whether the motor is on; on by default."""
     return x.memory.get(BackEmf.id, (1.0,))[0]

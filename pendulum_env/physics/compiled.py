@@ -78,7 +78,7 @@ class Recurrence:
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a recurrence in symbols, each a name or value, or an array of them.
+    """Step of a recurrence in symbols, each a name or value, or an array of these.
 
     Attributes:
         given: names of what is given at each step.
@@ -118,7 +118,7 @@ class Machine:
         self.step = partial(self._program.program, 1, 2, 1, lanes, *addresses)  # none of the states is kept besides
 
     def reset(self, which: Mask) -> None:
-        """Those lanes (B,) start from zero."""
+        """Restart lanes (B,) from zero."""
         self._states[:, which] = 0.0
 
     def __reduce__(self) -> Any:

@@ -26,7 +26,7 @@ class Mechanism:
 
     @property
     def slides(self) -> tuple[bool, ...]:
-        """Whether each joint slides, (n,), instead of turning."""
+        """Return for each joint whether it slides instead of turning (n,)."""
         return tuple(joint in self.sliding for joint in self.joints)
 
     @property

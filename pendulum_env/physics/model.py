@@ -65,12 +65,12 @@ class Estimate:
 
     @property
     def is_significant(self) -> bool:
-        """Whether the value differs from zero by more than 3 standard errors."""
+        """Return whether the value differs from zero by more than 3 standard errors."""
         return abs(self.value) > SIGNIFICANT * self.std
 
     @property
     def text(self) -> str:
-        """As in a table of its unit: `0.08951 ± 0.00012`, `0.3 (at its bound)`, `0.0895 (biased)`, `unknown`."""
+        """Format the estimate for a table: `0.08951 ± 0.00012`, `0.3 (at its bound)`, `0.0895 (biased)`, `unknown`."""
         if self.is_unknown:
             return "unknown"
         if self.is_biased and not self.at_bound and self.std > 0:
@@ -79,7 +79,7 @@ class Estimate:
 
     @property
     def shown(self) -> Estimate:
-        """The same in the unit that is shown: an angle may be in degrees. Speeds and frequencies stay in rad/s."""
+        """Convert to the displayed unit: an angle may be in degrees. Speeds and frequencies stay in rad/s."""
         factor, unit = to_shown_unit(1.0, self.unit, is_parameter=True)
         return replace(self, value=factor * self.value, std=factor * self.std, unit=unit)
 
@@ -223,12 +223,12 @@ class Model(Mapping[str, Estimate]):
 
     @property
     def assumed_covariance(self) -> Array:
-        """The same, the estimates taken as independent where their correlation is unknown."""
+        """Return the covariance, with zero for unknown correlations."""
         std = np.array([estimate.std for estimate in self.estimates.values()])
         return np.diag(std**2) if self.covariance is None else self.covariance
 
     def correlated(self, names: Sequence[str], covariance: Array) -> Model:
-        """The same model with the correlation that a covariance (Q, Q) of some of its parameters has."""
+        """Return the model with the correlations of a covariance (Q, Q) of some parameters."""
         std = np.sqrt(np.diag(covariance))
         known = covariance / np.maximum(np.outer(std, std), 1e-300)
         place = [list(self.estimates).index(name) for name in names]
@@ -239,7 +239,7 @@ class Model(Mapping[str, Estimate]):
 
     @property
     def derived(self) -> dict[str, Estimate]:
-        """What people also call some parameters, as `backlash.k`, with standard errors to first order."""
+        """Compute derived parameters, such as `backlash.k`, with standard errors to first order."""
         return _all_derived(self)
 
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Model:
@@ -280,7 +280,7 @@ class Model(Mapping[str, Estimate]):
         return self.body.units(joint, JointUnits(self.torque_unit, self.slides))
 
     def per(self, units: JointUnits) -> Self:
-        """The same numbers with the units of another joint, or of torque in another unit, such as `A`."""
+        """Return the model with the units of another joint or torque unit, such as `A`."""
         own = {term.full(one.name): one.unit_at(units) for term in self.terms for one in term.nonlinear_parameters}
         named = {name: replace(e, unit=own.get(name) or units.unit(e.unit)) for name, e in self.estimates.items()}
         return replace(self, estimates=named, torque_unit=units.torque_unit, slides=units.slides)
@@ -300,7 +300,7 @@ class Model(Mapping[str, Estimate]):
         return replace(self, estimates=estimates)
 
     def withholding(self, names: Container[str]) -> Self:
-        """The same model, some of its parameters, by name, unknown: the data hardly depend on them."""
+        """Return the model with some parameters marked unknown, since the data do not determine them."""
         estimates = {name: replace(e, is_unknown=True) if name in names else e for name, e in self.estimates.items()}
         return replace(self, estimates=estimates)
 

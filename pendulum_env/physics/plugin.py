@@ -52,7 +52,7 @@ def plugins() -> tuple[Path, ...]:
 
 
 def fault(error: BaseException) -> PluginError | None:
-    """What an effect of a file or package did wrong where it was used; None if the error does not come from one."""
+    """Describe an error in the code of an effect of a file or package; None for other errors."""
     files = (*_loaded, *(Path(inspect.getfile(kind)) for kind in library.installed()))
     return next((_fault(error, file, file) for file in files if _lines(error, file)), None)
 

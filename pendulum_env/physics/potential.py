@@ -175,7 +175,7 @@ class HardStop(Term):
         return pushed
 
     def _depth(self, x: Samples) -> Array:
-        """How far the joint is beyond a stop [rad], negative beyond the lower one."""
+        """Compute the penetration of a stop [rad], negative at the lower one."""
         beyond: Array = np.maximum(x.position - self.upper, 0.0) + np.minimum(x.position - self.lower, 0.0)
         return beyond
 

@@ -60,7 +60,7 @@ class Balance:
 
     @property
     def remembers(self) -> bool:
-        """Whether any term has state variables."""
+        """Return whether a term has states."""
         return bool(self._remembering)
 
     def start(self, x: Samples) -> dict[str, Memory]:
@@ -200,7 +200,7 @@ class CommandLine:
         return iter(delayed(np.repeat(now[None], self._substeps, axis=0), before, self._periods))
 
     def forget(self, which: Mask) -> None:
-        """Those pendulums (B,) start anew."""
+        """Restart pendulums (B,)."""
         self._history = [np.where(which, 0.0, torque) for torque in self._history]
 
 
@@ -287,7 +287,7 @@ def _commands(terms: Sequence[Term], torque: Array, before: Array | None, count:
 
 
 def rows(x: Samples) -> list[Any]:
-    """What changes from step to step: time, position, velocity and the state variables of terms, S of them."""
+    """Return the varying rows of a step: time, position, velocity and S states of terms."""
     return [x.time, x.position, x.velocity, *(row for memory in x.memory.values() for row in memory)]
 
 

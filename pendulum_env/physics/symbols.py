@@ -34,7 +34,7 @@ UFUNCS = {name: name for name in (*UNARY, *BINARY, *COMPARISONS, *LOGICAL)} | {
 
 @dataclass(eq=False)
 class Symbol(NDArrayOperatorsMixin):
-    """One value: an operation on others, or a name.
+    """Symbolic value: a name, or an operation on other values.
 
     Attributes:
         op: the operation.
@@ -78,7 +78,7 @@ class Symbol(NDArrayOperatorsMixin):
 
     @property
     def is_condition(self) -> bool:
-        """Whether it is true or false."""
+        """Return whether the value is a condition."""
         return self.op in COMPARISONS or self.op in LOGICAL
 
 
@@ -92,7 +92,7 @@ FUNCTIONS: dict[Any, Any] = {
 
 
 def may(condition: Any) -> bool:
-    """Whether a condition may be true of any: an expression holds every branch, and `np.where` takes what applies."""
+    """Return whether a condition may be true; a symbolic condition may, since both branches are evaluated."""
     return isinstance(condition, Symbol) or bool(condition.any() if isinstance(condition, np.ndarray) else condition)
 
 
@@ -143,7 +143,7 @@ def operation(op: str, *inputs: Any) -> Operand:
 
 
 def _short(op: str, operands: tuple[Operand, ...]) -> Operand:
-    """The same with neutral elements left out."""
+    """Simplify an operation with a neutral element."""
     first, second = operands
     is_number = [not isinstance(x, Symbol) for x in operands]
     if op == "add" and is_number[0] and first == 0:
@@ -179,7 +179,7 @@ def labelled(value: Any, label: str) -> Any:
 
 
 def repeated(step: Callable[[Any, Any], Sequence[Any]], inputs: Array, states: Array, every: int = 1) -> Array:
-    """What a program of a step does, by NumPy: for steps that are no formula.
+    """Run a step by NumPy, for steps that are no formula.
 
     Args:
         step: states after a step, of what is given and of the states before it.

@@ -47,7 +47,7 @@ class Extent(NamedTuple):
 
     @property
     def is_turn(self) -> bool:
-        """Whether it goes on round the turn."""
+        """Return whether the table is periodic over a turn."""
         return self.low == -np.pi and self.high == np.pi
 
 
@@ -96,16 +96,16 @@ class Table(Term):
 
     @classmethod
     def over(cls, extent: Extent) -> type[Self]:
-        """The same table over another extent."""
+        """Return the table over another extent."""
         return cast(type[Self], _over(cls.__dict__.get("bare_table", cls), extent))
 
     def beside(self, terms: Sequence[Term]) -> Table:
-        """The same table, which leaves to terms of a model what they have of its argument."""
+        """Return the table without the functions of its argument that terms of a model contain."""
         return self
 
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
-        """What it is a function of."""
+        """Return the argument of the function."""
         raise NotImplementedError
 
     @classmethod
@@ -171,7 +171,7 @@ def _over(kind: type[Table], extent: Extent) -> type[Table]:
 
 @cache
 def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
-    """What each coefficient of a table weighs each spline by: those that meet all conditions, and are few."""
+    """Compute the weights of splines for each coefficient of a table, under all conditions."""
     low, high, pieces = kind.extent[:3]
     knots = range(pieces) if kind.extent.is_turn else range(-1, pieces + 2)
     fine = 2000  # points over which functions are orthogonal
@@ -343,7 +343,7 @@ TABLES: dict[str, type[Term]] = {kind.id: kind for kind in (TorqueByAngle, Frict
 
 @cache
 def _well_sampled(kind: type[ByAngle]) -> type[ByAngle]:
-    """The same without the ends that few samples determine: these predict badly what is recorded next."""
+    """Remove the ends with few samples, which predict badly."""
     return derived(kind, _well_sampled, outside=0.5)
 
 

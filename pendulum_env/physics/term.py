@@ -1,4 +1,4 @@
-"""What a physical term offers: one definition serves regressors, simulation and report.
+"""Physical terms; one definition serves regressors, simulation and report.
 
 The torque balance is linear in the parameters theta once the nonlinear parameters (a Stribeck velocity, a cogging
 order) are fixed:
@@ -67,7 +67,7 @@ ROOM = 25.0  # [deg C], of a joint whose temperature nobody has measured
 
 @dataclass(frozen=True)
 class Samples:
-    """What a term may depend on; scalars, N samples in time order, or a batch of pendulums (all four broadcast)."""
+    """Arguments of a term: scalars, N samples in time order, or a batch of pendulums (all four broadcast)."""
 
     time: Array  # [s]
     position: Array  # [rad], unwrapped, 0 hangs down
@@ -93,7 +93,7 @@ def one(x: Samples) -> ArrayLike:
 
 @dataclass(frozen=True)
 class Column:
-    """What a parameter multiplies in the torque that motion needs: mass q'' + force + dry sgn q' [N m per unit].
+    """Factor of a parameter in the torque that a motion needs: mass q'' + force + dry sgn q' [N m per unit].
 
     Attributes:
         name: name of the parameter, `effect` or `effect.part`.
@@ -122,12 +122,12 @@ class Column:
     most: float = np.inf
 
     def allows(self, value: float) -> bool:
-        """Whether a body can have this value of the parameter."""
+        """Return whether a value of the parameter is physical."""
         return self.least <= value <= self.most
 
     @property
     def is_known(self) -> bool:
-        """Whether the parameter has one value, and is not to be fitted."""
+        """Return whether the parameter is fixed."""
         return self.least == self.most
 
     def nearest(self, value: float) -> float:
@@ -177,7 +177,7 @@ class NonlinearParameter:
 
 @dataclass(frozen=True)
 class Term:
-    """One physical effect; its dataclass fields are its nonlinear parameters.
+    """Physical effect; its dataclass fields are its nonlinear parameters.
 
     This is the one base class of the physics: it holds the defaults that most effects share, so that a user's own
     effect needs `id`, `law`, `kind` and `columns` only. Overridden are `columns`, and where needed `fixed`; a term
@@ -228,7 +228,7 @@ class Term:
 
     @classmethod
     def has_state(cls) -> bool:
-        """Whether it has state variables along a motion, those of a dead time included."""
+        """Return whether the term has states along a motion, including a dead time."""
         return cls.advance is not Term.advance or cls.trace is not Term.trace
 
     def of_angle(self, at: str) -> tuple[str, ...]:
@@ -241,12 +241,12 @@ class Term:
         return ""
 
     def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
-        """What people also call the parameters, theta (P,) being the linear ones: values and units by short name."""
+        """Compute derived parameters with units by short name; theta (P,) are the linear parameters."""
         return {}
 
     @property
     def open_ends(self) -> tuple[bool, bool]:
-        """Whether it may act below, and above, the angles of any motion, as a stop that was never met."""
+        """Return whether the term may act below and above the angles of a motion, as a stop that was never met."""
         return False, False
 
     @property
@@ -289,12 +289,12 @@ class Term:
 
     @property
     def remembers(self) -> bool:
-        """Whether its torque depends on the past."""
+        """Return whether the torque depends on the past."""
         return type(self).start is not Term.start
 
     @property
     def hides(self) -> bool:
-        """Whether it has a state that nobody measured."""
+        """Return whether the term has a state that is not measured."""
         return self.remembers and not self.needs
 
     @property
@@ -365,7 +365,7 @@ def _moved(term: Term, given: Sequence[Any], memory: Sequence[Any], period: Any)
 
 
 def _advance(term: Term, count: int, period: Array) -> tuple[Recurrence, list[ArrayLike]] | None:
-    """How a term's state variables move on along a motion, compiled, with its constants; None if it is no formula."""
+    """Compile the evolution of the states of a term along a motion, with its constants; None if it is no formula."""
     from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
 
     given, states = ("time", "position", "velocity", "torque", "at_rest"), [f"memory_{k}" for k in range(count)]

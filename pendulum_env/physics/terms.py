@@ -22,7 +22,7 @@ def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
 
 
 def has_link(terms: Sequence[Term]) -> bool:
-    """Whether one of the terms has a link behind the motor, whose motion is not measured."""
+    """Return whether a term has a link behind the motor, whose motion is not measured."""
     return any(term.link for term in terms)
 
 
@@ -32,17 +32,17 @@ def link_of(terms: Sequence[Term]) -> Term:
 
 
 def has_transmission(terms: Sequence[Term]) -> bool:
-    """Whether one of the terms is a loose or elastic transmission."""
+    """Return whether a term is a loose or elastic transmission."""
     return any(term.kind == "transmission" for term in terms)
 
 
 def has_bristles(term: Term) -> bool:
-    """Whether it is friction with a state, which is not measured."""
+    """Return whether a term is friction with a state, which is not measured."""
     return term.kind == "dissipative" and term.hides
 
 
 def is_hidden(term: Term) -> bool:
-    """Whether it has a hidden state, of a link or of bristles, which shows in the motion more than in windows."""
+    """Return whether a term has a hidden state of a link or bristles, which shows in motion more than in windows."""
     return term.link or has_bristles(term)
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class Transmission(Term):
-    """What an elastic transmission and a loose one share; `play` is the gap on either side [rad]."""
+    """Base of elastic and loose transmissions; `play` is the gap on either side [rad]."""
 
     kind = "transmission"
     link = True

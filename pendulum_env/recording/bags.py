@@ -131,5 +131,5 @@ def _numbers(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a folder is a bag of ROS 2."""
+    """Return whether a folder is a bag of ROS 2."""
     return os.path.isfile(path / "metadata.yaml")  # False of a name that is too long, too

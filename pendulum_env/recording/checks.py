@@ -21,7 +21,7 @@ from pendulum_env.settings import setting
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a pendulum's recording can be."""
+    """Plausible limits of recordings of a pendulum."""
 
     shortest: float = 1.0  # [s]; about one swing of an arm of 0.3 m
     fewest: int = 100  # samples
@@ -158,7 +158,7 @@ def doubt_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
 
 
 def _in_degrees(origin: Origin) -> str:
-    """What mends a position whose unit or gain is in doubt."""
+    """List the remedies for a position with a doubtful unit or gain."""
     return _advise_unit(origin, "deg") if origin.could_be_degrees() else "check its unit and gain"
 
 
@@ -239,7 +239,7 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
 
 
 def _moved(rate: float, position: Array, velocity: Array) -> tuple[Array, Array]:
-    """How far a joint moved in each `BOUNDS.window`, and how far its velocity says, (M,) each [rad]."""
+    """Compute the motion in each `BOUNDS.window` by position and by velocity, (M,) each [rad]."""
     span = max(1, round(BOUNDS.window * rate))
     count = (len(position) - 1) // span
     mean = (velocity[:-1] + velocity[1:]) / 2

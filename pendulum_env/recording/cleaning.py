@@ -17,7 +17,7 @@ HELD = ("torque", "enabled")  # quantities that stay until they are told anew
 
 @dataclass(frozen=True)
 class CleaningSettings:
-    """What is a glitch, a stale value or a repeated time."""
+    """Limits of glitches, stale values and repeated times."""
 
     far: float = 10.0  # times what the neighbours and the rest of the recording show, from which a sample is a glitch
     pause: float = 1.0  # [s] between runs whose clocks all begin anew
@@ -35,7 +35,7 @@ CLEANING = CleaningSettings()
 
 @dataclass
 class Log:
-    """What a file holds, while it is cleaned.
+    """Content of a file during cleaning.
 
     Attributes:
         values: in SI units, by quantity (N,) each.
@@ -252,7 +252,7 @@ def note_rows(kind: NoteKind, rows: Index, *quantities: str, text: str = "") -> 
 
 
 def usual_bend(position: Array) -> float:
-    """How far samples of position (N,) lie off the middle of their neighbours [rad]: all but one in a hundred.
+    """Compute the 99th percentile of the deviation of positions (N,) from the mean of their neighbours [rad].
 
     Of a joint that rests all but always, the smallest step that its encoder makes; 0 if it makes none.
     """

@@ -62,7 +62,7 @@ UNUSED = "unused"  # an older word for the same, but of a torque
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a file that was recognised: the quantity in SI is `scale` times the column, plus `offset`."""
+    """Recognised column of a file: the quantity in SI is `scale` times the column, plus `offset`."""
 
     quantity: str  # time, position, velocity, torque, reference or segment
     header: str  # its name in the file
@@ -79,7 +79,7 @@ class Column:
 
     @property
     def offset(self) -> float:
-        """What is added then, in SI."""
+        """Return the added offset in SI."""
         if self.expression is None:
             return 0.0
         unit = self.unit if self.expression.offset_unit is None else letters(self.expression.offset_unit)
@@ -87,7 +87,7 @@ class Column:
 
     @property
     def is_unit_told(self) -> bool:
-        """Whether its name or the user tells the unit, so that nobody has to guess."""
+        """Return whether the name or the user gives the unit."""
         return self.unit is not None or (self.expression is not None and bool(self.expression.factors))
 
     @property
@@ -106,7 +106,7 @@ class Column:
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """What a user should know about how this column was read."""
+        """Return the notes on how this column was read."""
         notes, own, header = [], (self.quantity,), (self.header,)
         if self.expression is not None and (
             self.expression.factors or self.expression.offset or self.expression.negative
@@ -319,7 +319,7 @@ def guess_columns(headers: Sequence[str]) -> dict[str, str]:
 
 
 def _logged(output: str, headers: Sequence[str]) -> str | None:
-    """What a user would write of the column that holds a controller's output, if there is one."""
+    """Return the expression of the column with the output of a controller, if there is one."""
     for header in headers:
         if letters(re.split(r"[\[(]", header)[0]) == output and output in OUTPUTS:
             unit = "" if _unit_at_the_end(RAW["torque"], header) else f":{OUTPUTS[output]}"
@@ -334,7 +334,7 @@ def _most_direct(fitting: Sequence[Column]) -> list[Column]:
 
 
 def is_told(quantity: str, headers: Sequence[str]) -> bool:
-    """Whether the name of any column tells of a quantity."""
+    """Return whether the name of a column denotes a quantity."""
     return bool(_fitting(quantity, headers, set()))
 
 
@@ -365,7 +365,7 @@ def _spelt(header: str) -> tuple[str, ...]:
 
 
 def _joints(headers: Sequence[str]) -> list[str]:
-    """What columns of both position and torque are called after: `elbow` of `position_elbow` and `torque_elbow`."""
+    """List the joints with columns of position and torque: `elbow` of `position_elbow` and `torque_elbow`."""
     plain = dict.fromkeys(re.split(r"[\[(]", header)[0].strip() for header in headers)  # without units
     joints = (header.removeprefix("position_") for header in plain if header.startswith("position_"))
     return [joint for joint in joints if f"torque_{joint}" in plain]
@@ -413,7 +413,7 @@ def _raw_unit(text: str) -> str:
 
 
 def _is_raw(quantity: str, header: str) -> bool:
-    """Whether a name tells of a motor's current or voltage, or of an encoder's counts."""
+    """Return whether a name denotes a motor current or voltage, or encoder counts."""
     names = RAW_NAMES.get(quantity, ())
     spelt = {letters(header), *(letters(_spelt(header)[part]) for part in (2, -1))} | {
         letters(re.split(r"[\[(]", header)[0])

@@ -1,4 +1,4 @@
-"""What a user says of a column: its name, unit, sign, gains, ratios and offset, in one line of text.
+"""Expression of a column: name, unit, sign, gains, ratios and offset in one line of text.
 
     [-]NAME[:UNIT][*GAIN or /RATIO, repeated][+OFFSET[:UNIT] or -OFFSET[:UNIT]]
 
@@ -57,7 +57,7 @@ class Expression:
 
     @property
     def is_gain_unknown(self) -> bool:
-        """Whether the gain is to be found."""
+        """Return whether the gain is unknown."""
         return "*?" in self.factors
 
     def __str__(self) -> str:
@@ -105,7 +105,7 @@ def letters(unit: str) -> str:
 
 
 def _parsed(name: str, negative: bool, rest: str, units: Collection[str]) -> Expression:
-    """What follows the name of a column."""
+    """Parse the text after the name of a column."""
     unit, factors, offset, offset_unit = None, [], None, None
     what = rest.strip()
     rest = rest.lstrip()

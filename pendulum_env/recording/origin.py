@@ -13,7 +13,7 @@ DEGREE = UNITS["position"]["deg"]  # [rad]
 
 @dataclass(frozen=True)
 class Origin:
-    """How a file was read.
+    """Format in which a file was read.
 
     Attributes:
         columns: by quantity, as they were recognised or told.
@@ -27,7 +27,7 @@ class Origin:
 
     @property
     def slides(self) -> bool:
-        """Whether positions were told in metres, so that the joint is an axis that slides."""
+        """Return whether positions are in metres, so that the joint slides."""
         return self.columns["position"].unit in LINEAR["position"]
 
     def changed(self, **changes: str) -> dict[str, str]:
@@ -35,20 +35,20 @@ class Origin:
         return {**self.named, **changes}
 
     def in_unit(self, quantity: str, unit: str) -> dict[str, str]:
-        """With a column in another unit."""
+        """Return the format with a column in another unit."""
         return self.changed(**{quantity: str(replace(self._as_it_is(quantity), unit=unit))})
 
     def in_counts(self) -> dict[str, str]:
-        """With position in counts, for example 4096 per turn."""
+        """Return the format with position in counts, for example 4096 per turn."""
         expression = self._as_it_is("position")
         return self.changed(position=str(replace(expression, unit="counts", factors=("/4096", *expression.factors))))
 
     def confirmed(self, quantity: str) -> dict[str, str]:
-        """With a column named as the quantity that it was taken for."""
+        """Return the format with an explicit column for a quantity."""
         return self.changed(**{quantity: str(self._as_it_is(quantity))})
 
     def turned(self, quantity: str) -> dict[str, str]:
-        """With a column of the other sign, what is added to it included."""
+        """Return the format with the opposite sign of a column and its offset."""
         old = self._as_it_is(quantity)
         offset = None if old.offset is None else ("+" if old.offset[0] == "-" else "-") + old.offset[1:]
         return self.changed(**{quantity: str(replace(old, negative=not old.negative, offset=offset))})
@@ -58,7 +58,7 @@ class Origin:
         return self.changed(**{quantity: NONE})
 
     def shifted(self, angle: float, digits: int) -> dict[str, str] | None:
-        """With an angle added to position, and to the reference if there is one [rad], told in degrees.
+        """Return the format with an angle [rad] added to position and reference, written in degrees.
 
         None if position is no angle.
         """
@@ -68,12 +68,12 @@ class Origin:
         return self.changed(**{quantity: str(self._shifted(quantity, angle, digits)) for quantity in places})
 
     def could_be_degrees(self) -> bool:
-        """Whether position may be in degrees that were taken for something else."""
+        """Return whether position may be in degrees."""
         unit = self.columns["position"].unit
         return unit is None or (UNITS["position"].get(unit, DEGREE) != DEGREE)
 
     def _as_it_is(self, quantity: str) -> Expression:
-        """What would read a column as it was read."""
+        """Return the expression that reads a column as before."""
         column = self.columns[quantity]
         told = column.expression or Expression(column.header)
         return replace(told, unit=told.unit or column.unit)

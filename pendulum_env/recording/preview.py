@@ -1,4 +1,4 @@
-"""What is in a file before anybody says what it means: names of its columns and their values as they stand there."""
+"""Preview of a file: names of its columns and their raw values."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -275,7 +275,7 @@ class Recording:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the joints (n,): the one of a pendulum has an empty name."""
+        """Return the names of the joints (n,); the joint of a pendulum has an empty name."""
         return ("",)
 
     @property
@@ -285,12 +285,12 @@ class Recording:
 
     @property
     def columns(self) -> dict[str, Array]:
-        """What was recorded, (N,) each, by the names of a file's columns."""
+        """Return the recorded series (N,) by the names of the columns of a file."""
         return self.series
 
     @property
     def series(self) -> dict[str, Array]:
-        """What was recorded, with a value or one of each joint for every sample, by quantity."""
+        """Return the recorded series by quantity, with one value, or one per joint, for each sample."""
         every = {quantity: getattr(self, quantity) for quantity in QUANTITIES}
         return {quantity: values for quantity, values in every.items() if values is not None}
 

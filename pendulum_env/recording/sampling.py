@@ -87,7 +87,7 @@ def long_enough(log: Log) -> None:
 
 
 def _starts(lengths: Sequence[int]) -> tuple[int, ...]:
-    """Where segments of so many samples begin, one after the other."""
+    """Return the first samples of consecutive segments with given lengths."""
     return tuple(np.cumsum([0, *lengths[:-1]]).tolist())
 
 
@@ -104,7 +104,7 @@ def is_rounded(time: Array, position: Array, resolution: float) -> bool:
 
 
 def skips(time: Array, position: Array) -> bool:
-    """Whether position (N,) moves on in the long steps of time (N,) [s] as in several: samples were lost there.
+    """Return whether position (N,) changes in long time steps as in several samples, so that samples were lost.
 
     A clock whose period is no multiple of the printed digits has long steps, too, but the joint does not know of them.
     """
@@ -115,7 +115,7 @@ def skips(time: Array, position: Array) -> bool:
 
 
 def bridgeable(time: Array, position: Array) -> int:
-    """How many samples in a row may be lost, at most, and be interpolated as well as noise and need allow.
+    """Return the largest number of adjacent lost samples that interpolation replaces within noise.
 
     For each number, that many samples are left out all over a stretch of position (N,) where none is lost, and the one
     in the middle is interpolated by the cubic through two samples on either side.
@@ -208,7 +208,7 @@ def _join(log: Log, parts: Sequence[dict[str, Array]]) -> None:
 
 
 def _filled(log: Log, parts: Sequence[dict[str, Array]], usual: float) -> list[dict[str, Array]]:
-    """The same segments with the few samples that were lost filled in.
+    """Fill in the few lost samples of segments.
 
     Position and velocity are interpolated by cubic splines, torque linearly: nobody knows what it was.
     """
@@ -225,7 +225,7 @@ def _filled(log: Log, parts: Sequence[dict[str, Array]], usual: float) -> list[d
 
 
 def _lost(time: Array, usual: float) -> Index:
-    """How many samples are lost between each and the next of time (N,) [s], (N - 1,)."""
+    """Count the lost samples between adjacent times (N,) [s], (N - 1,)."""
     ratio = np.diff(time) / usual
     counts = np.round(ratio).astype(np.intp)
     return np.where((ratio > SAMPLING.long) & (np.abs(ratio - counts) <= SAMPLING.whole), counts - 1, 0)
@@ -242,7 +242,7 @@ def _with_lost(part: dict[str, Array], missing: Index) -> dict[str, Array]:
 
 
 def _resampled(part: dict[str, Array], period: float) -> dict[str, Array]:
-    """One segment on a grid of `period` [s] that begins where it does."""
+    """Resample a segment to a grid of `period` [s] with the same start."""
     time = part["time"]
     grid = _grid(time[0], period, int((time[-1] - time[0]) / period + 1 + 1e-6))
     return _at(grid, part) | {"time": grid, "torque": _mean_held(grid, period, time, part["torque"])}

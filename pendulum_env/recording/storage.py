@@ -326,7 +326,7 @@ def _are_counts(column: Column, values: Array) -> bool:
 
 
 def _doubts(recording: Recording, origin: Origin) -> tuple[Note, ...]:
-    """What is doubted of the unit of position; one that was guessed is refused where one that was told is warned of."""
+    """Find doubts about the unit of position; a guessed unit is refused, and a given unit is warned of."""
     try:
         checks.refuse_too_fast(recording, origin)
         return checks.doubt_unit(recording, origin)

@@ -93,7 +93,7 @@ class Source:
 
     @property
     def format(self) -> JSON:
-        """How it is read, in the words of a study, as far as anything is said."""
+        """Return the given settings of reading, as in a study file."""
         load = None if self.load is None else asdict(self.load)
         said = {**describe_reading(**self.reading), "load": load}
         return {key: said[key] for key in FORMAT if said.get(key)}

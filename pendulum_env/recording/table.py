@@ -1,4 +1,4 @@
-"""What every file format is read into, before anyone asks whether it makes sense."""
+"""Raw table of a file, the result of the reader of each format."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass

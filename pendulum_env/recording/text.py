@@ -51,7 +51,7 @@ STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d{1,9})?)?\s
 
 @dataclass(frozen=True)
 class Layout:
-    """How a text file is laid out, as told by its first lines."""
+    """Layout of a text file, by its first lines."""
 
     headers: tuple[str, ...]
     delimiter: str  # one of , ; tab space
@@ -349,7 +349,7 @@ def _first_cells(lines: Sequence[str], delimiter: str, width: int) -> tuple[str,
 
 
 def _preamble(content: list[str]) -> int:
-    """How many lines stand above the header, as measuring programs write them: fewer cells than there are columns."""
+    """Count the lines above the header, which have fewer cells than columns."""
     if len(content) < 3:
         return 0
     probe = content[-2]  # the last may be cut off
@@ -368,7 +368,7 @@ def _are_names(cells: list[str]) -> bool:
 
 
 def _are_units(cells: list[str], headers: list[str]) -> bool:
-    """Whether a row holds the units of the columns: at least one is known, the others are empty or unknown words."""
+    """Return whether a row has units: at least one is known, the others are empty or unknown words."""
     if len(cells) != len(headers) or any(NUMBER.fullmatch(cell) for cell in cells if cell.strip()):
         return False
     known = {unit for units in UNITS.values() for unit in units}

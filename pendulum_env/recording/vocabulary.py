@@ -151,7 +151,7 @@ SPARE = OPTIONAL[1:]  # of which the first column will do
 
 
 class Rank(IntEnum):
-    """How directly a column tells a quantity; the least is preferred."""
+    """Rank of a column for a quantity; the least is preferred."""
 
     MEASURED = 0
     ESTIMATED = 1

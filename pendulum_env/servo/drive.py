@@ -79,7 +79,7 @@ class Drive:
 
     @property
     def unit(self) -> str:
-        """Of the motor's torque: `N m`, or that of what it is proportional to."""
+        """Return the unit of the motor torque: `N m`, or the unit of a proportional quantity."""
         return "N m" if self.gain is not None else UNIT[self.output]
 
     @property
@@ -100,7 +100,7 @@ class Drive:
 
     @property
     def acts_on_speed(self) -> bool:
-        """Whether it controls the speed."""
+        """Return whether the drive controls the speed."""
         return self.control == "velocity"
 
     @classmethod
@@ -124,7 +124,7 @@ class Drive:
         return cls(**values)
 
     def told(self) -> dict[str, str | float]:
-        """What is not as usual, from which `of` makes the same drive."""
+        """Return the settings that differ from the defaults, from which `of` makes the same drive."""
         usual = vars(Drive())
         values = {name: getattr(self, name) for name in usual if name == "kp" or getattr(self, name) != usual[name]}
         return {name: value if isinstance(value, str) else float(value) for name, value in values.items()}

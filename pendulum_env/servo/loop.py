@@ -52,7 +52,7 @@ class Servos:
 
 
 class State(NamedTuple):
-    """What a controller remembers: the output it holds, those before, its integral, and the speed that it sees.
+    """State of a controller: held and past outputs, integral, and measured speed.
 
     `velocity` is the true one at its last look: where the joint speeds up evenly, two positions tell the mean of both.
     """
@@ -155,7 +155,7 @@ def taps(steps: Array) -> Array:
 
 
 def _due(servos: Servos) -> Array:
-    """Whether each controller looks again at the start of each step (N, B)."""
+    """Return whether each controller updates at the start of each step (N, B)."""
     rate = np.array([np.inf if drive.rate is None else drive.rate for drive in servos.drives])
     time = servos.step * np.arange(len(servos.goal))[:, None]
     turn = np.floor(time * np.minimum(rate, 1.0 / servos.step) + 1e-6)
@@ -172,7 +172,7 @@ def servo_step(
     speed: bool,
     h: ArrayLike,
 ) -> tuple[Samples, State]:
-    """One step of servos and their controllers, in symbols or arrays."""
+    """Advance servos and their controllers by one step, in symbols or arrays."""
     torque, state = control(x, state, given, gains, taps, speed)
     measured = {BackEmf.id: (given.on,), TemperatureDependentFriction.id: (given.temperature, 0.0)}
     memory: Any = {id: measured.get(id, own) for id, own in x.memory.items()}

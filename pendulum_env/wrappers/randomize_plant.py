@@ -15,7 +15,7 @@ COVARIANCE = "covariance"
 
 
 class Spread:
-    """How linear parameters are drawn: within relative half widths of nominal values, or as well as these are known."""
+    """Distribution of linear parameters: uniform within relative widths, or normal by the covariance of a model."""
 
     def __init__(self, nominal: Model, spread: float | Mapping[str, float] | str) -> None:
         """Take the nominal plant, and one half width for its four base parameters, some by name, or "covariance".

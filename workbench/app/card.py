@@ -49,28 +49,28 @@ Ends = tuple[float | None, float | None]  # of a range [s] from the first row; N
 
 @dataclass(frozen=True)
 class Choice:
-    """What is said of one column: its role, unit and what is done with it; empty where nothing is."""
+    """Choice for one column: role, unit and conversion; empty without a choice."""
 
     role: str = ""
     unit: str = ""
     then: str = ""  # `*0.091`, `/6+90`; a number alone is a gain
 
     def expression(self, header: str) -> str:
-        """The same in one line, as on the command line."""
+        """Return the choice in one line, as on the command line."""
         unit, then = self.unit.strip(), self.then.strip()
         gain = "*" if PLAIN.fullmatch(then) else ""
         return f"{header}{f':{unit}' if unit else ''}{gain}{then}"
 
     @classmethod
     def of(cls, role: str, told: Expression) -> Choice:
-        """What an expression says of its column."""
+        """Parse an expression into a choice."""
         gain = "".join([*(["*-1"] if told.negative else []), *told.factors])
         offset = (told.offset or "") + ("" if told.offset_unit is None else f":{told.offset_unit}")
         return cls(role, told.unit or "", gain + offset)
 
 
 def quantity(role: str) -> str:
-    """What a role measures: `position` of `position_elbow`."""
+    """Return the quantity of a role: `position` of `position_elbow`."""
     return role.partition("_")[0]
 
 
@@ -81,7 +81,7 @@ def units(role: str) -> list[str]:
 
 
 def understood(role: str, text: str, headers: Sequence[str]) -> str:
-    """How the unit of an expression's column is understood, in words; empty where there is none."""
+    """Describe the unit of the column of an expression; empty without a unit."""
     try:
         column = named_column(quantity(role), text, headers)
     except RecordingError:
@@ -134,7 +134,7 @@ class Card:
 
     @property
     def roles(self) -> tuple[str, ...]:
-        """What a column may be: of an arm, a position or torque of one of its joints."""
+        """List the possible roles of a column; for an arm, positions and torques of its joints."""
         own = (f"{what}_{joint}" for joint in self.joints for what in ("position", "torque"))
         return ("time", *own) if self.joints else tuple(ALIASES)
 
@@ -150,7 +150,7 @@ class Card:
         return free.told(choices, bool(form.get("unwrap:0")), (form.get("from:0"), form.get("to:0")))
 
     def is_as(self, other: Card) -> bool:
-        """Whether another card has the same roles and units."""
+        """Return whether another card has the same roles and units."""
         return [(one.role, one.unit) for one in self.choices] == [(one.role, one.unit) for one in other.choices]
 
     def asked(self) -> Source:
@@ -192,12 +192,12 @@ class Card:
         return list(zip(self.preview.headers, self.choices, strict=True))
 
     def _expression(self, role: str) -> str | None:
-        """What is said of the column that has a role."""
+        """Return the expression of the column with a role."""
         return next((choice.expression(header) for header, choice in self._pairs if choice.role == role), None)
 
 
 def show(card: Card) -> Component:
-    """What is in the file, and the choice of what it means."""
+    """Render the content of the file, and the choices of its columns."""
     brush = "Drag over a plot to choose the range."
     if card.seconds is None:
         brush = "The range can be chosen once time is."

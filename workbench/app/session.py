@@ -33,7 +33,7 @@ ID = re.compile(r"[0-9a-f]{32}")  # of a session: random, drawn by the page; nev
 
 
 class Session:
-    """One tab's work: the state and those before it, and what runs in the background.
+    """Session of one tab: current and past states, and background jobs.
 
     The state is a value: read it once, and all that is drawn from it fits together. It is replaced under `lock`.
     """
@@ -71,7 +71,7 @@ class Session:
 
     @property
     def last_change(self) -> str:
-        """What `undo` would take back, in words; empty if there is nothing."""
+        """Describe the change that `undo` reverts; empty without one."""
         return self._past[-1][0] if self._past else ""
 
     def undo(self) -> None:
@@ -103,7 +103,7 @@ class Session:
     # ------------------------------------------------------------------------------------------------- work
 
     def busy(self) -> bool:
-        """Whether a job is on its way."""
+        """Return whether a job is running."""
         return self.job is not None and self.job.running
 
     def work(self, title: str, task: Task, keep: Callable[[Any], None]) -> None:

@@ -1,4 +1,4 @@
-"""What a session knows, as a value: every change makes a new one, so that a page is always drawn from one state."""
+"""Immutable state of a session: each change makes a new state, and a page is drawn from one state."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Loaded:
 
     @property
     def held_out(self) -> bool:
-        """Whether it is kept for checking."""
+        """Return whether the recording is held out."""
         return self.source.role == "holdout"
 
 
@@ -101,18 +101,18 @@ class Asked:
 
     @classmethod
     def of(cls, form: Mapping[str, Any]) -> Asked:
-        """What the fields `ask-only` and so on of a form hold: ids in a list, or text."""
+        """Return the values of the form fields `ask-only` and so on: ids in a list, or text."""
         values = (form.get(f"ask-{field.name}") or "" for field in fields(cls))
         return cls(*(",".join(map(str, value)) if isinstance(value, list) else str(value).strip() for value in values))
 
     @property
     def effects(self) -> dict[str, Any]:
-        """What `diagnose` takes of effects; raises as the command line does."""
+        """Return the effects for `diagnose`; raises as the command line."""
         return {"only": effects_of(self.only) or None, "without": effects_of(self.without)}
 
     @property
     def limits(self) -> dict[str, Any]:
-        """What `diagnose` and `add` take of parameters; raises as the command line does."""
+        """Return the limits of parameters for `diagnose` and `add`; raises as the command line."""
         return {
             "fixed": values_of(self.fix) if self.fix else {},
             "bounds": ranges(self.bound) if self.bound else {},
@@ -147,7 +147,7 @@ class Prepared:
 
 @lru_cache(maxsize=4)  # states of the same choices share it
 def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: bool, asked: Asked) -> Prepared:
-    """What recordings give to fit models to; `asked` tells what is known of the base model's terms.
+    """Prepare recordings for fits; `asked` has the fixed and bounded parameters of the base model.
 
     Raises InputError if no known load tells a gain, and IdentificationError if there is too little motion.
     """
@@ -165,7 +165,7 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
 
 @lru_cache(maxsize=4)
 def prepare_arm(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: bool, asked: Asked) -> Prepared:
-    """The same of an arm, which is neither aligned nor known; raises alike."""
+    """Prepare recordings of an arm for fits, without alignment; raises as `prepare`."""
     train, holdout = ([one.recording for one in loaded if one.held_out is held] for held in (False, True))
     fitted, _ = split_arm(train, holdout)
     found = identify(fitted, terms, SCHEMES)
@@ -175,7 +175,7 @@ def prepare_arm(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned:
 
 
 def unexplained(prepared: RegressionData, model: Model) -> tuple[Region, ...]:
-    """Where a model leaves more than noise in the data that it is fitted to, joint by joint."""
+    """Find regions of the residual above noise in the fitted data, by joint."""
     residual: Array = prepared.with_link_states(model).residual(model.terms, model.theta)
     felt, data, regions = prepared.inertias(prepared.base), prepared.data, list[Region]()
     for at in data.joints:
@@ -187,7 +187,7 @@ def unexplained(prepared: RegressionData, model: Model) -> tuple[Region, ...]:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What a user has chosen, and what came of long work; all else follows from these when somebody looks at it."""
+    """Choices of the user and results of jobs; other values are computed from these on demand."""
 
     loaded: tuple[Loaded, ...] = ()  # recordings
     terms: tuple[Term, ...] = ()  # of the base model, of an arm those at its joints; empty: the usual ones
@@ -220,7 +220,7 @@ class State:
 
     @property
     def base_terms(self) -> tuple[Term, ...]:
-        """Those of the base model, usual or not."""
+        """Return the terms of the base model."""
         return model_terms(self.terms, self.body) if self.terms else arm_base(self.body)
 
     @property
@@ -229,7 +229,7 @@ class State:
 
     @cached_property
     def questions(self) -> list[str]:
-        """What is doubtful in the recordings of an arm, a sentence each."""
+        """List doubts about the recordings of an arm, one sentence each."""
         return straying(links_of(self.base_terms), self._arms)
 
     def anew(self, **choices: Any) -> State:
@@ -247,7 +247,7 @@ class State:
         return self.anew(loaded=tuple(own for one in self.loaded for own in (new if one is old else (one,))))
 
     def of_robot(self, robot: RobotFile) -> State:
-        """What is loaded as recordings of a robot, and nothing else; raises BodyError or InputError if they are not."""
+        """Return the loaded recordings of a robot; raises BodyError or InputError for others."""
         try:
             robot = robot.with_logged_joints([one.source for one in self.loaded])
         except RecordingError as error:
@@ -268,7 +268,7 @@ class State:
 
     @cached_property
     def _prepared(self) -> Prepared | str:
-        """What models are fitted to, or why nothing can be fitted."""
+        """Return the data for fits, or the reason why there are none."""
         if all(one.held_out for one in self.loaded):
             return "every recording is held out: keep one to fit the model to" if self.loaded else NO_RECORDING
         try:
@@ -280,7 +280,7 @@ class State:
 
     @property
     def prepared(self) -> Prepared:
-        """What models are fitted to; raises InputError if nothing can be fitted."""
+        """Return the data for fits; raises InputError if there are none."""
         if isinstance(self._prepared, str):
             raise InputError(self._prepared)
         return self._prepared
@@ -297,7 +297,7 @@ class State:
 
     @property
     def recordings(self) -> list[Recording]:
-        """Those that are loaded, in N m and in time as far as that is known and asked for."""
+        """Return the loaded recordings, calibrated and aligned as far as known and requested."""
         if self.trouble:
             return [one.recording for one in self.loaded]
         fitted, held_out = iter(self.train), iter(self.holdout)
@@ -353,7 +353,7 @@ class State:
 
     @cached_property
     def doubts(self) -> tuple[Finding, ...]:
-        """What the fitted recordings cannot tell about the model's parameters."""
+        """Return findings on parameters that the fitted recordings do not determine."""
         if not self.body.can_simulate:
             return ()
         fitted = [r for r, one in zip(self.recordings, self.loaded, strict=True) if not one.held_out]
@@ -372,7 +372,7 @@ class State:
 
     @cached_property
     def told(self) -> Diagnosis:
-        """What the report tells: the diagnosis if it calls for all that the ladder has and more, else the ladder.
+        """Return the result for the report: the diagnosis if it contains all added effects, else the added steps.
 
         Of an arm, the diagnosis if there is one.
         """
@@ -392,12 +392,12 @@ class State:
 
     @cached_property
     def case(self) -> Case:
-        """What the sections of the report may look at."""
+        """Return the data of the sections of the report."""
         return Case(self.told)
 
     @cached_property
     def standing(self) -> Case:
-        """The same with all recordings and the ladder as they are, whatever the diagnosis found beyond them."""
+        """Return the state with all recordings and added steps, without the effects of the diagnosis."""
         return Case(replace(self.told, steps=self.ladder, data=self.prepared.data))
 
     @property

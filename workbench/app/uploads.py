@@ -30,7 +30,7 @@ def safe_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class Uploaded:
-    """What came from the page at once, by what it is."""
+    """Uploaded files of one request, by kind."""
 
     robots: list[Path] = field(default_factory=list)
     models: list[Path] = field(default_factory=list)

@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def carried(
     arguments: argparse.Namespace, asked: Opened, recordings: Sequence[Recording], terminal: Terminal
 ) -> Payload | None:
-    """What the arm carries in recordings beside a model; None where they do not tell and nobody asked."""
+    """Find the payload of an arm in recordings relative to a model; None if it is unknown and was not requested."""
     sources = [source for name in arguments.without for source in sources_of(name, arguments)]
     sources = [read_as(own, asked.model.log_format, arguments.model) for own in sources]
     empty = replace(asked, recordings=read_all(sources, terminal, asked.read), holdout=[])
@@ -106,7 +106,7 @@ def carried(
 
 
 def of_payload(found: Payload, body: Body) -> list[Part]:
-    """What an arm carries, and what it explains."""
+    """Describe the payload of an arm, and its effect on the errors."""
     rows = [(name, one.text, one.unit) for name, one in found.estimates.items()]
     rows += [(f"centre {axis}", one.text, one.unit) for axis, one in zip("xyz", found.center or (), strict=False)]
     content: list[Table | str] = [Table(("parameter", "estimate", "unit"), rows, left=("unit",))]

@@ -171,7 +171,7 @@ def reveal(hidden: Hidden, found: Diagnosis, terminal: Terminal) -> None:
 
 
 def verdict(hidden: Sequence[str], found: Diagnosis) -> str:
-    """Whether the diagnosis was right, in a sentence."""
+    """Return whether the diagnosis was right as a sentence."""
     true, named = set(hidden), set(found.selected)
     alike = {effect for group in found.ambiguous if true & set(group) for effect in group} - true
     if true == named:

@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def described(kind: type[Term]) -> list[str]:
-    """How an effect shows, with what it is confused, what tells it, and its parameters; of a table what it is for."""
+    """Describe an effect: symptom, similar effects, informative experiment and parameters; for a table, its use."""
     if issubclass(kind, Table):
         return [str(kind.__doc__).partition("\n")[0], "Parameters: coefficients of a spline, by `add`."]
     text = description(kind.id)

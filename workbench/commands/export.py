@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _checked(arguments: argparse.Namespace) -> tuple[Source, ...]:
-    """What to check with: of a study what is held out, if anything is."""
+    """Return the recordings of the check; for a study, the held-out ones if there are any."""
     if arguments.check is None:
         return ()
     asked = argparse.Namespace(**vars(arguments))

@@ -125,7 +125,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _samples(seconds: float, rate: float) -> int:
-    """How many a recording has."""
+    """Return the number of samples of a recording."""
     samples = seconds * rate
     if not BOUNDS.fewest <= samples <= MOST:
         raise InputError(f"{samples:.0f} samples are asked for, between {BOUNDS.fewest} and {MOST} are possible")

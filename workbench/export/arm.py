@@ -1,4 +1,4 @@
-"""What MuJoCo needs of a model: a body on a hinge, with viscous and dry friction.
+"""Model for MuJoCo: a body on a hinge, with viscous and dry friction.
 
 A swinging joint shows its inertia about the axis and its weight on the lever arm, never mass, lever and inertia about
 the centre of mass one by one. Unless the mass is known the arm is drawn as a uniform rod, of which three quarters of
@@ -37,12 +37,12 @@ class Body:
 
     @property
     def centre(self) -> tuple[float, float, float]:
-        """Of mass, at q = 0 [m]."""
+        """Return the centre of mass at q = 0 [m]."""
         return 0.0, self.lever * math.sin(self.tilt), -self.lever * math.cos(self.tilt)
 
     @property
     def moments(self) -> tuple[float, float, float]:
-        """Of inertia about x, y and z through the centre of mass [kg m^2], those of a rod; x is along the hinge."""
+        """Return the moments of inertia of a rod about x, y, z through its centre [kg m^2]; x is along the hinge."""
         return self.inertia, self.inertia, 0.01 * self.inertia  # inertia about its length, in that about the axis
 
     @classmethod
@@ -72,7 +72,7 @@ def value(model: Model, parameter: str) -> float:
 
 
 def holds_spring(model: Model) -> bool:
-    """Whether a simulator's own spring is that of a model: it is straight and pulls back."""
+    """Return whether a linear spring of the simulator represents the spring of a model."""
     return value(model, "spring.stiffness") >= 0 and "spring.cubic" not in model.estimates
 
 
@@ -127,7 +127,7 @@ class Stop:
 
     @property
     def is_there(self) -> bool:
-        """Whether there is any."""
+        """Return whether there is any."""
         return math.isfinite(self.lower) or math.isfinite(self.upper)
 
     @property

@@ -25,7 +25,7 @@ from workbench.export.request import Exported, ExportError, Request, load_mujoco
 
 @dataclass(frozen=True)
 class Check:
-    """How far simulations are from recordings [rad]."""
+    """Deviations of simulations from recordings [rad]."""
 
     title: str  # how that was measured
     errors: Mapping[str, float]  # by what is compared with what

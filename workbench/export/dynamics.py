@@ -46,7 +46,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a step is given, or gives."""
+    """Input or output of a step."""
 
     name: str
     unit: str
@@ -55,7 +55,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """One step as expressions in the names of its state, its parameters and what it is given."""
+    """Step as expressions of states, parameters and inputs."""
 
     step: float  # length of a step [s]
     parameters: tuple[Parameter, ...]  # of the model, by which the expressions are written
@@ -68,7 +68,7 @@ class Dynamics:
 
     @property
     def waiting(self) -> int:
-        """How many commands are on their way to the joint."""
+        """Return the number of delayed commands."""
         return math.ceil(self.delay)
 
     def arriving(self, commands: str) -> str:
@@ -90,7 +90,7 @@ def written(model: Model, request: Request) -> Dynamics:
 
 
 def beside(model: Model, terms: Sequence[Term], request: Request) -> Dynamics:
-    """What some terms of a model, and perhaps a drive, add to each step of an engine that has the other terms.
+    """Build the contribution of some terms of a model, and of a drive, to each step of an engine with the other terms.
 
     The step is given where the joint is, and returns the torque to apply and the largest dry friction to allow.
 

@@ -22,7 +22,7 @@ from workbench.narrator.arms import describe_nearest_body
 
 
 def at(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
-    """What acts at a joint alone as a model of its own, and the effects there that cannot be part of one."""
+    """Return the terms at one joint as a model, and the effects there that such a model cannot contain."""
     own = [one for one in model.terms[1:] if one.at == joint]
     tables = tuple(f"{one.id} ({one.law}): it is left out" for one in own if isinstance(one, Table))
     terms = [term(one.id.partition("@")[0])(**one.nonlinear_values) for one in own if not isinstance(one, Table)]

@@ -99,7 +99,7 @@ def note(item: Quantity | Parameter) -> str:
 
 
 def state_note(name: str) -> str:
-    """What a part of the state is, and its unit."""
+    """Describe a part of the state, with its unit."""
     return STATE.get(name, "what it was before, as the model remembers it")
 
 

@@ -1,4 +1,4 @@
-"""What an export is asked for, what comes of it, and what a file says of itself."""
+"""Request and result of an export, and the header of its files."""
 
 import re
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ class ExportError(Mistake):
 
 @dataclass(frozen=True)
 class Request:
-    """How a model is to be exported.
+    """Request to export a model.
 
     Attributes:
         approximate: whether what the format cannot hold may be approximated or left out.
@@ -53,7 +53,7 @@ WHOLE = ", or export --to python or c, which hold every effect"
 
 
 def keep(missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple[str, ...]:
-    """What a file for MuJoCo does not hold of the model, a sentence each, if that is allowed; `others` hold more.
+    """List the parts of the model that a file for MuJoCo lacks, one sentence each; `others` hold more.
 
     Raises ExportError if something is missing and approximations are not allowed.
     """
@@ -63,7 +63,7 @@ def keep(missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple
 
 
 def title(model: Model) -> str:
-    """What the file is of, fit for a comment in any language: a law is whatever its author wrote."""
+    """Return the title of the file, escaped for a comment in any language."""
     return f"A pendulum, as identified: {plain(' + '.join(term.law for term in model.terms))} = tau."
 
 

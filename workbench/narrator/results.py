@@ -193,7 +193,7 @@ def errors_table(steps: Sequence[Step], units: JointUnits = TURNING) -> Table:
 
 
 def fit_text(steps: Sequence[Step]) -> str:
-    """How much of held-out torque and motion the first and the last model explain, in a sentence."""
+    """Describe the explained shares of held-out torque and motion of the first and the last model."""
     if steps[0].errors["holdout"].is_in_loop:
         return "mean distance of whole recordings from simulations that know nothing but the goal"
     first, last = (step.errors["holdout"] for step in (steps[0], steps[-1]))
@@ -224,7 +224,7 @@ def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tu
 
 
 def detectable_table(found: Sequence[Detectable]) -> Table:
-    """From which size on effects would have shown."""
+    """Tabulate the smallest detectable sizes of effects."""
     return Table(
         ("effect", "would have shown"),
         [(one.effect, describe_detectable(one)) for one in found],
@@ -275,7 +275,7 @@ def noise_text(floor: float, in_loop: bool = False, units: JointUnits = TURNING)
 
 
 def kin(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
-    """How a scheme is drawn: its family, of three that share a colour each, and whether it is the filtered sister.
+    """Return the style of a scheme: its family, which sets the colour, and whether it is filtered.
 
     A scheme of another name is drawn as of the family `otherwise`, modulo three.
     """

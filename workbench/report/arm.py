@@ -21,7 +21,7 @@ SHOWN = ("position", "velocity", "time")  # a strip's plots
 
 
 def sections(case: Case) -> list[Section]:
-    """What a report tells of an arm: of a diagnosis, or of a comparison, in which nobody has looked for effects."""
+    """Build the sections of a report on an arm, for a diagnosis or a comparison."""
     found, models = case.diagnosis, ends(case.diagnosis.steps, case.first)
     measured = "held-out data" if found.searched else "the recordings compared with"
     return [
@@ -62,7 +62,7 @@ def joints(
 
 
 def strips(models: Sequence[Drawn], prepared: RegressionData) -> Section:
-    """One strip of plots a joint: mean residual over angle, velocity and time, of each model."""
+    """Plot the mean residual over angle, velocity and time for each joint and model."""
     curves, data = [(label, color) for label, color, _ in models], prepared.data
     residuals = [prepared.residual(step.model.terms, step.model.theta) for _, _, step in models]
     found, standing = [], [False] * len(residuals)

@@ -1,4 +1,4 @@
-"""What a section of the report may look at, worked out once."""
+"""Data of the sections of a report, computed once."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class Case:
 
     @property
     def data(self) -> FitData:
-        """What the diagnosis was made of; raises ValueError of one that was read from a file, and has none."""
+        """Return the data of the diagnosis; raises ValueError for a diagnosis that was read from a file."""
         if self.diagnosis.data is None:
             raise ValueError("the diagnosis has no data: give it those of its recordings, see FitData")
         return self.diagnosis.data

@@ -126,7 +126,7 @@ def loop(
 
 
 def of_diagnosis(case: Case) -> Section:
-    """The same of the first and the last model of a diagnosis, what was held out first."""
+    """Compare the first and the last model of a diagnosis, held-out recordings first."""
     found = case.diagnosis
     held_out = [replace(recording, name=f"{recording.name} (held out)") for recording in case.data.holdout]
     recordings = [*held_out, *case.data.recordings]

@@ -1,4 +1,4 @@
-"""Where the model fails: its residual over angle, velocity, torque, time and frequency, and in the phase plane."""
+"""Plots of the residual of a model over angle, velocity, torque, time and frequency, and in the phase plane."""
 
 from collections.abc import Sequence
 

@@ -68,7 +68,7 @@ def whiteness(label: str, case: Case, prepared: RegressionData, drawn: int) -> t
 
 
 def ladder(case: Case, quantity: str, title: str, floor: float | None, factor: float = 1.0) -> Figure:
-    """One kind of error over the steps, times a factor, on a logarithmic axis."""
+    """Plot one kind of error over the steps, times a factor, on a logarithmic axis."""
     steps = case.diagnosis.steps
     labels = ["base model", *(f"+ {name(step.added)}" for step in steps if step.added)]
     data: list[JSON] = []

@@ -92,7 +92,7 @@ def misled(diagnosis: Diagnosis) -> list[str]:
 
 
 def finding(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
-    """One added effect with its law, its parameters in the final model, and what looks the same."""
+    """Describe an added effect: its law, its final parameters, and similar effects."""
     term = next(term for term in diagnosis.model.terms if term.id == effect)
     names = [column.name for column in term.columns] + [f"{term.id}.{parameter.name}" for parameter in term.free]
     named = {**diagnosis.model.estimates, **diagnosis.model.derived}
@@ -120,7 +120,7 @@ def candidates(case: Case) -> Section:
 
 
 def ranked(found: Sequence[Candidate], detectable: Sequence[Detectable] = ()) -> Section:
-    """The same of any candidates."""
+    """Tabulate any candidates."""
     laws = {id: kind.law for id, kind in nameable().items()}
     rows = [(one, laws.get(one.effect.partition("@")[0], ""), list(Verdict).index(one.verdict)) for one in found]
     widest = max([1.25, *(min(one.error_ratio, 2.0) for one in found)])
@@ -153,7 +153,7 @@ def next_experiment(case: Case) -> Section | None:
 
 
 def method(case: Case) -> Section:
-    """What the result rests on."""
+    """Describe the method of the result."""
     content = {
         "used": [
             _use(w, part)
@@ -171,7 +171,7 @@ def method(case: Case) -> Section:
 
 
 def _use(w: Windows, part: str) -> dict[str, Any]:
-    """One recording as it was used: shares of its samples at rest and inside a window, lengths [s], and noises."""
+    """Tabulate the use of a recording: shares of samples at rest and in windows, lengths [s], and noise."""
     covered = np.zeros(len(w.recording), dtype=bool)
     half = len(w.kernel) // 2
     for center in w.centers:

@@ -28,7 +28,7 @@ NAMED = ("robot", "model")  # files
 
 @dataclass(frozen=True)
 class Settings:
-    """How every recording of a survey is diagnosed."""
+    """Settings of the diagnoses of a survey."""
 
     options: Namespace  # those of `diagnose`
     plugins: tuple[str, ...]  # files with effects of the user's own

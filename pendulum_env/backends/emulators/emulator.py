@@ -113,7 +113,7 @@ def _serve(rig: Emulated, report: Callable[[str], None]) -> None:
 
 
 def _in_front(terminal: int) -> bool:
-    """Whether what is typed there is meant for this process: one in the background is stopped when it reads."""
+    """Return whether the process is in the foreground of a terminal; a background process is stopped when it reads."""
     return not os.isatty(terminal) or os.tcgetpgrp(terminal) == os.getpgrp()
 
 
@@ -134,7 +134,7 @@ def _number(text: str) -> float:
 
 
 def _plant(plant: Model) -> dict[str, Any]:
-    """What the watch is told of the arm; one with something hidden in it may move as nobody expects."""
+    """Return the ranges of the arm for the plausibility check; none if effects are hidden."""
     known = dict(zip((column.name for column in plant.columns), map(float, plant.theta), strict=True))
     return {name: known.get(name, 0.0) for name in PAPER} | {"watch": not plant.effects}
 

@@ -124,7 +124,7 @@ class Motor:
         self._hand = None if angle is None else (self._angle, angle)
 
     def counts(self) -> int:
-        """Of the encoder, not wrapped."""
+        """Return the encoder counts, not wrapped."""
         self.advance()
         angle = self._angle
         if self._misread is not None:

@@ -18,7 +18,7 @@ class Firmware:
         self._set, self._ready = 0, False  # torque [uN m]; whether there has been a SETUP
 
     def answer(self, data: bytes) -> bytes:
-        """What it sends when these bytes have come."""
+        """Return the answer to received bytes."""
         return b"".join(self._take(*frame) for frame in self._splitter.feed(data))
 
     def _take(self, kind: int, sequence: int, *values: int) -> bytes:

@@ -43,7 +43,7 @@ class EncoderSettings:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the guard allows."""
+    """Limits of the guard."""
 
     torque: Annotated[float, Meta(ge=0.0, le=MAX_TORQUE)] = 6.0  # [N m]
     unchecked_torque: Annotated[float, Meta(ge=0.0, le=2.0)] = 2.0  # [N m], until `hardware check` has passed
@@ -61,7 +61,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class OnFault:
-    """What happens on a fault that leaves the drive in reach and the encoder credible."""
+    """Reaction to a fault while drive and encoder still work."""
 
     action: Literal["zero", "brake"] = "zero"
     gain: NonNegative = 0.5  # [N m s/rad] of the braking torque
@@ -70,7 +70,7 @@ class OnFault:
 
 @dataclass(frozen=True)
 class Rest:
-    """How a reset waits for the arm, without power."""
+    """Settings of the wait for rest, without power, at a reset."""
 
     velocity: NonNegative = 0.02  # [rad/s], of an arm at rest
     seconds: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.3  # for which it has to rest
@@ -112,7 +112,7 @@ class DaqSettings:
 
 @dataclass(frozen=True)
 class Plant:
-    """What is known of the arm: a motion that no arm within these ranges can make is a fault."""
+    """Ranges of the parameters of the arm; an impossible motion within these ranges is a fault."""
 
     watch: bool = True  # whether the motion is watched at all
     inertia: Annotated[float, Meta(ge=1e-6, le=LARGE)] = PAPER["inertia"]  # [kg m^2]
@@ -136,7 +136,7 @@ TABLES: Mapping[str, type[Any]] = {
 
 @dataclass(frozen=True)
 class Top:
-    """What stands in no table."""
+    """Keys outside of tables."""
 
     adapter: Text
     rate: Annotated[float, Meta(ge=10.0, le=20_000.0)] = 1000.0  # of the loop [Hz]
@@ -165,7 +165,7 @@ class RigConfig(Top):
 
     @property
     def log_file(self) -> Path | None:
-        """Where to write what happens to the rig."""
+        """Return the path of the log of the rig."""
         return None if self.log is None else self.path.parent / self.log
 
     @property

@@ -1,4 +1,4 @@
-"""What an adapter offers: a motor drive that takes a torque and tells the encoder's counts, and nothing else.
+"""Interface of adapters: a motor drive with a torque command and encoder counts.
 
 Adapters neither judge nor wait for the next sample: the guard does the one, the rig the other, for all of them.
 Installed packages offer further adapters by the entry points of `ENTRY_POINTS`: see docs/how-to/drive.md.
@@ -43,7 +43,7 @@ def driver_errors(what: str, remedy: str) -> Iterator[None]:
 
 
 class Reading(NamedTuple):
-    """What a drive tells."""
+    """Reading of a drive."""
 
     time: float  # when the counts were taken, on this computer's monotonic clock [s]
     counts: int  # of the encoder, modulo 2^32
@@ -82,7 +82,7 @@ class Drive(Protocol):
 
 
 class Settings(Protocol):
-    """How a drive is reached: a frozen dataclass, whose fields are the keys of the adapter's table in `rig.toml`."""
+    """Settings of an adapter: a frozen dataclass with the keys of its table in `rig.toml`."""
 
     @property
     def device(self) -> str:

@@ -30,7 +30,7 @@ MICRO = 1e-6  # [N m] and [s]
 
 
 class State(NamedTuple):
-    """What the microcontroller answers."""
+    """Answer of the microcontroller."""
 
     sequence: int
     flags: int
@@ -76,7 +76,7 @@ def encode(data: bytes) -> bytes:
 
 
 def decode(frame: bytes) -> bytes | None:
-    """What was encoded; None if this is no COBS frame."""
+    """Decode a COBS frame; return None for other bytes."""
     out, at = bytearray(), 0
     while at < len(frame):
         code = frame[at]

@@ -1,4 +1,4 @@
-"""From counts and clocks that are late by turns to angle and torque at the ticks of a loop.
+"""Angle and torque at the ticks of a loop, from counts and clocks with varying delays.
 
 The counts are read a little after each tick, and a new torque acts a little after it was asked for. At 10 rad/s, 0.1 ms
 are 1 mrad, or 160 counts: taken for the value at the tick it would drown the encoder. So the time of a reading is told
@@ -49,7 +49,7 @@ class Encoder:
 
     @property
     def position(self) -> float:
-        """Where the arm was last seen [rad], unwrapped."""
+        """Return the last measured position of the arm [rad], unwrapped."""
         return self.step * self._total
 
     def take(self, time: float, counts: int) -> float | None:

@@ -143,7 +143,7 @@ class NiDaq:
             return Reading(when, counts, why)
 
     def _count(self) -> tuple[float, float, int]:
-        """How long it took to read the counter [s], the middle of that time [s], and the counts."""
+        """Read the counter; return duration [s], time of its middle [s], and counts."""
         before = time.monotonic()
         counts = self._counter.read_one_sample_uint32(self._reply)
         after = time.monotonic()

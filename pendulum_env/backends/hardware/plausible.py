@@ -1,4 +1,4 @@
-"""Whether an arm can have moved as its encoder says, under the torque that was commanded.
+"""Plausibility check of encoder readings under the commanded torque.
 
 Of three readings, the change of the mean velocity from one span to the next is a mean of the acceleration between them,
 weighted by a hat w that rises from the first to the middle one and falls to the last:
@@ -77,7 +77,7 @@ class Plausible:
         self._torques.append((since, min(least, torque), max(most, torque)))
 
     def measured(self, time: float, position: float, took: float = 0.0) -> str:
-        """What is wrong with a reading, in words; nothing if the arm may have moved so, or is not to be watched.
+        """Return the problem of a reading as text; empty for a possible motion, or without a check.
 
         Args:
             time: of the reading [s].
@@ -136,7 +136,7 @@ class Plausible:
         return min(least for _, least, _ in torques), max(most for _, _, most in torques)
 
     def _impossible(self, span: float) -> str:
-        """What no arm can have done over two spans [s] up to now, in words."""
+        """Return the problem of the motion over two spans [s] up to now as text."""
         times, marks = self._times, self._marks
         end = times[-1]
         middle = bisect_right(times, end - span) - 1

@@ -155,7 +155,7 @@ def _unbroken(value: float, unit: str) -> str:
 
 
 def running(session: Session) -> list[Component]:
-    """What is being done, how long it has taken, and a way out."""
+    """Render the running job, its duration, and a button to cancel it."""
     job = session.job
     if job is None or not job.running:
         return []

@@ -99,7 +99,7 @@ def _guard(server: flask.Flask) -> None:
 
 
 def _told(error: Exception) -> str:
-    """What failed in a line, whatever a request had in it."""
+    """Describe a failed request in one line."""
     return sentence(InputError(repr(error)))
 
 

@@ -23,7 +23,7 @@ from workbench.report.numbers import errors
 
 
 def show(session: Session) -> list[Component]:
-    """What could be added, the ladder, and its numbers."""
+    """Render possible effects, the added steps, and their errors."""
     state, busy = session.state, session.busy()
     undo = [button(f"Take {name(state.added[-1])} out", "undo", disabled=busy)] if state.added else []
     offer = choice(state, busy, effects_to_choose(state.body, tables=True))
@@ -55,7 +55,7 @@ def said(steps: Sequence[Step]) -> str:
 
 
 def calls(state: Work, busy: bool) -> Component:
-    """What the diagnosis calls for, to be added, or what is left to do where it calls for nothing more."""
+    """Render the effects that the diagnosis selected, or the next step if all are added."""
     if state.diagnosis is None:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
@@ -69,7 +69,7 @@ def calls(state: Work, busy: bool) -> Component:
 
 
 def settled(state: Work) -> str:
-    """What is left to do where the diagnosis calls for nothing more."""
+    """Render the next step after all selected effects are added."""
     rest = "something is left that no effect of the library explains" if state.told.unexplained else ""
     if not state.called:
         return f"{opening(rest) or 'The diagnosis calls for no effect'}."
@@ -77,7 +77,7 @@ def settled(state: Work) -> str:
 
 
 def choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
-    """What the diagnosis calls for, or any effect of the library."""
+    """Render the choice between selected effects and any effect of the library."""
     others = {id: label for id, label in known.items() if id not in state.model.effects}
     kept = f"beyond {' '.join(state.model.effects)}"  # a model with an effect more asks anew
     more: dict[str, Any] = {"placeholder": "choose", "persistence": kept, "persistence_type": "session"}

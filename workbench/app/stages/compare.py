@@ -65,7 +65,7 @@ class Points:
         return self.case.diagnosis.noise_floor
 
     def regions(self, shown: int) -> list[Region]:
-        """What stands out of the noise under a model."""
+        """Render the regions with a significant residual of a model."""
         return stand_out(self.samples, self.residuals[shown], self.noise, units=self.case.units)
 
 

@@ -74,7 +74,7 @@ def _courses(state: State, k: int, recording: Recording) -> list[Figure]:
 
 
 def upload(state: State) -> Component:
-    """Where files come in."""
+    """Render the upload of files."""
     ways = [
         drop([html.Strong("Choose recordings"), " or drop them here"], "upload", several=True),
         html.P(
@@ -109,7 +109,7 @@ def _record() -> Component:
 
 
 def recordings(state: State) -> Component:
-    """What is loaded, as a table; of an arm, turns and torque are the largest of its joints."""
+    """Render the table of recordings; for an arm, turns and torque are the largest of its joints."""
     stick = _share_in_stick(state) if state.body.can_simulate else {}
     rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
@@ -120,7 +120,7 @@ def recordings(state: State) -> Component:
 
 
 def _row(one: Loaded, recording: Recording, stick: dict[int, float]) -> tuple[Any, ...]:
-    """What a recording is, and what can be done with it."""
+    """Render a recording and its actions."""
     label = recording.name
     columns = button("Columns", "columns", one.id, className="link", **aria(label=f"Columns of {label}"))
     roles = [
@@ -170,7 +170,7 @@ def _telling(state: State) -> Component:
 
 
 def timing(state: State) -> list[Component]:
-    """What was found, in the words of the command line; nothing where torque and motion are in time."""
+    """Render the finding on timing as on the command line; empty without one."""
     if state.trouble:
         return []
     late, acts = (state.prepared.timed.timing(is_late) for is_late in (True, False))

@@ -47,7 +47,7 @@ IMPORTED = {  # names of a snippet, by where they are from
 
 
 def show(session: Session) -> list[Component]:
-    """What can be saved, and the same in two languages."""
+    """Render the downloads, and the equivalent commands and Python code."""
     state = session.state
     fits_more = not (state.added or state.holdout or state.model_file)  # `add` would hold the last 30 % out as well
     notes = [BESIDE] * _needs_study(state) + [WHOLE] * fits_more
@@ -61,7 +61,7 @@ def show(session: Session) -> list[Component]:
 
 
 def downloads(state: State) -> Component:
-    """What can be saved."""
+    """Render the downloads."""
     saved = {
         "report": (REPORT, "one file to share: story, plots and tables; it needs no network and prints"),
         "model": (MODEL, "terms and parameters of the ladder's last model, for the command line and Python"),
@@ -115,13 +115,13 @@ def _files(state: State) -> tuple[list[str], list[str]]:
 
 
 def moves(state: State) -> list[str]:
-    """What was done to the base model: effects that were added, and the empty word where it was diagnosed."""
+    """List the steps from the base model: added effects, and an empty text for a diagnosis."""
     before = len([effect for effect in state.added if effect in ids(state.started)])
     return [*state.added[:before], *[""] * (state.diagnosis is not None), *state.added[before:]]
 
 
 def _needs_study(state: State) -> bool:
-    """Whether a study has to say how the recordings are read, or which joints move."""
+    """Return whether a study file is needed for columns or joints."""
     sources = [one.source for one in state.loaded]
     return state.robot is not None or any(own.columns or own.unwrap or own.range or own.load for own in sources)
 
