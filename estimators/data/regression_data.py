@@ -18,12 +18,13 @@ from estimators.signals.residual import SYMBOLS, Region, stand_out
 from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
 from estimators.simulation.multiple_shooting import hidden_state, watch
 from estimators.weak_form.links import prepare_arm
+from estimators.weak_form.nonlinear import find_edges, step_unit, with_values
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, prepare
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import Coupling, Links, arm_base, body_of
-from pendulum_env.physics import BASE, Model, Samples, Term
+from pendulum_env.physics import BASE, Model, NonlinearParameter, Samples, Term
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import loads
 from pendulum_env.physics.terms import complexity, has_link, link_of
@@ -31,7 +32,8 @@ from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 
 REPEATED = 2  # least number of impacts: a single one may be an accident
-DISPLACEMENTS = (1e-3, 10.0)  # [s], of an instant, for its standard error
+INSTANTS, EDGES = (1e-3, 10.0), (1e-5, 0.7)  # displacements of an instant [s], and relative ones, for an error
+DISPLACEMENTS, ONE_SIGMA = 40, 0.6827  # number of these, and probability of one standard error
 STARTS = 2  # variants of the grid from which a search over nonlinear parameters starts
 COARSE_GRID = 24  # largest number of variants of continuous parameters, where each fit takes seconds
 
@@ -287,19 +289,18 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     terms, theta = data.fit(terms, exactly=True)
     balance = data.equations(terms)
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
+    edges = {term: find_edges(term, data.data.part(term.at).samples) for term in terms}
+    scanned = [term.full(parameter.name) for term in terms for parameter in edges[term]]
+    jacobian, names = jacobian[:, [name not in scanned for name in names]], [n for n in names if n not in scanned]
     fit = balance.fit(data.layout.clusters, jacobian if names else None, theta)
     count = len(theta)
     nonlinear_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
     first_column = 0
     for term in terms:
-        own = theta[first_column : first_column + len(term.columns)]
-        first_column += len(term.columns)
-        for parameter in term.nonlinear_parameters:
-            if parameter.instant:
-                here = data.where(term.at)
-                noise = fit.residual[here] * balance.weights[here]
-                std = _std_of_instant(data, balance.weights[here], term, parameter.name, own, noise)
-                nonlinear_std[term.full(parameter.name)] = std
+        own = slice(first_column, first_column := first_column + len(term.columns))
+        for parameter in edges[term]:
+            std = _std_of_edge(data, balance, fit, term, parameter, own)
+            nonlinear_std[term.full(parameter.name)] = std
     columns = [column.name for term in terms for column in term.columns]
     model = Model.build(terms, theta, fit.std[:count], **nonlinear_std)
     return model.correlated([*columns, *names], fit.covariance), fit
@@ -331,16 +332,43 @@ def with_impacts(
     return (first, second) if first.data.impacts >= repeated else data
 
 
-def _std_of_instant(data: RegressionData, weights: Array, term: Term, name: str, own: Array, noise: Array) -> float:
-    """Return the standard error of an instant [s]: the displacement that changes the torque significantly.
+def _std_of_edge(
+    data: RegressionData, balance: Balance, fit: Fit, term: Term, parameter: NonlinearParameter, own: slice
+) -> float:
+    """Return the standard error of a parameter without slopes, by its profile likelihood: the largest displacement on
+    either side under which the residual is no significantly larger one.
 
-    Few rows depend on the instant, none if the joint is at rest then, so that the fit may have no slope there. At one
-    standard error the torque changes by one standard deviation.
+    Twice the logarithm of the likelihood ratio of an edge at its true value is the larger of two independent
+    exponential variables of mean 2, which is below -2 ln(1 - sqrt(P)) with probability P. As under all standard errors,
+    residuals may be correlated: the ratio is divided by the factor by which that raises the variance of the term.
+    Source: Hansen, Sample splitting and threshold estimation, Econometrica 68(3), 2000.
+
+    Args:
+        data: rows.
+        balance: equations of the fitted terms.
+        fit: of these.
+        term: with the parameter.
+        own: place of the linear parameters of the term.
     """
-    instant = term.nonlinear_values[name]
-    steps = np.geomspace(*DISPLACEMENTS, 30)
-    variants = [replace(term, **{name: instant + sign * step}) for sign in (0, 1, -1) for step in steps]
-    torque = np.array([(part.linear @ own + part.fixed) * weights for part in data.columns(variants)])
-    is_significant = np.linalg.norm(torque[len(steps) :] - torque[0], axis=1) > np.std(noise)  # (2 x 30,)
-    sides = [steps[np.argmax(side)] if side.any() else steps[-1] for side in is_significant.reshape(2, -1)]
-    return float(max(sides))
+    value, here = term.nonlinear_values[parameter.name], data.where(term.at)
+    unit = 1.0 if parameter.instant else step_unit(parameter, value)
+    steps = unit * np.geomspace(*(INSTANTS if parameter.instant else EDGES), DISPLACEMENTS)
+    variants = [with_values(term, [parameter], [value + sign * step]) for sign in (0, 1, -1) for step in steps]
+    parts = [
+        place_columns(len(fit.residual), [(here, np.column_stack([part.fixed, part.linear]))])
+        for part in data.columns(variants)
+    ]
+    slopes, w = balance.slopes(fit.theta), balance.weights[:, None]
+    others = np.linalg.qr(np.delete(slopes, np.arange(len(fit.theta))[own], axis=1) * w)[0]
+    net = fit.residual + parts[0] @ np.append(1.0, fit.theta[own])
+    squares = np.empty(len(parts))
+    for k, part in enumerate(parts):
+        left, columns = np.split(project_out(others, w * np.column_stack([net - part[:, 0], part[:, 1:]])), [1], axis=1)
+        squares[k] = np.sum((left - columns @ np.linalg.lstsq(columns, left)[0]) ** 2)
+    variance = squares[0] / max(len(slopes) - slopes.shape[1], 1)
+    alone = balance.fit(np.arange(len(slopes)), theta=fit.theta).std[own]
+    correlated = np.max((fit.std[own] / np.maximum(alone, 1e-300)) ** 2, initial=1.0)
+    is_likely = squares - squares[0] < -2 * np.log(1 - np.sqrt(ONE_SIGMA)) * variance * correlated
+    sides = is_likely[len(steps) :].reshape(2, -1)
+    last = [int(np.max(np.flatnonzero(side), initial=-1)) for side in sides]
+    return float(max(steps[min(k + 1, len(steps) - 1)] for k in last))

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
+from estimators.regression.least_squares import SOLVER
 from estimators.search_hints import hints_of
 from pendulum_env._typing import Array
-from pendulum_env.physics import NonlinearParameter, Term
+from pendulum_env.physics import NonlinearParameter, Samples, Term
 
 Residuals = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
 
@@ -27,7 +28,9 @@ class NonlinearSettings:
     leap: float = 0.7  # largest step, relative or of a logarithm: no longer than a factor of two
     damping: float = 1e-12  # against parameters that tell the same
     difference: float = 1e-3  # relative, of a parameter for derivatives
-    instants: int = 21  # that a scan tries at a time
+    jump: float = 0.1  # of a law's change over the difference: what changes as much over a hundredth of it jumps
+    scanned: int = 21  # values of an edge that a scan tries at a time,
+    widths: tuple[float, ...] = (1.0, 0.1, 0.01, 1e-3)  # of its ranges, each a spacing of the one before
     rounds: int = 6  # of the cross-entropy search,
     draws: int = 48  # variants that each of them draws,
     elite: int = 8  # and best ones so far that the next are drawn around
@@ -89,14 +92,14 @@ def nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Ar
     return slopes
 
 
-def refine_nonlinear(term: Term, residuals: Residuals) -> Term:
-    """Find the variant with the least squared residual near `term`.
+def refine_nonlinear(term: Term, residuals: Residuals, edges: Sequence[NonlinearParameter] = ()) -> Term:
+    """Find the variant with the least squared residual near `term`; edges stay.
 
     The derivative of the projected residual is taken by differences; all differences of a turn, as well as all step
     lengths, are judged as one batch. Parameters with a positive lower limit move by factors.
     Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
     """
-    sought = continuous_parameters(term)
+    sought = [parameter for parameter in continuous_parameters(term) if parameter not in edges]
     if not sought:
         return term
     factor = np.array([parameter.low > 0 for parameter in sought])
@@ -105,7 +108,7 @@ def refine_nonlinear(term: Term, residuals: Residuals) -> Term:
     def at(term: Term) -> tuple[Array, Array]:
         """Return the values of the nonlinear parameters and the units of their steps."""
         values = np.array([term.nonlinear_values[parameter.name] for parameter in sought])
-        return values, np.where(factor, np.abs(values), np.maximum(np.abs(values), 0.1))
+        return values, np.array([step_unit(parameter, value) for parameter, value in zip(sought, values, strict=True)])
 
     def near(term: Term) -> Near[Term]:
         values, unit = at(term)
@@ -129,11 +132,49 @@ def refine_nonlinear(term: Term, residuals: Residuals) -> Term:
     return gauss_newton(term, near, best, Rule(NONLINEAR.turns, (NONLINEAR.damping,), by_offset=True))
 
 
-def scan_instants(term: Term, residuals: Residuals, reach: float) -> Term:
-    """Search the instants of a term within `reach` [s] on a grid, and on finer grids around the best."""
-    for parameter in (parameter for parameter in term.nonlinear_parameters if parameter.instant):
-        for width in reach * np.array([1.0, 0.1, 0.01]):
-            values = term.nonlinear_values[parameter.name] + width * np.linspace(-1.0, 1.0, NONLINEAR.instants)
+def find_edges(term: Term, x: Samples) -> list[NonlinearParameter]:
+    """List the continuous nonlinear parameters by which the laws of a term have no slope almost everywhere.
+
+    These are instants, and parameters at which a law jumps, as friction that ends at a speed: while one moves, the law
+    stays at most of the samples, and changes at others by an amount that does not shrink with the move.
+    """
+    return [
+        own for own in continuous_parameters(term) if own.instant or (not term.has_state() and _jumps(term, own, x))
+    ]
+
+
+def _jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
+    """Return whether the laws of a term jump at some samples while a parameter moves."""
+    value = term.nonlinear_values[parameter.name]
+    unit = step_unit(parameter, value)
+
+    def change(share: float) -> float:
+        ends = [_laws(with_values(term, [parameter], [value + step]), x) for step in (-share * unit, share * unit)]
+        return float(np.max(np.abs(ends[1] - ends[0])))
+
+    far, near, close = map(change, (NONLINEAR.leap, NONLINEAR.difference, 0.01 * NONLINEAR.difference))
+    least = SOLVER.tiny * far
+    return far > 0 and (near <= least or close <= least or close > NONLINEAR.jump * near)
+
+
+def step_unit(parameter: NonlinearParameter, value: float) -> float:
+    """Return the unit in which a parameter moves: its size, also near zero where it may be zero."""
+    return abs(value) if parameter.low > 0 else max(abs(value), 0.1)
+
+
+def _laws(term: Term, x: Samples) -> Array:
+    """Return the laws of all columns of a term at N samples (3 P, N)."""
+    laws = [law(x) for column in (*term.columns, *term.fixed) for law in (column.mass, column.force, column.dry)]
+    return np.array([np.broadcast_to(law, np.shape(x.velocity)) for law in laws])
+
+
+def scan_edges(term: Term, residuals: Residuals, edges: Sequence[NonlinearParameter], reach: float) -> Term:
+    """Search edges on a grid, and on finer grids around the best; an instant within `reach` [s]."""
+    for parameter in edges:
+        for width in NONLINEAR.widths:
+            value = term.nonlinear_values[parameter.name]
+            step = width * (reach if parameter.instant else NONLINEAR.leap * step_unit(parameter, value))
+            values = value + step * np.linspace(-1.0, 1.0, NONLINEAR.scanned)
             tried = [with_values(term, [parameter], [value]) for value in values]
             term = tried[int(np.argmin([float(residual @ residual) for residual in residuals(tried)]))]
     return term

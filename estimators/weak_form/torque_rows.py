@@ -20,7 +20,15 @@ from estimators.regression.least_squares import weigh_recordings
 from estimators.search_hints import hints_of, is_possible
 from estimators.weak_form.columns import bounds, depends_on_torque, is_known
 from estimators.weak_form.grams import grams_of_variants, squared_errors
-from estimators.weak_form.nonlinear import Residuals, cross_entropy, nonlinear_slopes, refine_nonlinear, scan_instants
+from estimators.weak_form.nonlinear import (
+    Residuals,
+    continuous_parameters,
+    cross_entropy,
+    find_edges,
+    nonlinear_slopes,
+    refine_nonlinear,
+    scan_edges,
+)
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -342,9 +350,9 @@ class TorqueRows:
             known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
             term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
         residuals, samples = self._residuals(others), self.data.part(term.at).samples
-        found = scan_instants(
-            refine_nonlinear(term, residuals), residuals, VARIANTS.reach * float(np.ptp(samples.time))
-        )
+        reach, found, edges = VARIANTS.reach * float(np.ptp(samples.time)), term, find_edges(term, samples)
+        for _ in range(1 + bool(edges and len(continuous_parameters(term)) > 1)):
+            found = scan_edges(refine_nonlinear(found, residuals, edges), residuals, edges, reach)
         closer = self.trial((*trial.terms[:place], found, *trial.terms[place + 1 :]))
         worse = closer.fitted_rms > trial.fitted_rms and not following
         return trial if worse or not is_possible(found, samples) else closer
