@@ -20,7 +20,7 @@ from pendulum_env.reading import shown
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.arrays import is_data
 from pendulum_env.recording.errors import ColumnError
-from pendulum_env.recording.storage import Readable, is_readable
+from pendulum_env.recording.formats import Readable, is_readable
 from pendulum_env.recording.study import parse_log_format
 from pendulum_env.settings import setting
 

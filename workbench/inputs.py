@@ -1,12 +1,10 @@
 """Input and output of commands, for a pendulum or an arm (`--robot`)."""
 
 import argparse
-import json
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,12 +15,10 @@ from estimators.data.fit_data import FitData
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.free_swings import known_values
-from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel, Asked, load_model
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.files import check_output, write_whole
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.limits import collect_limits
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
@@ -30,10 +26,11 @@ from pendulum_env.plant import hide, paper_plant
 from pendulum_env.reading import Text, Unreadable, convert, read_json
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import named_twice, read_as, read_sources
-from pendulum_env.words import listing, plus_minus
+from pendulum_env.words import listing
 from workbench.mistakes import InputError
-from workbench.narrator.findings import advise_inertia, describe_late
+from workbench.narrator.findings import describe_late
 from workbench.narrator.notes import WARNING, describe_note
+from workbench.outputs import check_outputs
 from workbench.robot import RobotFile, held_text, straying
 from workbench.terminal import Terminal
 
@@ -224,10 +221,16 @@ def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: 
     return Opened(model, fitted, [*recordings[: len(fitted)]], [*recordings[len(fitted) :]], robot.read)
 
 
-def read_arm_model(arguments: argparse.Namespace) -> ArmModel:
-    """The model of a robot that the arguments name; raises ModelError, BodyError as `RobotFile.body`."""
-    made = Asked.of_model(arguments.model)
-    return ArmModel.load(arguments.model, robot_of(arguments, made=made).body(made.held))
+def body_of_arguments(arguments: argparse.Namespace) -> Mechanism:
+    """The robot that the arguments name, its joints as in their model, or else the pendulum.
+
+    Raises:
+        ModelError, BodyError: as `RobotFile.body`.
+    """
+    if arguments.robot is None:
+        return PENDULUM
+    made = Asked.of_model(arguments.model) if arguments.model else Asked()
+    return robot_of(arguments, made=made).body(made.held)
 
 
 def robot_of(arguments: argparse.Namespace, sources: Sequence[Source] = (), made: Asked | None = None) -> RobotFile:
@@ -278,62 +281,3 @@ def read_suggestion(path: str) -> Suggestion:
         raise InputError(f"{path}: {data.forbidden}")
     why = f", and no torque tells {' from '.join(data.inseparable[0])}" if data.inseparable else ""
     raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{why}")
-
-
-def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> None:
-    """Refuse, before any work is done, what could not be written in the end, or would destroy data.
-
-    Raises InputError if two outputs are the same file, or one of them is a recording that is read, and OSError if a
-    file cannot be written there.
-    """
-    given = [check_output(path) for path in outputs if path is not None]
-    resolved = [os.path.realpath(path) for path in given]  # unlike Path.resolve, also of links that go round
-    for path, place in zip(given, resolved, strict=True):
-        if place in map(os.path.realpath, inputs):
-            raise InputError(f"{path}: is one of the inputs: name another file to write to")
-        if resolved.count(place) > 1:
-            raise InputError(f"{path}: is named for two outputs: name two files")
-
-
-def write_model(model: Model, path: str | None, terminal: Terminal) -> str | None:
-    """Write a model if that was asked for, and give its path; one that no command could read again is not written.
-
-    No body is without inertia, but where a motion hardly tells it, a fit may come out so.
-    """
-    inertia = model.estimates.get("inertia")
-    if path is not None and inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
-        old, advice = ", what is there is that of before" if Path(path).is_file() else "", advise_inertia()
-        terminal.say(
-            f"warning: {path} is not written{old}: inertia came out as {plus_minus(inertia.value, inertia.std)} "
-            f"{inertia.unit}, and no body has that: {advice[0].lower()}{advice[1:]}",
-            style="yellow",
-        )
-        return None
-    if path is not None:
-        model.save(path)
-    return path
-
-
-def write_json(path: str | None, content: JSON) -> None:
-    """Write plain data for programs, if that was asked for."""
-    if path is not None:
-        write_whole(path, json.dumps(content, indent=1) + "\n")
-
-
-def write_page(path: str | None, terminal: Terminal, page: str, *shown: Any) -> None:
-    """Write a page, if that was asked for: `page` names the module that makes it and the function.
-
-    Plotly, which pages need, takes a while to import.
-    """
-    if path is not None:
-        module, _, name = page.partition(":")
-        render = getattr(import_module(module), name)
-        with terminal.progress("writing the report"):
-            write_whole(path, render(*shown))
-
-
-def wrote(paths: Sequence[str | Path | None], terminal: Terminal) -> None:
-    """Say what was written."""
-    written = [str(path) for path in paths if path is not None]
-    if written:
-        terminal.say(f"\nwrote {listing(written)}")

@@ -1,4 +1,4 @@
-"""Runs of a pendulum or an arm: the torque that drives it, what answers step by step, and recording the rig row by row.
+"""Runs of a pendulum: the torque that drives it, what answers step by step, and recording the rig row by row.
 
 A run may go on until a verdict stands: the online diagnosis is beside it, for a motor in a process of its own.
 """
@@ -6,47 +6,30 @@ A run may go on until a verdict stands: the online diagnosis is beside it, for a
 from __future__ import annotations
 
 import argparse
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from multiprocessing.connection import Connection
 from typing import Any, Self
 
 import gymnasium as gym
 import numpy as np
 
-from agents.arm_env import plan_motion
 from agents.baselines import make_separating_signal
 from agents.network import load
-from agents.observer import ARM, CONSTRAINTS, EPISODE, Pilot
-from estimators.arms.excitation import design_excitation
-from estimators.arms.following import follow
-from estimators.arms.limits import find_limits
-from estimators.arms.reference import Reference
-from estimators.online import Diagnoser, OnlineDiagnosis
-from estimators.signals.measurements import Smoothing
+from agents.observer import CONSTRAINTS, EPISODE, Pilot
 from estimators.wrappers.options import find_smoothing
-from pendulum_env.arms.body import Body, BodyError
-from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
-from pendulum_env.arms.plane import planar_links
 from pendulum_env.backends.hardware import config
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import DriveError
-from pendulum_env.backends.hardware.process import ordinary
-from pendulum_env.excitation import MOST_TORQUE, STILL, Excitation, excitation
+from pendulum_env.excitation import STILL, Excitation, excitation
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics import Model
 from pendulum_env.policy import OpenLoop, rollout
-from pendulum_env.reading import LARGE
-from pendulum_env.recording import Recording, RecordingError, write_recording
+from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.registration import PENDULUM
-from pendulum_env.words import listing
 from pendulum_env.wrappers import RecordMeasurements
-from workbench.inputs import plant_of, read_suggestion, robot_of, tell_held, wrote
+from workbench.inputs import plant_of, read_suggestion
+from workbench.judges import Apart, verdict_text
 from workbench.mistakes import InputError, Interrupted
-from workbench.narrator.effects import name
-from workbench.processes import End, Worker, attend
+from workbench.outputs import wrote
 from workbench.terminal import Terminal
 
 SECONDS = 30.0  # length of a recording
@@ -54,8 +37,6 @@ SUGGESTED = "suggested"  # excitation that a diagnosis holds
 LEARNT = "rl"  # excitation that a policy chooses while the arm moves
 DIAGNOSED = "diagnosed"  # what a recording may go on until
 LONGEST = 20.0  # [s] of a run without a verdict
-
-Sample = tuple[float, float, float]  # time [s], position [rad], torque over the period that ends with it [N m]
 
 
 @dataclass(frozen=True)
@@ -224,168 +205,3 @@ def describe(recording: Recording, terminal: Terminal) -> None:
     turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
     terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
     terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
-
-
-def record_arm(
-    arguments: argparse.Namespace, seconds: float, samples: int, rng: np.random.Generator, terminal: Terminal
-) -> None:
-    """Design a motion, let the simulated arm follow it, and write what it did."""
-    for option, own in (("excitation", (LEARNT,)), ("backend", ("pymunk", "mujoco"))):
-        if (asked := getattr(arguments, option)) not in (None, *own):
-            raise InputError(f"--{option} {asked} is for pendulums: arms know {' and '.join(own)} alone")
-    if arguments.policy is not None and arguments.excitation != LEARNT:
-        raise InputError(f"--policy goes with --excitation {LEARNT} only")
-    body = robot_of(arguments).body()
-    tell_held(body, [], terminal)
-    arm = _simulated(arguments, body)
-    with terminal.progress("choosing the motion"):
-        motion = _motion(arguments, arguments.excitation == LEARNT, body, seconds, rng)
-    with terminal.progress("simulating") as tell:
-        recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
-    if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
-        raise InputError(f"the joints turn by more than {LARGE:g} rad: hide less, or allow less torque")
-    write_recording(recording, arguments.output)
-    terminal.say(recording.summary)
-    terminal.say(f"the joints follow {motion}, condition of the regressor {motion.condition:.3g}")
-    off = np.sqrt(np.mean((motion(recording.time)[0] - recording.position) ** 2, axis=0))
-    rows = [
-        (
-            name,
-            f"{joint.position.min():.2f} to {joint.position.max():.2f}{' m' * slides}",
-            f"{rms:.2g}{' m' * slides}",
-            f"{np.abs(joint.torque).max():.3g}{' N' * slides}",
-        )
-        for name, joint, rms, slides in zip(recording.names, recording.joints, off.tolist(), body.slides, strict=True)
-    ]
-    terminal.table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
-    if arguments.effects:
-        terminal.say(f"hidden: {listing([re.split('[=:]', text)[0] for text in arguments.effects])}")
-    wrote([arguments.output], terminal)
-
-
-def _motion(
-    arguments: argparse.Namespace, learnt: bool, body: Body, seconds: float, rng: np.random.Generator
-) -> Reference:
-    """The reference that is asked for, within the limits; raises InputError if a policy is none for this arm."""
-    limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
-    limits["max_acceleration"] = arguments.max_acceleration
-    if learnt:
-        return plan_motion(load(arguments.policy or ARM), body, find_limits(body, **limits), seconds)
-    return design_excitation(body, seconds, **limits, rng=rng)
-
-
-def _simulated(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
-    """The arm in pymunk if all joints turn in a vertical plane, else, or where that is asked for, in MuJoCo."""
-    seen = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": arguments.noise}
-    seen |= {"effects": arguments.effects, "max_torque": MOST_TORQUE}
-    if arguments.backend != "mujoco":
-        try:
-            links = planar_links(body)
-            steps = max(1, round(1000.0 / arguments.rate))  # [Hz], of the simulator's steps at least
-            # velocities as the controller sees them
-            return PlanarArm(links, joints=body.joints, substeps=steps, velocity="ideal", **seen)
-        except BodyError:
-            if arguments.backend is not None:
-                raise
-    return SpatialArm(body, **seen)
-
-
-class Here:
-    """Diagnoses sample by sample, as the run waits; a verdict stands once its first effect has led for a while."""
-
-    steady = 2.0  # [s]
-
-    def __init__(self, rate: float, smoothing: Smoothing) -> None:
-        """Take the samples per second [Hz], and the smoothing of the measurement."""
-        self._diagnoser = Diagnoser(rate, smoothing=smoothing)
-        self._leader, self._since = "", np.inf  # effect, and time since when it leads [s]
-
-    def stands(self, info: dict[str, Any]) -> bool:
-        """Take in a sample; whether a verdict stands."""
-        return self.take([(info["time"], info["position"], info["torque"])])
-
-    def take(self, samples: Sequence[Sample]) -> bool:
-        """Take in samples; whether a verdict stands."""
-        for time, position, torque in samples:
-            (found,) = self._diagnoser.take(*(np.array([value]) for value in (time, position, torque)))
-            leader = found.group[0] if found.kind == "missing" else ""
-            if leader != self._leader:
-                self._leader, self._since = leader, time if leader else np.inf
-        return bool(samples and time - self._since >= self.steady)
-
-    def close(self) -> OnlineDiagnosis:
-        """Return the final diagnosis."""
-        return self._diagnoser.diagnoses[0]
-
-
-class Apart:
-    """Diagnoses in a process of its own: a motor does not wait for a grid that is refined."""
-
-    together = 50  # samples that are sent at once
-    ready = 60.0  # [s] in which the process has to be there
-
-    def __init__(self, rate: float, smoothing: Smoothing) -> None:
-        """Start the process; takes what `Here` does.
-
-        Raises OSError if it does not come up.
-        """
-        self._worker = Worker("diagnosis")
-        self._worker.send(partial(_diagnose_samples, rate, smoothing))
-        if not self._worker.connection.poll(self.ready) or isinstance(self._worker.hear(), End):
-            self._worker.end()
-            raise OSError("the process that diagnoses did not start: try again on a machine that does less")
-        self._waiting: list[Sample] = []
-        self._stands = False
-
-    def stands(self, info: dict[str, Any]) -> bool:
-        """Take in a sample; whether a verdict stood some samples ago."""
-        self._waiting.append((info["time"], info["position"], info["torque"]))
-        if len(self._waiting) >= self.together and not self._stands:
-            self._worker.send(self._waiting)
-            self._waiting = []
-            while self._worker.connection.poll():
-                self._stands = self._worker.hear() is True or self._stands
-        return self._stands
-
-    def close(self) -> OnlineDiagnosis:
-        """Return the final diagnosis after all samples.
-
-        Raises OSError if the process has died.
-        """
-        if not self._stands:
-            self._worker.send(self._waiting)
-        self._worker.send(None)
-        while not isinstance(word := self._worker.hear(), End):
-            pass
-        self._worker.end()
-        if word.why:
-            raise OSError(f"what was measured has no verdict: {word.why}")
-        found: OnlineDiagnosis = word.came
-        return found
-
-
-def _diagnose_samples(rate: float, smoothing: Smoothing, connection: Connection[Any, Any]) -> OnlineDiagnosis:
-    attend()
-    ordinary()  # a motor's loop, which began this, may be more urgent
-    judge = Here(rate, smoothing)
-    connection.send(False)
-    while (samples := connection.recv()) is not None:
-        connection.send(judge.take(samples))
-    return judge.close()
-
-
-def verdict_text(found: OnlineDiagnosis, stands: bool) -> str:
-    """The verdict in words, and what was not tried, which may look like what was."""
-    after = f"after {found.motion:.1f} s of motion"
-    if found.kind == "calibrating":
-        return "too short to tell what is missing: record some seconds more of motion"
-    verdict = f"nothing is surely missing {after}"
-    if found.kind == "missing":
-        standing = "the verdict stands" if stands else "the verdict does not stand yet"
-        verdict = f"missing: {listing([name(id) for id in found.group], 'or')} ({standing}, {after})"
-    elif found.kind == "changed":
-        verdict = f"changed during the run: {listing([name(id) for id in found.changed], 'and')} ({after})"
-    if not found.not_run:
-        return verdict
-    others = listing([name(id) for id in found.not_run], "and")
-    return f"{verdict}\nnot tried, as only `diagnose` on the recording does: {others}"

@@ -18,10 +18,11 @@ from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import NONE, UNUSED, check_named, named_column
 from pendulum_env.recording.errors import ColumnError
+from pendulum_env.recording.formats import Readable, label_of
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.recording.storage import Readable, describe_reading, label_of
+from pendulum_env.recording.storage import describe_reading
 from pendulum_env.recording.study import Source
 from pendulum_env.settings import Blank, setting
 

@@ -323,14 +323,15 @@ class Model(Mapping[str, Estimate]):
         Raises:
             ModelError: if it is.
         """
+        if self.has_known_inertia:
+            return
         if "inertia" not in self.estimates:
             raise ModelError(NO_INERTIA)
-        if not self.has_known_inertia:
-            best = replace(self.estimates["inertia"], is_unknown=False)
-            raise ModelError(
-                f"the inertia is unknown, the best fit has {best}: record faster reversals, or give its value "
-                f"({setting('fixed', {'inertia': Blank('VALUE')})})"
-            )
+        best = replace(self.estimates["inertia"], is_unknown=False)
+        raise ModelError(
+            f"the inertia is unknown, the best fit has {best}: record faster reversals, or give its value "
+            f"({setting('fixed', {'inertia': Blank('VALUE')})})"
+        )
 
     def simulate(
         self, period: float, torque: Array, position: ArrayLike, velocity: ArrayLike, start: ArrayLike = 0.0

@@ -3,8 +3,9 @@
 from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.record import Load, Recording
-from pendulum_env.recording.storage import read_recording, write_recording
+from pendulum_env.recording.storage import read_recording
 from pendulum_env.recording.study import Source, Study, StudyError, read_study, write_study
+from pendulum_env.recording.writing import write_recording
 
 __all__ = [
     "Load",

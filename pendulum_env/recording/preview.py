@@ -9,7 +9,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.recording.columns import Column, guess_columns, named_column
 from pendulum_env.recording.errors import RecordingError
-from pendulum_env.recording.storage import Readable, label_of, read_table
+from pendulum_env.recording.formats import Readable, label_of, read_table
 from pendulum_env.recording.table import WIDEST
 
 

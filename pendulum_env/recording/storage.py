@@ -1,112 +1,32 @@
-"""Reading recordings from files, with every doubt raised at once, and writing them so that they read back exactly."""
+"""Reading recordings from files and tables, with every doubt raised at once."""
 
-import gzip
 import math
 import os
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as pacsv
-import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from pendulum_env._typing import JSON, Array
-from pendulum_env.arguments import check_order
-from pendulum_env.files import replacing
 from pendulum_env.lookup import with_known_arguments
-from pendulum_env.mistake import one_line
 from pendulum_env.quantity import Quantity
-from pendulum_env.reading import Unreadable, check_size
 from pendulum_env.recording import checks, cleaning, sampling
-from pendulum_env.recording.arrays import is_data, read_data, read_hdf5, read_mat, read_npz, read_parquet
-from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import count_on, find_unix_unit
 from pendulum_env.recording.columns import NONE, Column, check_named, find_columns, note_ambiguous_velocity
 from pendulum_env.recording.errors import ColumnError, RecordingError
+from pendulum_env.recording.formats import Readable, find_stem, label_of, read_table
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
-from pendulum_env.recording.table import Find, Table
-from pendulum_env.recording.text import read_csv, read_excel
+from pendulum_env.recording.table import Table
 from pendulum_env.recording.vocabulary import OUTPUTS
 from pendulum_env.servo.drive import Drive
 from pendulum_env.servo.torque import MOTOR, complete_torque
-
-READERS: dict[str, Callable[[Path, Find], Table]] = {
-    ".csv": read_csv,
-    ".csv.gz": read_csv,
-    ".tsv": read_csv,
-    ".txt": read_csv,
-    ".parquet": read_parquet,
-    ".npz": read_npz,
-    ".mat": read_mat,
-    ".h5": read_hdf5,
-    ".hdf5": read_hdf5,
-    ".xlsx": read_excel,
-    ".xls": read_excel,
-    ".ods": read_excel,
-    ".mcap": read_bag,
-    ".bag": read_bag,
-    ".db3": read_bag,
-    ".dat": read_csv,
-    ".lvm": read_csv,
-    ".log": read_csv,
-}
-RECIPES = {  # what helps where a format is not read
-    ".npy": "name its columns: numpy.savez('run.npz', time=..., position=..., torque=...)",
-    ".pkl": "write it with pandas' to_parquet, since reading a pickle runs what is in it",
-    ".feather": "write it with pandas' to_parquet",
-    ".arrow": "write it with pandas' to_parquet",
-    ".json": "a recording is written with pandas' to_csv; of a model, `compare` and `diagnose` say how it fares",
-    ".jsonl": "write it with pandas' to_csv",
-    ".asc": "export it by python-can and cantools as CSV",
-    ".wpilog": "export it by AdvantageScope: File, Export Data, Format CSV, Timestamps All Changes",
-    ".hoot": "convert it by owlet to .wpilog, then export that by AdvantageScope as CSV",
-    ".ulg": "export it by ulog2csv of pyulog",
-    ".tdms": "export it by npTDMS: TdmsFile('run.tdms').as_dataframe().to_parquet('run.parquet')",
-    ".mf4": "export it by asammdf: MDF('run.mf4').to_dataframe().to_parquet('run.parquet')",
-    ".mdf": "export it by asammdf: MDF('run.mdf').to_dataframe().to_parquet('run.parquet')",
-    ".blf": "export it by cantools or asammdf as CSV",
-    ".toml": "that is a study: read_study reads its recordings",
-    ".slx": "that is a model, not a run: in MATLAB, save its signals to a .mat file",
-    ".fig": "that is a figure: in MATLAB, save its data to a .mat file",
-}
-
-
-class ArrowStream(Protocol):
-    """A table that Arrow understands: of pyarrow, Polars, DuckDB and pandas 2.2 or later."""
-
-    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
-        """Export the table."""
-        ...
-
-
-class DataFrame(Protocol):
-    """A data frame of the interchange protocol: of pandas before 2.2."""
-
-    def __dataframe__(self, nan_as_null: bool = False, allow_copy: bool = True) -> Any:
-        """Export the data frame."""
-        ...
-
-
-Readable = str | os.PathLike[str] | Mapping[str, Any] | ArrowStream | DataFrame | NDArray[Any]  # arrays: structured
-
-
-def is_readable(given: object) -> bool:
-    """Return whether something is of a kind that `read_recording` reads."""
-    return isinstance(given, str | os.PathLike) or is_data(given)
-
-
-def label_of(source: Readable, name: str | None = None) -> str:
-    """Name a source as messages do: by its path, or by its name if it is a table in memory."""
-    return os.fspath(source) if isinstance(source, str | os.PathLike) else name or "recording"
 
 
 @with_known_arguments
@@ -149,7 +69,7 @@ def read_recording(
     check_named(columns)
     label, is_file = label_of(source, name), isinstance(source, str | os.PathLike)
     try:
-        name = name or (_stem(Path(label)) if is_file else label)
+        name = name or (find_stem(Path(label)) if is_file else label)
         output = None if drive is None else drive.output
         named = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
         table = read_table(source, partial(find_columns, named=named, output=output))
@@ -162,84 +82,6 @@ def describe_reading(columns: Mapping[str, str], unwrap: bool = False, drive: Dr
     """Describe the arguments of `read_recording` in the words of a study, without those that are not given."""
     given = {"columns": dict(columns), "unwrap": unwrap, "drive": drive and drive.told()}
     return {key: value for key, value in given.items() if value}
-
-
-def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write columns time, position, torque and what else there is, in the format that the name's ending asks for.
-
-    A column `segment` counts the segments, if there are several. What is known of a load stands in a study, not here.
-
-    Floats are written exactly. The file appears whole or not at all: it is written beside its place, then moved there.
-
-    Raises:
-        RecordingError: if the ending is unknown or the file cannot be written.
-    """
-    check_order("write_recording(recording, path)", (recording, Recording), (path, str | os.PathLike))
-    columns = recording.columns
-    if len(recording.starts) > 1:  # number of the segment that each sample is in, from 0
-        numbers = np.searchsorted(recording.starts, np.arange(len(recording)), side="right")
-        columns["segment"] = np.asarray(numbers - 1.0)
-    path = Path(path)
-    try:
-        write = WRITERS[_format(path, WRITERS)]
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from None
-    try:
-        with replacing(path) as file:
-            write(file, columns)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
-
-
-def _format(path: Path, known: Collection[str] = READERS) -> str:
-    """The ending that tells a file's format; a folder that is a bag is read like a file of one."""
-    if known is READERS and is_bag(path):
-        return ".db3"
-    name = path.name.lower()
-    for suffix in known:
-        if name.endswith(suffix) and len(name) > len(suffix):
-            return suffix
-    if os.path.isdir(path):
-        raise RecordingError("is a folder: name a recording in it, or all of them with `survey`")
-    recipe = RECIPES.get(path.suffix.lower(), "convert the recording to one of these")
-    raise RecordingError(f"the name does not end in {', '.join(known)}: {recipe}")
-
-
-def _stem(path: Path) -> str:
-    """Name of a file without the ending that tells its format."""
-    return path.name if is_bag(path) else path.name[: -len(_format(path))]
-
-
-def read_table(source: Readable, find: Find) -> Table:
-    """Read the columns in need as they stand in a file or table, whatever its library raises as a RecordingError.
-
-    Raises:
-        TypeError: if it is neither.
-        RecordingError: if it cannot be read; without the file's name.
-    """
-    if not isinstance(source, str | os.PathLike):
-        try:
-            return read_data(source, find)
-        except (RecordingError, TypeError):
-            raise
-        except Exception as error:
-            raise RecordingError(f"not a readable table ({one_line(error)}): give arrays of numbers") from error
-    path = Path(source)
-    ending = _format(path)
-    if not os.path.exists(path):
-        raise RecordingError("there is no such file: check the path")
-    try:
-        for file in path.iterdir() if is_bag(path) else [path]:
-            check_size(file)
-        return READERS[ending](path, find)
-    except RecordingError:
-        raise
-    except Unreadable as error:
-        raise RecordingError(str(error).removeprefix(f"{path}: ")) from None
-    except UnicodeEncodeError:
-        raise RecordingError("its name is no UTF-8, which libraries need: rename it") from None
-    except Exception as error:  # a damaged file may fail anywhere in zlib, zipfile, numpy or arrow
-        raise RecordingError(f"not a readable {ending} file ({one_line(error)}): export it again") from error
 
 
 def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str]) -> Recording:
@@ -348,30 +190,3 @@ def _unwrap(log: Log, is_angle: bool) -> int:
     if jumps:
         log.notes.append(Note(NoteKind.UNWRAPPED, ("position",), {"count": Quantity(jumps)}))
     return jumps
-
-
-def _write_csv(file: BinaryIO | gzip.GzipFile, columns: dict[str, Array]) -> None:
-    file.write((",".join(columns) + "\n").encode())
-    pacsv.write_csv(pa.table(columns), file, pacsv.WriteOptions(include_header=False))  # shortest exact decimals
-
-
-def _write_gzip(file: BinaryIO, columns: dict[str, Array]) -> None:
-    # without name and time of writing, the same data give the same bytes
-    with gzip.GzipFile(filename="", mode="wb", fileobj=file, compresslevel=5, mtime=0) as compressed:
-        _write_csv(compressed, columns)
-
-
-def _write_parquet(file: BinaryIO, columns: dict[str, Array]) -> None:
-    pq.write_table(pa.table(columns), file)
-
-
-def _write_npz(file: BinaryIO, columns: dict[str, Array]) -> None:
-    np.savez_compressed(file, allow_pickle=False, **columns)
-
-
-WRITERS: dict[str, Callable[[BinaryIO, dict[str, Array]], None]] = {
-    ".csv": _write_csv,
-    ".csv.gz": _write_gzip,
-    ".parquet": _write_parquet,
-    ".npz": _write_npz,
-}

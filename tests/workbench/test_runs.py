@@ -10,7 +10,7 @@ from estimators.online import OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
 from pendulum_env.physics import BASE
 from pendulum_env.recording import read_recording
-from workbench.runs import Apart, Here, verdict_text
+from workbench.judges import Apart, Here, verdict_text
 
 
 def test_a_recording_ends_when_the_verdict_stands(tmp_path: Path, done) -> None:

@@ -16,9 +16,10 @@ from pendulum_env.files import write_whole
 from pendulum_env.physics.library import MEASURED
 from pendulum_env.recording import Source
 from pendulum_env.words import opening
+from workbench.app.loaded import Loaded
 from workbench.app.parts import KEPT, dropdown, effects_to_choose, labelled, number_field
 from workbench.app.session import Session
-from workbench.app.state import Loaded, State
+from workbench.app.state import State
 from workbench.cli import parse
 from workbench.mistakes import InputError
 from workbench.narrator.diagnosis import diagnosis_json

@@ -20,7 +20,8 @@ from pendulum_env.recording.errors import ColumnError
 from pendulum_env.words import listing
 from workbench.app import uploads
 from workbench.app.card import Card
-from workbench.app.state import Loaded, State
+from workbench.app.loaded import Loaded
+from workbench.app.state import State
 from workbench.inputs import read_model
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import End, Job, Task, Workers

@@ -2,187 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from estimators.arguments import chosen_effects, within_limits
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
-from estimators.checks.torque_constant import with_torque_constant
-from estimators.data.fit_data import FitData
-from estimators.data.regression_data import RegressionData
-from estimators.data.split import split_arm
-from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.findings import Finding
-from estimators.free_swings import restore_known, swing_terms
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identifiability import identifiability
-from estimators.schemes.identification import SAVED, Identification, identify
-from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
-from estimators.signals.residual import Region, everywhere
-from pendulum_env._typing import Array
-from pendulum_env.arms.joints import arm_base, body_of, links_of, model_terms
+from pendulum_env.arms.joints import arm_base, links_of, model_terms
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.recording import Recording, RecordingError, Source
-from pendulum_env.recording.record import PER_INERTIA
-from pendulum_env.recording.study import named_twice
+from workbench.app.asked import NOTHING, Asked
+from workbench.app.loaded import Loaded, read_one
+from workbench.app.prepared import Prepared, prepare, prepare_arm, unexplained
 from workbench.app.uploads import safe_name
 from workbench.mistakes import InputError
-from workbench.narrator.findings import describe
-from workbench.options import ids as effects_of
-from workbench.options import known as values_of
-from workbench.options import ranges
 from workbench.report.case import Case
 from workbench.robot import RobotFile, straying
 
 NO_RECORDING = "load a recording first"
-SCHEMES = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")  # of an arm, the sure ones
-
-
-def read_one(source: Source) -> Recording:
-    """A recording of a pendulum; raises RecordingError, in the words of the command line."""
-    return replace(source.read(), drive=None)  # pages draw it by its torque
-
-
-@dataclass(frozen=True, eq=False)
-class Loaded:
-    """A recording of a session."""
-
-    id: str  # by which the page names it: that of its file, with a number where several are of one file
-    source: Source  # how its file is read, and whether it is held out
-    recording: Recording  # what that gives
-    origin: tuple[str, ...] = ()  # arguments of `pendulum-ident record` that made it; empty if it was uploaded
-
-    @classmethod
-    def of(
-        cls,
-        source: Source,
-        known: Sequence[Loaded] = (),
-        origin: tuple[str, ...] = (),
-        read: Callable[[Source], Recording] = read_one,
-    ) -> Loaded:
-        """Read a recording beside those that are known, of whose files it may be another range.
-
-        Raises InputError if it is known already, and RecordingError if it cannot be read, in the words of the command
-        line.
-        """
-        name, ids = source.file.name, {one.id for one in known}
-        alike = [one.source for one in known if one.source.file.name == name]
-        if any(one.file != source.file or named_twice((one, source)) for one in alike):
-            raise InputError(f"{name}: is loaded already: remove it, or give this one another name")
-        recording = read(source)
-        endings = ("", *(f" ({k})" for k in range(2, len(ids) + 2)))
-        more = next(ending for ending in endings if name + ending not in ids)
-        return cls(f"{name}{more}", source, replace(recording, name=f"{recording.name}{more}"), origin)
-
-    @property
-    def held_out(self) -> bool:
-        """Return whether the recording is held out."""
-        return self.source.role == "holdout"
-
-
-@dataclass(frozen=True)
-class Asked:
-    """Effects to look for, values that are known and bounds of others, each in the words of the command line."""
-
-    only: str = ""  # ids of the effects that are looked for, with commas; empty: all
-    without: str = ""  # ids of those that are not
-    fix: str = ""  # `gravity=2.01,...`
-    bound: str = ""  # `viscous=0:0.5,...`
-
-    @classmethod
-    def of(cls, form: Mapping[str, Any]) -> Asked:
-        """Return the values of the form fields `ask-only` and so on: ids in a list, or text."""
-        values = (form.get(f"ask-{field.name}") or "" for field in fields(cls))
-        return cls(*(",".join(map(str, value)) if isinstance(value, list) else str(value).strip() for value in values))
-
-    @property
-    def effects(self) -> dict[str, Any]:
-        """Return the effects for `diagnose`; raises as the command line."""
-        return {"only": effects_of(self.only) or None, "without": effects_of(self.without)}
-
-    @property
-    def limits(self) -> dict[str, Any]:
-        """Return the limits of parameters for `diagnose` and `add`; raises as the command line."""
-        return {
-            "fixed": values_of(self.fix) if self.fix else {},
-            "bounds": ranges(self.bound) if self.bound else {},
-        }
-
-    def check(self, terms: Sequence[Term]) -> None:
-        """Refuse what makes no sense beside a model's terms: raises ValueError as the command line does."""
-        chosen_effects(None, **self.effects, body=body_of(terms))
-        within_limits(terms, {}, **self.limits)
-
-    def options(self, *fields: str) -> list[str]:
-        """Some fields as words of a command."""
-        return [f"--{field}={getattr(self, field)}" for field in fields if getattr(self, field)]
-
-    def arguments(self, *kinds: dict[str, Any]) -> str:
-        """Arguments of Python that are given, each with a comma before it."""
-        return "".join(f", {name}={value!r}" for kind in kinds for name, value in kind.items() if value)
-
-
-NOTHING = Asked()  # every effect is looked for, and nothing is known
-
-
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """Recordings that a model can be fitted to."""
-
-    data: FitData  # in N m, with their torque in time if that is asked for
-    timed: FitData  # the same with their torque in time
-    base: Step  # the base model, fitted
-    schemes: Identification | None = None  # what some schemes find of an arm
-
-
-@lru_cache(maxsize=4)  # states of the same choices share it
-def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: bool, asked: Asked) -> Prepared:
-    """Prepare recordings for fits; `asked` has the fixed and bounded parameters of the base model.
-
-    Raises InputError if no known load tells a gain, and IdentificationError if there is too little motion.
-    """
-    train, holdout = ([one.recording for one in loaded if one.held_out is held] for held in (False, True))
-    terms, _ = within_limits(terms, {}, **asked.limits)
-    given = FitData.of(train, holdout, terms)
-    if given.doubt is not None and given.unit != PER_INERTIA:
-        raise InputError(f"{describe(given.doubt)} Or give the gain itself.")
-    timed = given.timed()
-    own = timed if is_aligned else given
-    base = fit(*own.parts, swing_terms(terms, own.recordings))
-    model = restore_known(with_torque_constant(base.model, own.parts[0].data), terms, own.recordings)
-    return Prepared(own, timed, replace(base, model=model))
-
-
-@lru_cache(maxsize=4)
-def prepare_arm(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: bool, asked: Asked) -> Prepared:
-    """Prepare recordings of an arm for fits, without alignment; raises as `prepare`."""
-    train, holdout = ([one.recording for one in loaded if one.held_out is held] for held in (False, True))
-    fitted, _ = split_arm(train, holdout)
-    found = identify(fitted, terms, SCHEMES)
-    model, data = found[SAVED].model, FitData.of(train, holdout, found[SAVED].model.terms)
-    errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
-    return Prepared(data, data, Step(None, model, errors), found)
-
-
-def unexplained(prepared: RegressionData, model: Model) -> tuple[Region, ...]:
-    """Find regions of the residual above noise in the fitted data, by joint."""
-    residual: Array = prepared.with_link_states(model).residual(model.terms, model.theta)
-    felt, data, regions = prepared.inertias(prepared.base), prepared.data, list[Region]()
-    for at in data.joints:
-        structure = data.part(at).structure(residual[data.where(at)], felt[at])
-        if not Criterion().is_noise(structure, prepared.floors[at]):
-            regions += prepared.stand_out(residual, at) or [everywhere(at=at)]
-    return tuple(regions)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pendulum_env.recording import Source
-from pendulum_env.recording.storage import READERS
+from pendulum_env.recording.formats import READERS
 from pendulum_env.recording.study import read_sources
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.robot import FORMATS

@@ -7,11 +7,12 @@ from estimators.diagnosis.addition import add
 from estimators.free_swings import known_by
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics.library import addition
-from workbench.inputs import opened, write_model, wrote
+from workbench.inputs import opened
 from workbench.mistakes import InputError
 from workbench.narrator.effects import description
 from workbench.narrator.results import of_addition
 from workbench.options import LIMITS, READING, ROBOT, declare, known_effect
+from workbench.outputs import write_model, wrote
 from workbench.story import tell
 from workbench.terminal import Terminal
 

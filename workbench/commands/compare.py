@@ -14,21 +14,12 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import read_as
 from pendulum_env.words import Table, listing
-from workbench.inputs import (
-    Opened,
-    check_outputs,
-    opened,
-    read_all,
-    sources_of,
-    tell_preprocessed,
-    write_json,
-    write_page,
-    wrote,
-)
+from workbench.inputs import Opened, opened, read_all, sources_of, tell_preprocessed
 from workbench.mistakes import InputError
 from workbench.narrator.diagnosis import comparison_json
 from workbench.narrator.results import Part, of_comparison
 from workbench.options import KINDS, READING, ROBOT, declare
+from workbench.outputs import check_outputs, write_json, write_page, wrote
 from workbench.story import tell
 from workbench.terminal import Terminal
 

@@ -27,8 +27,8 @@ from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.words import listing
-from workbench.inputs import check_outputs, write_page, wrote
 from workbench.options import declare
+from workbench.outputs import check_outputs, write_page, wrote
 from workbench.story import tell_diagnosis
 from workbench.terminal import Terminal
 

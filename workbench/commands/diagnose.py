@@ -8,9 +8,10 @@ from estimators.diagnosis.run import diagnose
 from estimators.selection.criterion import Criterion
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
-from workbench.inputs import opened, write_json, write_model, write_page, wrote
+from workbench.inputs import opened
 from workbench.narrator.diagnosis import diagnosis_json
 from workbench.options import LIMITS, READING, ROBOT, between, declare, number
+from workbench.outputs import write_json, write_model, write_page, wrote
 from workbench.story import MORE, tell_diagnosis
 from workbench.terminal import Terminal
 

@@ -5,8 +5,9 @@ from pathlib import Path
 
 from pendulum_env.backends.emulators import MISHAPS, emulate, make_serial
 from pendulum_env.backends.hardware.drive import find_adapter
-from workbench.inputs import check_outputs, plant_of
+from workbench.inputs import plant_of
 from workbench.options import declare, number, whole
+from workbench.outputs import check_outputs
 from workbench.terminal import Terminal
 
 RATE = 1000.0  # [Hz], that the serial rig holds

@@ -18,9 +18,9 @@ from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.lookup import find
-from workbench.inputs import check_outputs, write_json, wrote
 from workbench.mistakes import InputError
 from workbench.options import declare, number, one_of, whole
+from workbench.outputs import check_outputs, write_json, wrote
 from workbench.processes import local_workers
 from workbench.terminal import Terminal
 

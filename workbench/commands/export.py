@@ -12,9 +12,10 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.study import Source, read_as
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
-from workbench.inputs import check_outputs, read_all, read_arm_model, read_model, sources_of, wrote
+from workbench.inputs import body_of_arguments, read_all, read_model, sources_of
 from workbench.mistakes import InputError
 from workbench.options import DRIVEN, READING, ROBOT, declare, number
+from workbench.outputs import check_outputs, wrote
 from workbench.terminal import Terminal
 
 
@@ -53,8 +54,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Export, perhaps check, and say what the form does not hold."""
     sources = _checked(arguments)
     outputs = [arguments.output, arguments.callback]
-    robot = [arguments.robot] if arguments.robot is not None else []
-    check_outputs(outputs, [arguments.model, *robot, *(str(source.file) for source in sources)])
+    check_outputs(
+        outputs, [arguments.model, *filter(None, [arguments.robot]), *(str(source.file) for source in sources)]
+    )
     for option in ("check", "mass", "armature", "callback"):
         if getattr(arguments, option) and arguments.to != "mjcf":
             raise InputError(f"--{option} goes with mjcf, not with {arguments.to}")
@@ -66,11 +68,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     request = Request(
         arguments.approximate, arguments.step, arguments.mass, arguments.armature, arguments.drive, language
     )
-    if arguments.robot is not None:
-        model: Model = read_arm_model(arguments)
-    else:
-        model = read_model(arguments.model)
-        model.refuse_unknown_inertia()
+    model = read_model(arguments.model, body_of_arguments(arguments))
+    model.refuse_unknown_inertia()
     exported = export(model, arguments.to, request)
     if sources:
         sources = tuple(read_as(source, model.log_format, arguments.model) for source in sources)

@@ -9,11 +9,12 @@ from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import BASE, Model
-from workbench.inputs import opened, write_json, write_model, wrote
+from workbench.inputs import opened
 from workbench.narrator.arms import describe_nearest_body
 from workbench.narrator.diagnosis import identification_json, warnings
 from workbench.narrator.results import schemes_table, trust_text
 from workbench.options import LIMITS, READING, ROBOT, declare
+from workbench.outputs import write_json, write_model, wrote
 from workbench.robot import describe_links
 from workbench.terminal import Terminal
 

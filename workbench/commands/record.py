@@ -14,23 +14,13 @@ from pendulum_env.policy import rollout
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import BOUNDS
-from pendulum_env.recording.storage import WRITERS
-from workbench.inputs import check_outputs, wrote
+from pendulum_env.recording.writing import WRITERS
+from workbench.arm_runs import record_arm
+from workbench.judges import Here, verdict_text
 from workbench.mistakes import InputError
 from workbench.options import OPTIONS, ROBOT, declare, number, one_of, whole
-from workbench.runs import (
-    DIAGNOSED,
-    LEARNT,
-    LONGEST,
-    SECONDS,
-    SUGGESTED,
-    Here,
-    Plan,
-    describe,
-    record_arm,
-    record_rig,
-    verdict_text,
-)
+from workbench.outputs import check_outputs, wrote
+from workbench.runs import DIAGNOSED, LEARNT, LONGEST, SECONDS, SUGGESTED, Plan, describe, record_rig
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # samples; simulating them takes some minutes

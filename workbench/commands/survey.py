@@ -5,11 +5,11 @@ import os
 from pathlib import Path
 
 from estimators.arguments import chosen_effects, within_limits
-from pendulum_env.arms.joints import arm_base, body_of
-from pendulum_env.physics import BASE
-from workbench.inputs import check_outputs, read_arm_model, read_model, robot_of, write_page, wrote
+from pendulum_env.arms.joints import arm_base
+from workbench.inputs import body_of_arguments, read_model
 from workbench.mistakes import InputError, Interrupted
 from workbench.options import LIMITS, READING, ROBOT, declare, whole
+from workbench.outputs import check_outputs, write_page, wrote
 from workbench.processes import local_workers
 from workbench.survey.diagnosis import Settings, content_hash
 from workbench.survey.recordings import TABLES, find_recordings
@@ -91,9 +91,7 @@ def _count(number: int, noun: str) -> str:
 
 def _check_options(arguments: argparse.Namespace) -> None:
     """Refuse, before any work is done, options that would fail for every recording."""
-    if arguments.robot is None:
-        base = read_model(arguments.model).terms if arguments.model else BASE
-    else:
-        base = read_arm_model(arguments).terms if arguments.model else arm_base(robot_of(arguments).body())
-    effects = chosen_effects(None, arguments.only, arguments.without, body_of(base))
+    body = body_of_arguments(arguments)
+    base = read_model(arguments.model, body).terms if arguments.model else arm_base(body)
+    effects = chosen_effects(None, arguments.only, arguments.without, body)
     within_limits(base, effects, arguments.fixed, arguments.bounds)

@@ -8,9 +8,9 @@ from pathlib import Path
 from agents.config import DEFAULTS, Config
 from agents.observer import ARM
 from pendulum_env.reading import read_toml
-from workbench.inputs import check_outputs, wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.options import declare, one_of, whole
+from workbench.outputs import check_outputs, wrote
 from workbench.terminal import Terminal
 
 NEEDED = ("torch", "stable_baselines3", "cloudpickle")

@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from pendulum_env.recording import Source
-from pendulum_env.recording.storage import READERS
+from pendulum_env.recording.formats import READERS
 from workbench.inputs import sources_of
 from workbench.mistakes import InputError, printable
 

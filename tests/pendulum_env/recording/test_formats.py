@@ -14,8 +14,8 @@ import pytest
 
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import find_columns
+from pendulum_env.recording.formats import READERS, RECIPES, read_table
 from pendulum_env.recording.preview import preview
-from pendulum_env.recording.storage import READERS, RECIPES, read_table
 from tests.notes import noted
 
 TIME = np.arange(1000) / 250

@@ -17,13 +17,13 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import write_recording
 from tests.two_link import recorded
 from tests.workbench.app.plants import drop, reloaded, upload
+from workbench.app.asked import Asked
 from workbench.app.card import Choice
 from workbench.app.page.layout import told
 from workbench.app.parts import effects_to_choose
 from workbench.app.session import Session
 from workbench.app.stages import STAGES, data, export
 from workbench.app.stages.export import file, study
-from workbench.app.state import Asked
 from workbench.cli import main
 from workbench.robot import RobotFile
 

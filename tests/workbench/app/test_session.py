@@ -35,6 +35,7 @@ from tests.workbench.app.plants import (
     url,
     written,
 )
+from workbench.app.asked import NOTHING, Asked
 from workbench.app.card import Card, Choice, understood
 from workbench.app.page.server import make_app
 from workbench.app.parts import UNWRAP
@@ -44,7 +45,7 @@ from workbench.app.stages import add as add_stage
 from workbench.app.stages import compare, data, diagnose, export
 from workbench.app.stages.compare import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.stages.export import commands, study
-from workbench.app.state import NOTHING, Asked, State
+from workbench.app.state import State
 from workbench.app.uploads import safe_name, unpack
 from workbench.cli import main
 from workbench.mistakes import InputError

@@ -1,9 +1,10 @@
 """Every change of a session is taken back."""
 
 from tests.workbench.app.plants import recorded, upload, written
+from workbench.app.asked import Asked
 from workbench.app.session import UNDONE, Session
 from workbench.app.stages.diagnose import look_for
-from workbench.app.state import Asked, State
+from workbench.app.state import State
 
 
 def test_every_change_is_taken_back_in_turn(tmp_path):

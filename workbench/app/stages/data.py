@@ -15,9 +15,10 @@ from pendulum_env.thinning import thin
 from pendulum_env.units import JointUnits
 from pendulum_env.words import listing, number, opening, percent
 from workbench.app import card, recorder, uploads
+from workbench.app.loaded import Loaded
 from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, panel, saves, table
 from workbench.app.session import Action, Form, Session, Stage
-from workbench.app.state import Loaded, State
+from workbench.app.state import State
 from workbench.app.uploads import MODEL, STUDY
 from workbench.narrator.diagnosis import describe_disagreement
 from workbench.narrator.effects import name

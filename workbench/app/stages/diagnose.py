@@ -12,11 +12,11 @@ from estimators.diagnosis.run import diagnose
 from pendulum_env.words import listing
 from workbench import options
 from workbench.app import recorder
+from workbench.app.asked import NOTHING, Asked
 from workbench.app.parts import KEPT, button, effects_to_choose, field, fragment, labelled, panel
 from workbench.app.session import Session, Stage
 from workbench.app.stages.add import calls
 from workbench.app.stages.data import timing
-from workbench.app.state import NOTHING, Asked
 from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import headline
 from workbench.narrator.findings import aim

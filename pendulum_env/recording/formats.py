@@ -1,0 +1,136 @@
+"""Reading columns of a file or table, by the format that its name or its kind tells."""
+
+import os
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+from pendulum_env.mistake import one_line
+from pendulum_env.reading import Unreadable, check_size
+from pendulum_env.recording.arrays import is_data, read_data, read_hdf5, read_mat, read_npz, read_parquet
+from pendulum_env.recording.bags import is_bag, read_bag
+from pendulum_env.recording.errors import RecordingError
+from pendulum_env.recording.table import Find, Table
+from pendulum_env.recording.text import read_csv, read_excel
+
+READERS: dict[str, Callable[[Path, Find], Table]] = {
+    ".csv": read_csv,
+    ".csv.gz": read_csv,
+    ".tsv": read_csv,
+    ".txt": read_csv,
+    ".parquet": read_parquet,
+    ".npz": read_npz,
+    ".mat": read_mat,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+    ".xlsx": read_excel,
+    ".xls": read_excel,
+    ".ods": read_excel,
+    ".mcap": read_bag,
+    ".bag": read_bag,
+    ".db3": read_bag,
+    ".dat": read_csv,
+    ".lvm": read_csv,
+    ".log": read_csv,
+}
+RECIPES = {  # what helps where a format is not read
+    ".npy": "name its columns: numpy.savez('run.npz', time=..., position=..., torque=...)",
+    ".pkl": "write it with pandas' to_parquet, since reading a pickle runs what is in it",
+    ".feather": "write it with pandas' to_parquet",
+    ".arrow": "write it with pandas' to_parquet",
+    ".json": "a recording is written with pandas' to_csv; of a model, `compare` and `diagnose` say how it fares",
+    ".jsonl": "write it with pandas' to_csv",
+    ".asc": "export it by python-can and cantools as CSV",
+    ".wpilog": "export it by AdvantageScope: File, Export Data, Format CSV, Timestamps All Changes",
+    ".hoot": "convert it by owlet to .wpilog, then export that by AdvantageScope as CSV",
+    ".ulg": "export it by ulog2csv of pyulog",
+    ".tdms": "export it by npTDMS: TdmsFile('run.tdms').as_dataframe().to_parquet('run.parquet')",
+    ".mf4": "export it by asammdf: MDF('run.mf4').to_dataframe().to_parquet('run.parquet')",
+    ".mdf": "export it by asammdf: MDF('run.mdf').to_dataframe().to_parquet('run.parquet')",
+    ".blf": "export it by cantools or asammdf as CSV",
+    ".toml": "that is a study: read_study reads its recordings",
+    ".slx": "that is a model, not a run: in MATLAB, save its signals to a .mat file",
+    ".fig": "that is a figure: in MATLAB, save its data to a .mat file",
+}
+
+
+class ArrowStream(Protocol):
+    """A table that Arrow understands: of pyarrow, Polars, DuckDB and pandas 2.2 or later."""
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
+        """Export the table."""
+        ...
+
+
+class DataFrame(Protocol):
+    """A data frame of the interchange protocol: of pandas before 2.2."""
+
+    def __dataframe__(self, nan_as_null: bool = False, allow_copy: bool = True) -> Any:
+        """Export the data frame."""
+        ...
+
+
+Readable = str | os.PathLike[str] | Mapping[str, Any] | ArrowStream | DataFrame | NDArray[Any]  # arrays: structured
+
+
+def is_readable(given: object) -> bool:
+    """Return whether something is of a kind that `read_recording` reads."""
+    return isinstance(given, str | os.PathLike) or is_data(given)
+
+
+def label_of(source: Readable, name: str | None = None) -> str:
+    """Name a source as messages do: by its path, or by its name if it is a table in memory."""
+    return os.fspath(source) if isinstance(source, str | os.PathLike) else name or "recording"
+
+
+def find_format(path: Path, known: Collection[str]) -> str:
+    """The ending that tells a file's format; a folder that is a bag is read like a file of one."""
+    if ".db3" in known and is_bag(path):
+        return ".db3"
+    name = path.name.lower()
+    for suffix in known:
+        if name.endswith(suffix) and len(name) > len(suffix):
+            return suffix
+    if os.path.isdir(path):
+        raise RecordingError("is a folder: name a recording in it, or all of them with `survey`")
+    recipe = RECIPES.get(path.suffix.lower(), "convert the recording to one of these")
+    raise RecordingError(f"the name does not end in {', '.join(known)}: {recipe}")
+
+
+def find_stem(path: Path) -> str:
+    """Name of a file without the ending that tells its format."""
+    return path.name if is_bag(path) else path.name[: -len(find_format(path, READERS))]
+
+
+def read_table(source: Readable, find: Find) -> Table:
+    """Read the columns in need as they stand in a file or table, whatever its library raises as a RecordingError.
+
+    Raises:
+        TypeError: if it is neither.
+        RecordingError: if it cannot be read; without the file's name.
+    """
+    if not isinstance(source, str | os.PathLike):
+        try:
+            return read_data(source, find)
+        except (RecordingError, TypeError):
+            raise
+        except Exception as error:
+            raise RecordingError(f"not a readable table ({one_line(error)}): give arrays of numbers") from error
+    path = Path(source)
+    ending = find_format(path, READERS)
+    if not os.path.exists(path):
+        raise RecordingError("there is no such file: check the path")
+    try:
+        for file in path.iterdir() if is_bag(path) else [path]:
+            check_size(file)
+        return READERS[ending](path, find)
+    except RecordingError:
+        raise
+    except Unreadable as error:
+        raise RecordingError(str(error).removeprefix(f"{path}: ")) from None
+    except UnicodeEncodeError:
+        raise RecordingError("its name is no UTF-8, which libraries need: rename it") from None
+    except Exception as error:  # a damaged file may fail anywhere in zlib, zipfile, numpy or arrow
+        raise RecordingError(f"not a readable {ending} file ({one_line(error)}): export it again") from error

@@ -1,0 +1,73 @@
+"""Writing recordings so that they read back exactly."""
+
+import gzip
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+
+from pendulum_env._typing import Array
+from pendulum_env.arguments import check_order
+from pendulum_env.files import replacing
+from pendulum_env.recording.errors import RecordingError
+from pendulum_env.recording.formats import find_format
+from pendulum_env.recording.record import Recording
+
+
+def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
+    """Write columns time, position, torque and what else there is, in the format that the name's ending asks for.
+
+    A column `segment` counts the segments, if there are several. What is known of a load stands in a study, not here.
+
+    Floats are written exactly. The file appears whole or not at all: it is written beside its place, then moved there.
+
+    Raises:
+        RecordingError: if the ending is unknown or the file cannot be written.
+    """
+    check_order("write_recording(recording, path)", (recording, Recording), (path, str | os.PathLike))
+    columns = recording.columns
+    if len(recording.starts) > 1:  # number of the segment that each sample is in, from 0
+        numbers = np.searchsorted(recording.starts, np.arange(len(recording)), side="right")
+        columns["segment"] = np.asarray(numbers - 1.0)
+    path = Path(path)
+    try:
+        write = WRITERS[find_format(path, WRITERS)]
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from None
+    try:
+        with replacing(path) as file:
+            write(file, columns)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
+
+
+def _write_csv(file: BinaryIO | gzip.GzipFile, columns: dict[str, Array]) -> None:
+    file.write((",".join(columns) + "\n").encode())
+    pacsv.write_csv(pa.table(columns), file, pacsv.WriteOptions(include_header=False))  # shortest exact decimals
+
+
+def _write_gzip(file: BinaryIO, columns: dict[str, Array]) -> None:
+    # without name and time of writing, the same data give the same bytes
+    with gzip.GzipFile(filename="", mode="wb", fileobj=file, compresslevel=5, mtime=0) as compressed:
+        _write_csv(compressed, columns)
+
+
+def _write_parquet(file: BinaryIO, columns: dict[str, Array]) -> None:
+    pq.write_table(pa.table(columns), file)
+
+
+def _write_npz(file: BinaryIO, columns: dict[str, Array]) -> None:
+    np.savez_compressed(file, allow_pickle=False, **columns)
+
+
+WRITERS: dict[str, Callable[[BinaryIO, dict[str, Array]], None]] = {
+    ".csv": _write_csv,
+    ".csv.gz": _write_gzip,
+    ".parquet": _write_parquet,
+    ".npz": _write_npz,
+}

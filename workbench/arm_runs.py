@@ -1,0 +1,92 @@
+"""Runs of a simulated arm: the motion that its joints follow, and what they did."""
+
+from __future__ import annotations
+
+import argparse
+import re
+
+import numpy as np
+
+from agents.arm_env import plan_motion
+from agents.network import load
+from agents.observer import ARM
+from estimators.arms.excitation import design_excitation
+from estimators.arms.following import follow
+from estimators.arms.limits import find_limits
+from estimators.arms.reference import Reference
+from pendulum_env.arms.body import Body, BodyError
+from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
+from pendulum_env.arms.plane import planar_links
+from pendulum_env.excitation import MOST_TORQUE
+from pendulum_env.reading import LARGE
+from pendulum_env.recording import write_recording
+from pendulum_env.words import listing
+from workbench.inputs import robot_of, tell_held
+from workbench.mistakes import InputError
+from workbench.outputs import wrote
+from workbench.runs import LEARNT
+from workbench.terminal import Terminal
+
+
+def record_arm(
+    arguments: argparse.Namespace, seconds: float, samples: int, rng: np.random.Generator, terminal: Terminal
+) -> None:
+    """Design a motion, let the simulated arm follow it, and write what it did."""
+    for option, own in (("excitation", (LEARNT,)), ("backend", ("pymunk", "mujoco"))):
+        if (asked := getattr(arguments, option)) not in (None, *own):
+            raise InputError(f"--{option} {asked} is for pendulums: arms know {' and '.join(own)} alone")
+    if arguments.policy is not None and arguments.excitation != LEARNT:
+        raise InputError(f"--policy goes with --excitation {LEARNT} only")
+    body = robot_of(arguments).body()
+    tell_held(body, [], terminal)
+    arm = _simulated(arguments, body)
+    with terminal.progress("choosing the motion"):
+        motion = _motion(arguments, arguments.excitation == LEARNT, body, seconds, rng)
+    with terminal.progress("simulating") as tell:
+        recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
+    if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
+        raise InputError(f"the joints turn by more than {LARGE:g} rad: hide less, or allow less torque")
+    write_recording(recording, arguments.output)
+    terminal.say(recording.summary)
+    terminal.say(f"the joints follow {motion}, condition of the regressor {motion.condition:.3g}")
+    off = np.sqrt(np.mean((motion(recording.time)[0] - recording.position) ** 2, axis=0))
+    rows = [
+        (
+            name,
+            f"{joint.position.min():.2f} to {joint.position.max():.2f}{' m' * slides}",
+            f"{rms:.2g}{' m' * slides}",
+            f"{np.abs(joint.torque).max():.3g}{' N' * slides}",
+        )
+        for name, joint, rms, slides in zip(recording.names, recording.joints, off.tolist(), body.slides, strict=True)
+    ]
+    terminal.table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
+    if arguments.effects:
+        terminal.say(f"hidden: {listing([re.split('[=:]', text)[0] for text in arguments.effects])}")
+    wrote([arguments.output], terminal)
+
+
+def _motion(
+    arguments: argparse.Namespace, learnt: bool, body: Body, seconds: float, rng: np.random.Generator
+) -> Reference:
+    """The reference that is asked for, within the limits; raises InputError if a policy is none for this arm."""
+    limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
+    limits["max_acceleration"] = arguments.max_acceleration
+    if learnt:
+        return plan_motion(load(arguments.policy or ARM), body, find_limits(body, **limits), seconds)
+    return design_excitation(body, seconds, **limits, rng=rng)
+
+
+def _simulated(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
+    """The arm in pymunk if all joints turn in a vertical plane, else, or where that is asked for, in MuJoCo."""
+    seen = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": arguments.noise}
+    seen |= {"effects": arguments.effects, "max_torque": MOST_TORQUE}
+    if arguments.backend != "mujoco":
+        try:
+            links = planar_links(body)
+            steps = max(1, round(1000.0 / arguments.rate))  # [Hz], of the simulator's steps at least
+            # velocities as the controller sees them
+            return PlanarArm(links, joints=body.joints, substeps=steps, velocity="ideal", **seen)
+        except BodyError:
+            if arguments.backend is not None:
+                raise
+    return SpatialArm(body, **seen)

@@ -1,0 +1,75 @@
+"""Files that a command writes."""
+
+import json
+import os
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from pendulum_env._typing import JSON
+from pendulum_env.files import check_output, write_whole
+from pendulum_env.physics import Model
+from pendulum_env.words import listing, plus_minus
+from workbench.mistakes import InputError
+from workbench.narrator.findings import advise_inertia
+from workbench.terminal import Terminal
+
+
+def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> None:
+    """Refuse, before any work is done, what could not be written in the end, or would destroy data.
+
+    Raises InputError if two outputs are the same file, or one of them is a recording that is read, and OSError if a
+    file cannot be written there.
+    """
+    given = [check_output(path) for path in outputs if path is not None]
+    resolved = [os.path.realpath(path) for path in given]  # unlike Path.resolve, also of links that go round
+    for path, place in zip(given, resolved, strict=True):
+        if place in map(os.path.realpath, inputs):
+            raise InputError(f"{path}: is one of the inputs: name another file to write to")
+        if resolved.count(place) > 1:
+            raise InputError(f"{path}: is named for two outputs: name two files")
+
+
+def write_model(model: Model, path: str | None, terminal: Terminal) -> str | None:
+    """Write a model if that was asked for, and give its path; one that no command could read again is not written.
+
+    No body is without inertia, but where a motion hardly tells it, a fit may come out so.
+    """
+    inertia = model.estimates.get("inertia")
+    if path is not None and inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
+        old, advice = ", what is there is that of before" if Path(path).is_file() else "", advise_inertia()
+        terminal.say(
+            f"warning: {path} is not written{old}: inertia came out as {plus_minus(inertia.value, inertia.std)} "
+            f"{inertia.unit}, and no body has that: {advice[0].lower()}{advice[1:]}",
+            style="yellow",
+        )
+        return None
+    if path is not None:
+        model.save(path)
+    return path
+
+
+def write_json(path: str | None, content: JSON) -> None:
+    """Write plain data for programs, if that was asked for."""
+    if path is not None:
+        write_whole(path, json.dumps(content, indent=1) + "\n")
+
+
+def write_page(path: str | None, terminal: Terminal, page: str, *shown: Any) -> None:
+    """Write a page, if that was asked for: `page` names the module that makes it and the function.
+
+    Plotly, which pages need, takes a while to import.
+    """
+    if path is not None:
+        module, _, name = page.partition(":")
+        render = getattr(import_module(module), name)
+        with terminal.progress("writing the report"):
+            write_whole(path, render(*shown))
+
+
+def wrote(paths: Sequence[str | Path | None], terminal: Terminal) -> None:
+    """Say what was written."""
+    written = [str(path) for path in paths if path is not None]
+    if written:
+        terminal.say(f"\nwrote {listing(written)}")
