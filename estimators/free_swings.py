@@ -104,7 +104,7 @@ def _ratios(recordings: Sequence[Recording]) -> Array:
 def fitted_inertia(recordings: Sequence[Recording]) -> float:
     """Return the inertia [kg m^2] by a fit of the base model to recordings with torque; 0 if they are too short."""
     try:
-        return abs(float(TorqueRows(prepare(recordings)).solve(BASE)[0]))
+        return abs(float(TorqueRows(prepare(recordings)).solve_within_laws(BASE)[0]))
     except IdentificationError:
         return 0.0
 

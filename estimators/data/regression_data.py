@@ -17,6 +17,7 @@ from estimators.selection.errors import Errors
 from estimators.signals.residual import SYMBOLS, Region, stand_out
 from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
 from estimators.simulation.multiple_shooting import hidden_state, watch
+from estimators.weak_form.columns import bounds_of_laws, mark_bounds
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.nonlinear import find_edges, step_unit, with_values
 from estimators.weak_form.torque_rows import TorqueRows
@@ -287,7 +288,7 @@ def _fit(error: float, deviation: float) -> float:
 def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     """Fit the linear parameters of the terms; standard errors include the nonlinear parameters."""
     terms, theta = data.fit(terms, exactly=True)
-    balance = data.equations(terms)
+    balance = _open_to_noise(data, terms, theta)
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
     edges = {term: find_edges(term, data.data.part(term.at).samples) for term in terms}
     scanned = [term.full(parameter.name) for term in terms for parameter in edges[term]]
@@ -303,7 +304,30 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
             nonlinear_std[term.full(parameter.name)] = std
     columns = [column.name for term in terms for column in term.columns]
     model = Model.build(terms, theta, fit.std[:count], **nonlinear_std)
-    return model.correlated([*columns, *names], fit.covariance), fit
+    return mark_bounds(model).correlated([*columns, *names], fit.covariance), fit
+
+
+def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:
+    """Return the rows of the terms, without bounds of a body at which noise alone has put parameters (P,).
+
+    Such a parameter has a standard error as any other: one that is zero by its bound is no less uncertain.
+    """
+    balance, (least, _) = data.equations(terms), bounds_of_laws(terms)
+    held = (theta == balance.least) & (least < balance.least)
+    if not held.any():
+        return balance
+    free = fit_within_laws(data, terms)
+    is_noise = np.array([not free.estimates[column.name].is_significant for column in free.columns])
+    return balance.within(np.where(held & is_noise, least, balance.least), balance.most)
+
+
+def fit_within_laws(data: RegressionData, terms: Terms) -> Model:
+    """Fit the linear parameters of the terms without the bounds of a body: what exceeds them tells of the data.
+
+    Torque that is logged turned round needs negative inertia, and a law that is missing may need friction that drives.
+    """
+    fit = data.equations(terms).within(*bounds_of_laws(terms)).fit(data.layout.clusters)
+    return Model.build(terms, fit.theta, fit.std)
 
 
 def base_inertia(rows: TorqueRows) -> float:
@@ -311,7 +335,8 @@ def base_inertia(rows: TorqueRows) -> float:
     data = rows.data
     if all(known := [w.recording.known_inertia for w in data.windows]):
         return max(known)
-    theta = (TorqueRows(data.without_impacts) if data.impacts else rows).solve(BASE)
+    rows = TorqueRows(data.without_impacts) if data.impacts else rows
+    theta = rows.solve_within_laws(BASE)  # negative where torque is logged turned round
     return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
 

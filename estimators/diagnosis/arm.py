@@ -93,7 +93,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         forbidden = Finding(Kind.TIED, effects=found.ambiguous[0])
     elif tables:
         forbidden = Finding(Kind.TABLE_HELPS, effects=tables)
-    findings = (*driving_friction(found.model), *trial.data.corrections)
+    findings = (*driving_friction(trial.unbounded(found.model)), *trial.data.corrections)
     return replace(found, findings=findings, forbidden=forbidden, tables=tables, left=left)
 
 

@@ -11,6 +11,7 @@ from functools import cached_property
 
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.data.fit_data import FitData
+from estimators.data.regression_data import fit_within_laws
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding
@@ -19,6 +20,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.residuals import Terms
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
+from estimators.weak_form.columns import NOT_NEGATIVE
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.terms import ids
 from pendulum_env.recording import Recording
@@ -107,6 +109,11 @@ class Trial:
     def terms(self) -> Terms:
         """Terms of the final model, as they were searched for unless the refit dropped some."""
         return (self.found if ids(self.found.terms) == ids(self.final.terms) else self.final).terms
+
+    def unbounded(self, model: Model) -> Model:
+        """Return a final model as the data alone would have it, where a parameter is at a bound of a body."""
+        held = any(own.at_bound and name.partition("@")[0] in NOT_NEGATIVE for name, own in model.estimates.items())
+        return fit_within_laws(self.evaluator.train, model.terms) if held else model
 
     @cached_property
     def unexplained(self) -> tuple[Region, ...]:

@@ -7,7 +7,7 @@ from estimators.checks.closed_loop import feedback
 from estimators.checks.remedies import find_turned_torque, remedies
 from estimators.checks.torque_constant import find_gain_doubts, with_torque_constant
 from estimators.data.fit_data import FitData
-from estimators.data.regression_data import fit_terms
+from estimators.data.regression_data import fit_within_laws
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.experiment import questions, suggest
 from estimators.diagnosis.result import Diagnosis
@@ -53,12 +53,13 @@ def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
     if find_contradiction(evaluator) is None:
         return refit_if_misfit(search(evaluator))
     evaluator = replace(evaluator, library={}, tables=())
-    return SearchResult(evaluator, [evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))])
+    model = fit_within_laws(evaluator.train, refit_nonlinear(evaluator, evaluator.base))
+    return SearchResult(evaluator, [evaluator.make_step(None, model)])
 
 
 def find_contradiction(evaluator: ModelEvaluator) -> Finding | None:
     """Find a reversed sign of the logged torque."""
-    return find_turned_torque(fit_terms(evaluator.train, evaluator.base)[0], evaluator.train.recordings)
+    return find_turned_torque(fit_within_laws(evaluator.train, evaluator.base), evaluator.train.recordings)
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
@@ -97,7 +98,8 @@ def present(trial: Trial, step: Step) -> Step:
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     """Add findings on the torque channel, detectable sizes, and the experiment for open questions."""
     found = replace(found, disagreements=trial.outliers)
-    channel, wrong = find_in_channel(trial, found), remedies(found.model, trial.data.recordings, found.ambiguous)
+    channel = find_in_channel(trial, found)
+    wrong = remedies(trial.unbounded(found.model), trial.data.recordings, found.ambiguous)
     if (cause := find_contradiction(trial.evaluator)) is not None:
         return replace(found, findings=(*wrong, *channel), forbidden=cause)
     evaluator, model, regions, doubts = trial.final.evaluator, trial.model, found.unexplained, trial.doubts

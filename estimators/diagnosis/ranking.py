@@ -9,7 +9,7 @@ import numpy as np
 from estimators.diagnosis.reasons import about_table, error_fall, rejection
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.candidates import screen_library, screen_replacements
+from estimators.selection.candidates import contains, needs_all_parts, screen_library, screen_replacements
 from estimators.selection.errors import Step, error_at
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.gates import Gate
@@ -21,9 +21,7 @@ from estimators.selection.search import SearchResult
 from estimators.selection.tables import without_table
 from estimators.simulation import output_error
 from pendulum_env.physics import Model, Term
-from pendulum_env.physics.terms import complexity, has_transmission, is_hidden, untested_ends
-
-SAME = 1e-6  # of a torque, numerical difference of equal laws
+from pendulum_env.physics.terms import has_transmission, is_hidden, untested_ends
 
 
 def rank_effects(
@@ -154,12 +152,14 @@ def _held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:
 def alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) -> dict[str, float]:
     """Return the probability of each effect in the place of one of the terms, itself first, by id.
 
-    A more complex law that contains the term, as a spring contains an offset, does not compete, nor does one that would
-    not lower the held-out errors.
+    A more complex law that contains the term, as a spring contains an offset, does not compete, nor does one of which a
+    simpler part is enough, nor one that would not lower the held-out errors.
     """
     others = tuple(other for other in terms if other is not term)
     open_to = [
-        rival for rival in screen_replacements(evaluator, terms, term) if not contains(evaluator, rival[-1], term)
+        rival
+        for rival in screen_replacements(evaluator, terms, term)
+        if not contains(evaluator, rival[-1], term) and needs_all_parts(evaluator, rival)
     ]
     known: dict[Terms, bool] = {}
     while True:
@@ -182,6 +182,8 @@ def may_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: T
     if has_transmission(rival) or has_transmission(terms) or not evaluator.train.segments:
         return True  # segments with a transmission soon diverge
     first, second = (evaluator.refit_to_motion(evaluator.fit(None, one)).model for one in (terms, rival))
+    if not (first.has_known_inertia and second.has_known_inertia):
+        return True
     gain, share = simulation_gain(evaluator, first, second)
     return gain.p_value > evaluator.criterion.p_value or share <= evaluator.criterion.explained_share
 
@@ -201,15 +203,6 @@ def simulation_gain(evaluator: ModelEvaluator, after: Model, before: Model) -> t
     gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
     had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
     return gain, (had - left) / had if had > 0 else 0.0
-
-
-def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
-    """Return whether a term with more parameters can reproduce any torque of another."""
-    if complexity(larger) <= complexity(term) or not term.columns:
-        return False
-    (own,), (other,) = evaluator.train.columns([term]), evaluator.train.columns([larger])
-    left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
-    return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own.linear))
 
 
 def gate_of_excitation(evaluator: ModelEvaluator, longer: Terms) -> Gate:

@@ -141,7 +141,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
             replace(own, reason=Finding(Kind.LONG_STEPS)) if own.effect in dropped else own for own in found.candidates
         ),
         floors=fine_rows(trial.evaluator)[0].rollouts.encoder,
-        findings=(*remedies(found.model, data.recordings, found.ambiguous), *filter(None, doubts)),
+        findings=(*remedies(trial.unbounded(found.model), data.recordings, found.ambiguous), *filter(None, doubts)),
         forbidden=Finding(Kind.CHECK_DRIVE) if found.unexplained else None,
     )
     if not all(own.has_logged_torque for own in (*data.recordings, *data.holdout)):

@@ -186,17 +186,15 @@ class RolloutRows:
         """
         near, terms = self.near(terms), tuple(terms)
         key = terms, variants[0].id
-        slopes = near.slopes[:, : (free := len(near.point.theta))]
+        slopes = near.slopes[:, : (_free := len(near.point.theta))]
         others = slice(None), Columns(slopes, np.zeros(len(slopes)), np.zeros_like(slopes))
         found = []
         for variant, own in zip(variants, self._columns(variants, near.point), strict=True):
-            least, most = bounds([variant])
-            unbounded = np.full(free, np.inf)
-            balance = Balance.of(-near.error, near.weights).with_columns(
-                [others, (slice(None), own)], np.append(-unbounded, least), np.append(unbounded, most)
-            )
+            start = np.append(near.point.theta, np.zeros(len(variant.columns)))
+            least, most = (end - start for end in bounds((*near.point.terms, variant)))
+            balance = Balance.of(-near.error, near.weights).with_columns([others, (slice(None), own)], least, most)
             step = balance.solve()
-            theta = np.append(near.point.theta + step[:free], step[free:])
+            theta = start + step
             self.begin_at(Point.within((*near.point.terms, variant), theta), (*terms, variant))
             found.append(scale_of(self.rollouts, -balance.error(step)))
         self._least_errors[key] = min([*found, self._least_errors.get(key, np.inf)])

@@ -150,6 +150,10 @@ class Balance:
         theta = np.zeros(len(free)) if start is None else start * self.of_torque
         return within_bounds(_without_linear_rows(self)._solve, theta, free, self.least, self.most)[0]
 
+    def within(self, least: Array, most: Array) -> Balance:
+        """Return the equations with other bounds of the parameters (P,)."""
+        return replace(self, least=least, most=most)
+
     def least_squared(self) -> float:
         """Return the squared weighted error of the solution."""
         small = _without_linear_rows(self)
@@ -167,7 +171,7 @@ class Balance:
 
         Args:
             parts: rows and columns of each term.
-            least, most: bounds of their parameters.
+            least, most: bounds of all parameters: those of a term may depend on the others.
             perturbations: of the torque (R, J), for nonlinear laws of it.
         """
         count = len(self.y)
@@ -190,8 +194,8 @@ class Balance:
             phi=linear,
             y=y,
             by_torque=slopes,
-            least=np.append(self.least, least),
-            most=np.append(self.most, most),
+            least=least,
+            most=most,
             response=response,
             perturbations=known,
             torque_share=1.0 if (torque_share == 1.0).all() else torque_share,

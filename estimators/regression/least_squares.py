@@ -164,16 +164,28 @@ def within_bounds(
 ) -> tuple[Array, Mask]:
     """Solve for parameters (P,) within bounds; return them with the mask of those that are not at a bound.
 
-    The solver gives the parameters with the free ones (P,) found anew. Those that leave at once are held at once, and
-    none is let go again: of several bounds that act together, the solution is within all, if not always the very best.
+    The solver gives the parameters with the free ones (P,) found anew. Those that leave are held at their bounds; of
+    several that are held, one is let go where it would move back inside (an active set).
     """
+    known, tried = ~free, set[bytes]()
     while True:
         theta = solve(theta, free)
         bounded = np.clip(theta, least, most)
         leaves = free & (bounded != theta)
-        if not leaves.any():
-            return theta, free
         theta, free = np.where(leaves, bounded, theta), free & ~leaves
+        if leaves.any():
+            continue
+        held = np.flatnonzero(~free & ~known)
+        if len(held) < 2 or free.tobytes() in tried:
+            return theta, free
+        tried.add(free.tobytes())
+        for k in held:
+            freed = free | (np.arange(len(free)) == k)
+            if least[k] < solve(theta, freed)[k] < most[k]:
+                free = freed
+                break
+        else:
+            return theta, free
 
 
 def sum_without_each(grams: Array) -> Array:

@@ -3,6 +3,8 @@
 from collections.abc import Collection
 from typing import NamedTuple
 
+import numpy as np
+
 from estimators.data.rows import ScoredTerms
 from estimators.search_hints import hints_of, is_possible
 from estimators.selection.evaluator import ModelEvaluator
@@ -10,7 +12,9 @@ from estimators.selection.gates import Gate
 from estimators.selection.residuals import Terms
 from estimators.weak_form.nonlinear import release
 from pendulum_env.physics import Term
-from pendulum_env.physics.terms import has_transmission, ids
+from pendulum_env.physics.terms import complexity, has_transmission, ids
+
+SAME = 1e-6  # of a torque, numerical difference of equal laws
 
 
 class Screened(NamedTuple):
@@ -105,6 +109,29 @@ def best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) ->
 
 def _gravity(evaluator: ModelEvaluator, trial: ScoredTerms) -> float:
     return evaluator.model(trial.terms).estimates["gravity"].value
+
+
+def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
+    """Return whether a term with more parameters can reproduce any torque of another."""
+    if complexity(larger) <= complexity(term) or not term.columns:
+        return False
+    (own,), (other,) = evaluator.train.columns([term]), evaluator.train.columns([larger])
+    left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
+    return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own.linear))
+
+
+def parts_of(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
+    """Return the simpler effects of the library that are a part of an effect, such as the offset in a spring."""
+    if len(effect.columns) < 2 or effect.kind == "transmission":
+        return []
+    simple = [kind() for kind in evaluator.library.values() if kind.at == effect.at and not kind.nonlinear_parameters]
+    return [term for term in simple if contains(evaluator, effect, term)]
+
+
+def needs_all_parts(evaluator: ModelEvaluator, terms: Terms) -> bool:
+    """Return whether the last of some terms is supported over each of its parts alone."""
+    *others, effect = terms
+    return all(evaluator.is_supported(terms, (*others, part)) for part in parts_of(evaluator, effect))
 
 
 def release_parameters(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:

@@ -21,6 +21,7 @@ from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
 from pendulum_env.arms.model import model_of
 from pendulum_env.physics import BASE, Model, Term, effects
+from pendulum_env.physics.limits import released
 from pendulum_env.physics.table import COMPETING, ByTime
 from pendulum_env.physics.term import loads
 from pendulum_env.physics.terms import has_link, has_transmission, ids
@@ -170,6 +171,9 @@ class ModelEvaluator:
     def gates(self, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
         """Return the gates of a larger model: its gain with p-value and, if significant, its explained share.
 
+        An effect beside known parameters also has to predict significantly better than the smaller model with these
+        free: else what it explains is another value of them, and belongs to whatever shares their columns.
+
         Args:
             after: the larger model.
             before: the smaller model.
@@ -182,10 +186,19 @@ class ModelEvaluator:
             Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std),
             Gate("p_value", gain.p_value, criterion.p_value, gain.p_value <= criterion.p_value),
         ]
+        if gates[-1].passed and (freed := self.without_known(before)) != before:
+            chance = self.gain(after, freed).p_value
+            gates.append(Gate("known_parameters", chance, criterion.p_value, chance <= criterion.p_value))
         if gates[-1].passed:
             share = self.residuals.explained_share(after, before)
             gates.append(Gate("explained_share", share, least_share, share > least_share))
         return gates
+
+    def without_known(self, terms: Terms) -> Terms:
+        """Return the terms with known parameters free; of a free swing as they are, since one has to be known."""
+        freed = tuple(map(released, terms))
+        is_scaled = freed != terms and any(recording.known_inertia for recording in self.train.recordings)
+        return terms if is_scaled else freed
 
     def model(self, terms: Terms) -> Model:
         """Fit the terms to the training data, without standard errors, which take time."""

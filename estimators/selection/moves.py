@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from estimators.selection.candidates import (
     best_variant,
+    parts_of,
     refine_parameters,
     refit_nonlinear,
     release_parameters,
@@ -115,7 +116,7 @@ def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
     for first in (one for one in firsts if not has_link(one)):  # links are fitted first, see `add_effect`
         elsewhere = [id for id, effect in evaluator.library.items() if effect.at != first[-1].at]
         for pair in [one for one in screen_effects(evaluator, first, elsewhere) if not has_link(one)][:1]:
-            singles = first, (*terms, pair[-1])
+            singles = [evaluator.without_known(single) for single in (first, (*terms, pair[-1]))]
             if (
                 evaluator.is_supported(pair, terms)
                 and all(evaluator.is_significant(pair, single) for single in singles)
@@ -172,12 +173,16 @@ def revise(state: SearchState) -> SearchState:
 
 
 def drop_effect(state: SearchState) -> SearchState | None:
-    """Drop an effect, or reset a released nonlinear parameter of an effect, where the data do not support it."""
+    """Drop an effect, or a part of it that the data do not support, where they do not support it.
+
+    A part is a released nonlinear parameter, or all that an effect has beyond a simpler one: a spring without stiffness
+    is an offset.
+    """
     terms = state.terms
     tighter = [
-        refine_parameters(state.evaluator, tuple(new if t is old else t for t in terms), old.id)
+        refine_parameters(state.evaluator, tuple(new if t is old else t for t in terms), new.id)
         for old in state.effects
-        for new in reset(old)
+        for new in (*reset(old), *parts_of(state.evaluator, old))
     ]
     smaller = by_score(state, [*(without(terms, effect) for effect in state.effects), *tighter])
     unneeded = (one for one in smaller if not state.evaluator.is_supported(terms, one))

@@ -20,6 +20,7 @@ from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_o
 from estimators.regression.least_squares import robust_covariance
 from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
+from estimators.weak_form.columns import bounds, mark_bounds
 from estimators.weak_form.nonlinear import continuous_parameters, with_values
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model, Term
@@ -80,9 +81,7 @@ class Point:
                 if parameter.follows
             }
             terms.append(replace(term, **following))
-        columns = [column for term in terms for column in term.columns]
-        theta = np.clip(values[: len(self.theta)], [c.least for c in columns], [c.most for c in columns])
-        return Point(tuple(terms), theta)
+        return Point(tuple(terms), np.clip(values[: len(self.theta)], *bounds(terms)))
 
     def _named(self, values: Array, name: str) -> float:
         names = [column.name for term in self.terms for column in term.columns]
@@ -252,4 +251,4 @@ def named(point: Point, relative: Array) -> Model:
     names = [term.full(parameter.name) for term in point.terms for parameter in continuous_parameters(term)]
     count = len(point.theta)
     model = Model.build(point.terms, point.theta, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))
-    return model.correlated([*(column.name for column in model.columns), *names], relative)
+    return mark_bounds(model).correlated([*(column.name for column in model.columns), *names], relative)

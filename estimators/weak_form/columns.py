@@ -1,11 +1,16 @@
 """Properties of the columns of terms: bounds of their parameters, and dependence on the torque."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.physics import Term
+from pendulum_env.physics import Model, Term
+from pendulum_env.physics.table import Table
+from pendulum_env.physics.term import loads
+
+NOT_NEGATIVE = ("inertia", "viscous", "coulomb")  # parameters of any body; gravity may have either sign
 
 
 def depends_on_torque(*terms: Term) -> bool:
@@ -19,6 +24,36 @@ def is_known(*terms: Term) -> bool:
 
 
 def bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
-    """Return lower and upper bounds of the linear parameters of some terms, (P,) each."""
+    """Return lower and upper bounds of the linear parameters of a model with some terms, (P,) each.
+
+    Every fit of every candidate keeps them: those of each law, and those of a body, whose inertia and friction are not
+    negative. Beside a table of friction, viscous and dry friction are only parts of friction, and have any sign. Limits
+    that a user has set to a parameter take the place of those of a body.
+    """
+    tables = {at for term in terms if isinstance(term, Table) and term.kind == "dissipative" for at in loads(term.at)}
+    least, most = bounds_of_laws(terms)
+    is_body = np.array([_is_of_body(term, term.at in tables) for term in terms for _ in term.columns], dtype=bool)
+    least[is_body & (least == -np.inf) & (most > 0.0)] = 0.0
+    return least, most
+
+
+def bounds_of_laws(terms: Sequence[Term]) -> tuple[Array, Array]:
+    """Return the bounds of the laws alone, (P,) each: a fit within them shows data that no body fits."""
     columns = [column for term in terms for column in term.columns]
     return np.array([column.least for column in columns]), np.array([column.most for column in columns])
+
+
+def _is_of_body(term: Term, has_table: bool) -> bool:
+    """Return whether no body has a negative parameter of a term."""
+    return term.id.partition("@")[0] in NOT_NEGATIVE and not (has_table and term.kind == "dissipative")
+
+
+def mark_bounds(model: Model) -> Model:
+    """Return a fitted model whose estimates at a bound of a body, without error, are marked as those of a law are."""
+    ends = zip(model.columns, model.theta, *bounds(model.terms), strict=True)
+    held = {column.name for column, value, low, high in ends if low < high and value in (low, high)}
+    estimates = {
+        name: replace(own, at_bound=True) if name in held and own.std == 0 else own
+        for name, own in model.estimates.items()
+    }
+    return replace(model, estimates=estimates)

@@ -19,6 +19,7 @@ import numpy as np
 
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import within_bounds
+from estimators.weak_form.columns import bounds, mark_bounds
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, Mask
@@ -52,8 +53,7 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
     equations, weights = data.equations(terms), data.weights[:, None]
     z = join_windows(along).equations(terms).phi * weights  # (R, P)
     phi, y = equations.phi * weights, equations.y * weights[:, 0]
-    columns = [column for term in terms for column in term.columns]
-    least, most = (np.array([getattr(column, end) for column in columns]) for end in ("least", "most"))
+    least, most = bounds(terms)
 
     def solved(theta: Array, free: Mask) -> Array:
         theta = theta.copy()
@@ -61,14 +61,14 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
             theta[free] = _bread(z[:, free], phi[:, free]) @ (z[:, free].T @ (y - phi[:, ~free] @ theta[~free]))
         return theta
 
-    theta, free = within_bounds(solved, np.clip(np.zeros(len(columns)), least, most), least < most, least, most)
-    std = np.zeros(len(columns))
+    theta, free = within_bounds(solved, np.clip(np.zeros(len(least)), least, most), least < most, least, most)
+    std = np.zeros(len(least))
     if free.any():
         bread = _bread(z[:, free], phi[:, free])
         scores = np.zeros((int(data.clusters.max()) + 1, len(bread)))
         np.add.at(scores, data.clusters, z[:, free] * (y - phi @ theta)[:, None])
         std[free] = np.sqrt(np.diag(bread @ (scores.T @ scores) @ bread.T))
-    return Model.build(terms, theta, std)
+    return mark_bounds(Model.build(terms, theta, std))
 
 
 def _bread(z: Array, phi: Array) -> Array:

@@ -18,7 +18,7 @@ from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, Tangent, condense, place_columns
 from estimators.regression.least_squares import weigh_recordings
 from estimators.search_hints import hints_of, is_possible
-from estimators.weak_form.columns import bounds, depends_on_torque, is_known
+from estimators.weak_form.columns import bounds, bounds_of_laws, depends_on_torque, is_known
 from estimators.weak_form.grams import grams_of_variants, squared_errors
 from estimators.weak_form.nonlinear import (
     Residuals,
@@ -196,7 +196,7 @@ class TorqueRows:
             first = condense(first, elsewhere, near.slopes[elsewhere], near.target[elsewhere])
             wide = np.tile(perturbations.max(axis=0), (len(first.y) - len(own_rows), 1))
             here, perturbations = slice(0, len(own_rows)), np.concatenate([own_rows, wide])
-        return lambda variant, own: first.with_columns([(here, own)], *bounds([variant]), perturbations)
+        return lambda variant, own: first.with_columns([(here, own)], *bounds((*terms, variant)), perturbations)
 
     def weights(self, terms: Terms) -> Array:
         """Return the weight of each row (R,), smaller for recordings with larger residuals."""
@@ -220,6 +220,10 @@ class TorqueRows:
         """Fit the linear parameters (P,) of the terms to all windows."""
         balance = self.equations(terms)
         return balance.solve(None if balance.is_linear or len(self.data.windows) == 1 else self._solve_by_noise(terms))
+
+    def solve_within_laws(self, terms: Terms) -> Array:
+        """Fit the linear parameters (P,) within the bounds of the laws, without those of a body."""
+        return self.equations(terms).within(*bounds_of_laws(terms)).solve()
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
         """Fit the linear parameters of some terms, always to convergence; a search sets nonlinear parameters."""
@@ -364,14 +368,15 @@ class TorqueRows:
         """
         shared, w = self.columns_of_each(terms), self.weights(terms)
         near, frame = self.tangent(terms), self._frame(terms)
-        scale = w * near.scale
+        scale, target = w * near.scale, w * near.error
+        inverse = np.linalg.pinv(frame.T @ (w[:, None] * near.slopes))
 
         def clear(columns: Array, here: slice) -> Array:
             cleared = -frame @ (frame[here].T @ columns)
             cleared[here] += columns
             return np.asarray(cleared)
 
-        remaining = clear(w * near.error, slice(None))
+        remaining = clear(target, slice(None))
         with_variant = cache(lambda at: self.with_variant(terms, self.data.where(at)))
 
         def exact(balance: Balance) -> Array:
@@ -381,12 +386,14 @@ class TorqueRows:
             if is_known(*terms, variant) or not variant.columns:
                 return exact(self.assemble((*terms, variant), [*shared, own], w))
             here = self.data.where(variant.at)
-            extra = clear(scale[here, None] * own.linear, here)
+            columns = scale[here, None] * own.linear
+            extra = clear(columns, here)
             size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
             extra = extra / size
             theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ remaining) / size
-            least, most = bounds([variant])
-            if np.any((theta < least) | (theta > most)):
+            others = near.theta + inverse @ (frame.T @ target - frame[here].T @ (columns @ theta))
+            (least, most), whole = bounds((*terms, variant)), np.append(others, theta)
+            if np.any((whole < least) | (whole > most)):
                 return exact(self.assemble((*terms, variant), [*shared, own], w))
             return np.asarray(remaining - (extra * size) @ theta)
 

@@ -124,6 +124,13 @@ def limited_term(term: Term, limits: Limits) -> Term:
     return term if kind is type(term) else clipped(kind(**term.nonlinear_values))
 
 
+def released(term: Term) -> Term:
+    """A term whose known parameters are free; its bounds stay."""
+    kind, held = getattr(type(term), "bare", (type(term), ()))
+    bounded = {name: (low, high) for name, low, high in held if low < high}
+    return term if len(bounded) == len(held) else limited(kind, bounded)(**term.nonlinear_values)
+
+
 @cache
 def _limited(kind: type[Term], limits: tuple[tuple[str, float, float], ...]) -> type[Term]:
     by_name = {name: (low, high) for name, low, high in limits}

@@ -95,7 +95,7 @@ class Spring(Term):
     id = "spring"
     law = "k q - k q0 (hardening: and k2 q^2 + k3 q^3)"
     kind = "potential"
-    by_angle = ("one", "line")
+    by_angle = ("line", "one")
     nonlinear_parameters = (NonlinearParameter("degree", "1", 1, 3, integer=True, nominal=1.0),)
     typical_size = "preload=0.1"
 

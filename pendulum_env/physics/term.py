@@ -197,7 +197,7 @@ class Term:
     law: ClassVar[str]  # added to the torque that the motion needs
     kind: ClassVar[Kind]
     nonlinear_parameters: ClassVar[tuple[NonlinearParameter, ...]] = ()
-    by_angle: ClassVar[tuple[str, ...]] = ()  # functions of the angle alone that it is, see `of_angle`
+    by_angle: ClassVar[tuple[str, ...]] = ()  # functions of the angle alone that its first columns are, see `of_angle`
     needs: ClassVar[str] = ""  # quantity that a recording has to have beside motion and torque
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
     forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]
@@ -232,8 +232,11 @@ class Term:
         return cls.advance is not Term.advance or cls.trace is not Term.trace
 
     def of_angle(self, at: str) -> tuple[str, ...]:
-        """Functions of the angle of a joint alone that it may be there, by name: `one`, `line`, `sine` or `cosine`."""
-        return self.by_angle
+        """Functions of the angle of a joint alone that it may be there, by name: `one`, `line`, `sine` or `cosine`.
+
+        One whose parameter is known is none: the rest of that function belongs to whatever else explains it.
+        """
+        return tuple(name for name, column in zip(self.by_angle, self.columns, strict=False) if not column.is_known)
 
     @property
     def fault(self) -> str:

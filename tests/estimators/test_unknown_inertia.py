@@ -51,7 +51,9 @@ def test_nothing_is_missing_and_nothing_is_simulated(run):
 def test_an_offset_beside_it_is_found():
     found = diagnosed([sweep(6, offset=0.02)])
     assert any("torque_offset" in group for group in found.effects)
-    assert found.model.estimates[found.selected[0]].value == pytest.approx(0.02, rel=0.2)
+    (selected,) = found.selected
+    speed = 0.5 if selected == "viscous_asymmetry" else 1.0  # at one speed both ways, an asymmetry is an offset
+    assert speed * found.model.estimates[selected].value == pytest.approx(0.02, rel=0.2)
 
 
 def test_the_model_is_saved_as_unknown_and_compared_in_torque_alone(run, tmp_path):

@@ -49,6 +49,16 @@ def test_normal_equations_are_solved_as_by_scipy_where_one_parameter_is_at_a_bou
         np.testing.assert_allclose(found, lsq_linear(phi, y, (least, most), tol=1e-14).x, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_normal_equations_are_solved_as_by_scipy_where_several_parameters_are_at_bounds(seed):
+    rng = np.random.default_rng(seed)
+    phi = rng.standard_normal((60, 5)) @ (np.eye(5) + 0.3 * rng.standard_normal((5, 5)))
+    y, least = rng.standard_normal(60), np.array([0.0, 0.0, 0.0, 0.0, -np.inf])
+    rows = np.column_stack([y, phi])
+    expected = lsq_linear(phi, y, (least, np.inf), method="bvls", tol=1e-14).x
+    np.testing.assert_allclose(solve_gram(rows.T @ rows, least, np.full(5, np.inf)), expected, rtol=1e-6, atol=1e-9)
+
+
 def test_two_equal_columns_share_what_they_explain_and_the_fit_says_so():
     phi, y, _ = regression(0, columns=2)
     fit, alone = fitted(np.column_stack([phi, phi[:, 1]]), y), fitted(phi, y)

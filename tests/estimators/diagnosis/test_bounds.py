@@ -1,0 +1,136 @@
+"""Fits within what a body can be, columns of known parameters, and the simplest part of an effect."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Plant
+from estimators import diagnose
+from estimators.data.regression_data import RegressionData, fit_terms, fit_within_laws
+from estimators.findings import Finding, Kind
+from estimators.weak_form.columns import bounds
+from pendulum_env.physics import BASE
+from pendulum_env.physics.limits import limited_term, released
+from pendulum_env.physics.potential import Spring
+from pendulum_env.physics.table import FrictionBySpeed, TorqueByAngle
+from pendulum_env.recording import Recording
+from tests import slow
+from tests.cases import recorded, run
+
+FEW = ("friction_drift", "payload_change", "periodic_disturbance", "stribeck", "torque_offset")
+
+
+def drifting(seed: int, dry: Callable[[float], float], seconds: int = 20, rate: int = 250, substeps: int = 20):
+    """Record a pendulum of inertia 0.12, gravity 2.6 and viscous 0.25 under several sines, its dry friction over time.
+
+    Moreau's implicit step in plain arithmetic; it shares no code with the packages.
+    """
+    rng, h = np.random.default_rng(seed), 1 / rate / substeps
+    time = np.arange(seconds * rate) / rate
+    phases, frequencies = rng.uniform(0, 2 * np.pi, 8), rng.uniform(0.15, 3.5, 8)
+    torque = np.sin(2 * np.pi * np.outer(time, frequencies) + phases).sum(axis=1)
+    torque *= 7.0 / np.abs(torque).max()
+    q = v = 0.0
+    position = []
+    for t, tau in zip(time.tolist(), torque.tolist(), strict=True):
+        position.append(q)
+        for _ in range(substeps):
+            w = v + h * (tau - 2.6 * np.sin(q) - 0.25 * v) / 0.12
+            v = float(np.sign(w)) * max(abs(w) - h * dry(t) / 0.12, 0.0)
+            q += h * v
+    return Recording(f"run {seed}", time, np.array(position) + rng.normal(0, 2e-4, len(time)), torque)
+
+
+@pytest.mark.parametrize("seed", slow.but_first([300, 310, 340]))
+def test_dry_friction_that_falls_is_found_although_a_free_fit_makes_it_negative_in_the_end(seed):
+    law = lambda t: 0.55 - 0.01 * t  # noqa: E731
+    found = diagnose([drifting(seed, law)], [drifting(seed + 1, law)], only=FEW)
+    assert found.selected == ("friction_drift",)
+    values = {name: own.value for name, own in found.model.estimates.items()}
+    assert values["coulomb"] >= 0 and values["viscous"] >= 0
+    for t in (0.0, 10.0, 20.0):
+        faded = np.exp(-t / values["friction_drift.warm_up"])
+        assert values["coulomb"] + values["friction_drift.coulomb"] * faded == pytest.approx(law(t), abs=0.02)
+
+
+def test_dry_friction_that_stays_shows_no_drift():
+    found = diagnose([drifting(1, lambda t: 0.45)], [drifting(2, lambda t: 0.45)], only=FEW)
+    assert found.selected == () and not found.unexplained
+
+
+def test_bounds_are_those_of_a_body_unless_a_table_shares_friction_or_a_user_sets_others():
+    least, most = bounds(BASE)
+    np.testing.assert_array_equal(least, [0, -np.inf, 0, 0])
+    assert np.isinf(most).all()
+    np.testing.assert_array_equal(bounds([*BASE, FrictionBySpeed()])[0][:4], [0, -np.inf, -np.inf, -np.inf])
+    np.testing.assert_array_equal(bounds([*BASE, TorqueByAngle()])[0][:4], least)
+    own = {"coulomb": (-1.0, 5.0), "viscous": (-np.inf, 5.0), "inertia": (-0.1, -0.1)}
+    least, most = bounds([limited_term(term, own) for term in BASE])
+    np.testing.assert_array_equal(least, [-0.1, -np.inf, 0, -1])
+    np.testing.assert_array_equal(most, [-0.1, np.inf, 5, 5])
+
+
+def prescribed(inertia=0.05, viscous=0.2, coulomb=0.1, extra=lambda q, v: 0.0, seed=0, levels=(0.3, 0.7, 1.5)):
+    """Compute the torque of a motion at several constant speeds both ways."""
+    rng, rate = np.random.default_rng(seed), 200.0
+    steps = np.repeat(np.repeat(levels, 2) * np.tile([1.0, -1.0], len(levels)), int(3 * rate))
+    weights = np.hanning(42)
+    velocity = np.convolve(np.tile(steps, 3), weights / weights.sum(), mode="same")
+    time = np.arange(len(velocity)) / rate
+    position = np.cumsum(velocity) / rate
+    torque = inertia * np.gradient(velocity, time) + viscous * velocity + coulomb * np.sign(velocity)
+    torque = torque + extra(position, velocity) + 0.005 * rng.standard_normal(len(time))
+    return Recording(f"speeds {seed}", time, position + 1e-5 * rng.standard_normal(len(time)), torque)
+
+
+def test_a_parameter_is_kept_at_zero_with_an_error_if_noise_put_it_there_and_without_if_the_data_ask_for_less():
+    free = fit_within_laws(RegressionData.of([prescribed(coulomb=0.0)]), BASE)["coulomb"]
+    little = prescribed(coulomb=-free.value - free.std)
+    (noise, _), alone = fit_terms(data := RegressionData.of([little]), BASE), fit_within_laws(data, BASE)["coulomb"]
+    assert alone.value == pytest.approx(-free.std, rel=0.2)
+    assert noise["coulomb"].value == 0 and not noise["coulomb"].at_bound
+    assert noise["coulomb"].std == pytest.approx(alone.std, rel=0.05)
+    data = RegressionData.of([prescribed(coulomb=-0.1)])
+    assert fit_within_laws(data, BASE)["coulomb"].value == pytest.approx(-0.1, abs=0.01)
+    bounded = fit_terms(data, BASE)[0]
+    assert bounded["coulomb"].value == 0 and bounded["coulomb"].at_bound
+    assert bounded["viscous"].value > 0
+
+
+@pytest.mark.parametrize("seed", slow.but_first(range(3)))
+def test_an_offset_is_no_spring_without_stiffness_even_at_very_small_noise(seed):
+    runs = [prescribed(extra=lambda q, v: 0.012, seed=10 * seed + k) for k in (1, 2)]
+    found = diagnose(runs[:1], runs[1:], fixed={"gravity": 0.0})
+    (group,) = found.effects
+    assert set(group) == {"torque_offset", "coulomb_asymmetry"} and not found.unexplained
+    assert found.model.estimates[found.selected[0]].value == pytest.approx(0.012, abs=0.001)
+
+
+def test_a_spring_that_pulls_is_a_spring():
+    runs = [prescribed(extra=lambda q, v: 0.012 + 0.02 * q, seed=k) for k in (1, 2)]
+    found = diagnose(runs[:1], runs[1:], fixed={"gravity": 0.0}, only=["spring", "torque_offset", "stribeck"])
+    assert found.selected == ("spring",)
+    assert found.model.estimates["spring.stiffness"].value == pytest.approx(0.02, abs=0.001)
+
+
+@pytest.mark.parametrize("seed", slow.but_first(range(3)))
+def test_a_cable_is_a_torque_by_angle_where_gravity_is_known_to_be_none(seed):
+    """0.10 sin q is no gravity then, and no payload that was picked up before the motion."""
+    cable = {"cogging": {"cog_n": 2, "cog_s": -0.03 * np.cos(0.4), "cog_c": -0.03 * np.sin(0.4)}}
+    plant = Plant(0.02, 0.10, 0.05, 0.08, cable)
+    some = {"excitation": "filtered_noise", "scale": 0.15, "torque_noise": 0.002}
+    runs = recorded(plant, *(run(3 * seed + k, 25.0, 200.0, **some) for k in (1, 2)))
+    found = diagnose(runs[:1], runs[1:], fixed={"gravity": 0.0})
+    assert found.selected == () and found.tables == ("torque_by_angle",)
+    assert found.model.estimates["gravity"].value == 0
+    assert Finding(Kind.TABLE_HELPS, effects=("torque_by_angle",)) in (*found.findings, found.forbidden)
+
+
+def test_known_parameters_are_released_and_bounds_stay():
+    fixed = limited_term(Spring(), {"spring.stiffness": (0.1, 0.1), "spring.preload": (0.0, 1.0)})
+    assert fixed.of_angle("") == ("one",)
+    stiffness, preload = released(fixed).columns
+    assert not stiffness.is_known and (preload.least, preload.most) == (0.0, 1.0)
+    assert released(fixed).of_angle("") == ("line", "one")
+    assert all(released(term) is term for term in BASE)
