@@ -291,10 +291,14 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     balance = _open_to_noise(data, terms, theta)
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
     edges = {term: find_edges(term, data.data.part(term.at).samples) for term in terms}
-    scanned = [term.full(parameter.name) for term in terms for parameter in edges[term]]
-    jacobian, names = jacobian[:, [name not in scanned for name in names]], [n for n in names if n not in scanned]
-    fit = balance.fit(data.layout.clusters, jacobian if names else None, theta)
+    scanned = {term.full(parameter.name) for term in terms for parameter in edges[term]}
+    is_smooth = np.array([name not in scanned for name in names], dtype=bool)
+    fit = balance.fit(data.layout.clusters, jacobian[:, is_smooth] if is_smooth.any() else None, theta)
     count = len(theta)
+    kept = np.flatnonzero(np.append(np.ones(count, dtype=bool), is_smooth))
+    covariance = np.zeros((count + len(names),) * 2)  # an edge converges so fast that the others have theirs beside it
+    covariance[np.ix_(kept, kept)] = fit.covariance
+    fit = replace(fit, covariance=covariance)
     nonlinear_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
     first_column = 0
     for term in terms:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimators import diagnose
-from estimators.data.regression_data import RegressionData
+from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.search_hints import grid
 from estimators.weak_form.nonlinear import find_edges
 from pendulum_env.physics import BASE, Column, NonlinearParameter, Term, effects
@@ -85,3 +85,12 @@ def test_only_parameters_at_which_a_law_jumps_are_edges():
 def test_an_edge_beyond_the_motion_is_none():
     x = RegressionData.of([run(1)]).samples
     assert not find_edges(Ending(4 * float(np.max(np.abs(x.velocity)))), x)
+
+
+def test_an_edge_counts_as_given_in_the_covariance_of_the_others():
+    data = RegressionData.of([run(1)])
+    terms = (*BASE, effects()["payload_change"](5.0), effects()["stribeck"](0.3))
+    model, fit = fit_terms(data, terms)
+    names = [*model.estimates]
+    assert len(fit.covariance) == len(names) and fit.covariance[names.index("payload_change.moment")].max() == 0.0
+    assert model.estimates["payload_change.moment"].std > 0.0 < model.estimates["stribeck.stribeck_velocity"].std
