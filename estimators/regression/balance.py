@@ -32,13 +32,16 @@ class Columns(NamedTuple):
         linear: (R, P).
         fixed: sum of the columns without a parameter (R,) [N m].
         slope: of the linear ones (R, P) [1/(N m)], zero but for effects that depend on the torque.
-        fixed_change: of the fixed ones under each perturbation of the torque (R, J), if they depend on it at once.
+        fixed_slope: of the fixed ones (R,), the same.
+        fixed_change: of the fixed ones under each perturbation of the torque (R, J), if they depend on it at once, for
+            an exact fit.
         torque_share: share of the torque that they leave, if they depend on what it was before.
     """
 
     linear: Array
     fixed: Array
     slope: Array
+    fixed_slope: Array | float = 0.0
     fixed_change: Array | None = None
     torque_share: float = 1.0
 

@@ -205,14 +205,18 @@ def solve_gram(gram: Array, least: Array, most: Array) -> Array | None:
     phi, y = gram[1:, 1:], gram[1:, 0]
     if not len(size) or _factor(phi) is None:
         return None
+    return solve_within(phi, y, least * size, most * size) / size
+
+
+def solve_within(normal: Array, target: Array, least: Array, most: Array) -> Array:
+    """Solve normal equations (P, P) of a left-hand side (P,) for parameters within bounds (P,)."""
 
     def solve(theta: Array, free: Mask) -> Array:
         theta = np.where(free, 0.0, theta)
-        theta[free] = np.linalg.solve(phi[np.ix_(free, free)], (y - phi @ theta)[free])
+        theta[free] = np.linalg.solve(normal[np.ix_(free, free)], (target - normal @ theta)[free])
         return theta
 
-    free = np.ones(len(size), dtype=bool)
-    return within_bounds(solve, np.zeros(len(size)), free, least * size, most * size)[0] / size
+    return within_bounds(solve, np.zeros(len(target)), np.ones(len(target), dtype=bool), least, most)[0]
 
 
 def weigh_recordings(squares: Array, counts: Index, least: float) -> Array:

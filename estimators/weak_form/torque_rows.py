@@ -106,22 +106,26 @@ class TorqueRows:
             return [Columns(own, fixed, np.zeros_like(own)) for own, fixed in plain]
         step = PERTURBATION * self._largest_torque
         pairs = zip(plain, self._perturbed.columns(variants), strict=True)
-        slopes = [(more - own) / step for (own, _), (more, _) in pairs]
-        parts = [Columns(own, fixed, slope) for (own, fixed), slope in zip(plain, slopes, strict=True)]
-        if not kind.fixed:
-            return parts
-        if kind.has_state():
-            whole = float(np.linalg.norm(torque))
-            remaining = [float(np.linalg.norm(torque - part.fixed)) for part in parts]
-            return [
-                part if variant.delay or rest >= whole else part._replace(torque_share=max(rest / whole, 1e-12))
-                for variant, part, rest in zip(variants, parts, remaining, strict=True)
-            ]
-        changed = [self.data.averages.fixed_under(own, self._perturbations) for own in variants]
-        return [
-            part._replace(fixed_change=np.nan_to_num(more, nan=0.0, posinf=0.0, neginf=0.0) - part.fixed[:, None])
-            for part, more in zip(parts, changed, strict=True)
+        parts = [
+            Columns(own, fixed, (more - own) / step, (moved - fixed) / step) for (own, fixed), (more, moved) in pairs
         ]
+        if not (kind.fixed and kind.has_state()):
+            return parts
+        whole = float(np.linalg.norm(torque))
+        remaining = [float(np.linalg.norm(torque - part.fixed)) for part in parts]
+        return [
+            part if variant.delay or rest >= whole else part._replace(torque_share=max(rest / whole, 1e-12))
+            for variant, part, rest in zip(variants, parts, remaining, strict=True)
+        ]
+
+    def _with_change(self, term: Term, part: Columns) -> Columns:
+        """Return the columns of a term with the change of its fixed ones under perturbations of the torque."""
+        if (own := self.at(term.at)) is not self:
+            return own._with_change(term, part)
+        if not term.fixed or term.has_state():
+            return part
+        more = np.nan_to_num(self.data.averages.fixed_under(term, self._perturbations), nan=0.0, posinf=0.0, neginf=0.0)
+        return part._replace(fixed_change=more - part.fixed[:, None])
 
     @property
     def _largest_torque(self) -> float:
@@ -159,7 +163,11 @@ class TorqueRows:
 
     def columns_of_each(self, terms: Terms) -> list[Columns]:
         """Return the columns of each of some terms."""
-        return [self.columns([term])[0] for term in terms]
+        return [self._whole_columns(term) for term in terms]
+
+    @memoized
+    def _whole_columns(self, term: Term) -> Columns:
+        return self._with_change(term, self.columns([term])[0])
 
     def assemble(self, terms: Terms, parts: Sequence[Columns], weights: Array) -> Balance:
         """Return the rows of some terms from the columns of each and weights (R,)."""
@@ -187,7 +195,7 @@ class TorqueRows:
         """
         if not terms or any(term.lead for term in terms):  # no shared part, or one that each variant changes
             shared, w = self.columns_of_each(terms), self.weights(terms)
-            return lambda variant, own: self.assemble((*terms, variant), [*shared, own], w)
+            return lambda variant, own: self.assemble((*terms, variant), [*shared, self._with_change(variant, own)], w)
         first, perturbations = self.equations(terms), self.perturbations
         elsewhere = np.ones(len(perturbations), dtype=bool)
         elsewhere[here] = False
@@ -196,7 +204,9 @@ class TorqueRows:
             first = condense(first, elsewhere, near.slopes[elsewhere], near.target[elsewhere])
             wide = np.tile(perturbations.max(axis=0), (len(first.y) - len(own_rows), 1))
             here, perturbations = slice(0, len(own_rows)), np.concatenate([own_rows, wide])
-        return lambda variant, own: first.with_columns([(here, own)], *bounds((*terms, variant)), perturbations)
+        return lambda variant, own: first.with_columns(
+            [(here, self._with_change(variant, own))], *bounds((*terms, variant)), perturbations
+        )
 
     def weights(self, terms: Terms) -> Array:
         """Return the weight of each row (R,), smaller for recordings with larger residuals."""
@@ -286,17 +296,15 @@ class TorqueRows:
         def exact(variant: Term, own: Columns) -> float:
             return with_variant()(variant, own).least_squared()
 
-        if not terms or variants[0].fixed or is_known(*terms, variants[0]):
+        if not terms or is_known(*terms, variants[0]):
             squares = np.array([exact(*pair) for pair in zip(variants, parts, strict=True)])
         else:
             near = self.tangent(terms)
-            squares, theta = squared_errors(grams_of_variants(near, parts, w, here))
-            theta[:, : len(near.theta)] += near.theta
-            least, most = bounds((*terms, variants[0]))
-            for k in np.flatnonzero(np.any((theta < least) | (theta > most), axis=1)).tolist():
-                squares[k] = exact(variants[k], parts[k])
+            start = np.append(near.theta, np.zeros(len(variants[0].columns)))
+            limits = [end - start for end in bounds((*terms, variants[0]))]
+            squares = squared_errors(grams_of_variants(near, parts, w, here), *limits)
             if depends_on_torque(variants[0]):
-                squares = self._refit_exactly(near, list(zip(variants, parts, strict=True)), squares, exact, w)
+                squares = self._refit_exactly(near, list(zip(variants, parts, strict=True)), squares, exact, w, limits)
         absorbed = [self._mean_absorbed((*terms, variant), w) for variant in variants]
         return np.sqrt(squares / (w @ w) + absorbed).tolist()
 
@@ -307,6 +315,7 @@ class TorqueRows:
         plain: Array,
         exact: Callable[[Term, Columns], float],
         w: Array,
+        limits: Sequence[Array],
     ) -> Array:
         """Return squared errors (V,) of variants that depend on the torque, exact for the best of them.
 
@@ -314,7 +323,7 @@ class TorqueRows:
         """
         here = self.data.where(pairs[0][0].at)
         predicted = [own._replace(linear=own.linear - near.error[here, None] * own.slope) for _, own in pairs]
-        estimates = (plain, squared_errors(grams_of_variants(near, predicted, w, here))[0])
+        estimates = (plain, squared_errors(grams_of_variants(near, predicted, w, here), *limits))
         tried = np.unique([np.argsort(estimate)[: VARIANTS.exact] for estimate in estimates])
         squares = np.array([exact(*pairs[k]) for k in tried.tolist()])
         found = np.maximum(plain, squares.min())
