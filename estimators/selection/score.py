@@ -130,13 +130,15 @@ def _scales(errors: Array, recording: Index, test: Mask, near: Array | None) -> 
     def mean(values: Array) -> Array:
         return np.maximum(np.bincount(owner, values, count) / number, 1e-300)
 
-    square = mean(squares) if near is None else near
+    most = mean(squares)  # the maximum is no larger, as x / (a + x) is concave
+    square = most if near is None else near
     for _ in range(TURNS):
         share = squares / (NU * square[owner] + squares)
         excess = (NU + 1) * mean(share)  # one at the maximum
         step = (excess - 1.0) / np.maximum(excess - (NU + 1) * mean(share**2), 1e-300)
-        safe = np.maximum(excess * NU / (NU + 1 - excess), 1e-300)
-        before, square = square, np.maximum(square * np.where(np.abs(step) < LEAP, np.exp(step), safe), 1e-300)
+        safe = excess * NU / np.maximum(NU + 1 - excess, 1e-300)
+        before, square = square, square * np.where(np.abs(step) < LEAP, np.exp(np.clip(step, -LEAP, LEAP)), safe)
+        square = np.clip(square, 1e-300, most)
         if (np.abs(square - before) <= SETTLED * before).all():
             break
     return square

@@ -199,7 +199,7 @@ def test_what_cannot_be_followed_is_refused():
     for options, why in (
         ({"terms": ["inertia", "actuator_lag"]}, "actuator_lag depends on the past"),
         ({"candidates": ["stribek"]}, "did you mean stribeck"),
-        ({"candidates": "backlash"}, "no effect to try: backlash .depends on the past"),
+        ({"candidates": "backlash"}, "no candidate has an online diagnosis: backlash .depends on the past"),
         ({"rate": np.nan}, "give a positive number"),
         ({"model": Model.build(BASE[1:], 0.5)}, "lacks the term inertia"),
         ({"add_from": 0.2}, "add_from"),
