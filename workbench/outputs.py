@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from estimators.findings import Finding, Kind
 from pendulum_env._typing import JSON
 from pendulum_env.files import check_output, write_whole
 from pendulum_env.physics import Model
@@ -31,13 +32,14 @@ def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> 
             raise InputError(f"{path}: is named for two outputs: name two files")
 
 
-def write_model(model: Model, path: str | None, terminal: Terminal) -> str | None:
-    """Write a model if that was asked for, and give its path; one that no command could read again is not written.
+def write_model(model: Model, path: str | None, terminal: Terminal, findings: Sequence[Finding] = ()) -> str | None:
+    """Write a model to a path, if there is one, and return the path; return None for a model without inertia.
 
-    No body is without inertia, but where a motion hardly tells it, a fit may come out so.
+    An unknown inertia may be zero, unless the findings say that torque and position have opposite signs.
     """
     inertia = model.estimates.get("inertia")
-    if path is not None and inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
+    is_turned = any(finding.kind is Kind.INERTIA_NEGATIVE for finding in findings)
+    if path is not None and inertia is not None and inertia.value <= 0 and (is_turned or not inertia.is_unknown):
         old, advice = ", what is there is that of before" if Path(path).is_file() else "", advise_inertia()
         terminal.say(
             f"warning: {path} is not written{old}: inertia came out as {plus_minus(inertia.value, inertia.std)} "

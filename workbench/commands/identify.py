@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if nearest is not None:
         terminal.say(f"{one.scheme}: {describe_nearest_body(nearest)}")
     if model is not None:
-        outputs[1] = write_model(model, arguments.output, terminal)
+        outputs[1] = write_model(model, arguments.output, terminal, found.findings)
     wrote(outputs, terminal)
     if outputs[1] is not None and model is not None:
         terminal.say(f"{outputs[1]} has {_name_fit(found, model, arguments)}")
