@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass, replace
 from typing import Any, Protocol
@@ -187,6 +188,21 @@ def within_limits(
         tuple(limited_term(item, limits) for item in terms),
         {id: limited(kind, limits) for id, kind in library.items()},
     )
+
+
+def check_horizon(horizon: float | None, is_simulated: bool) -> None:
+    """Refuse a horizon [s] that makes no sense.
+
+    Raises:
+        ValueError: if it is not above zero, or no motion is simulated from the recorded torque.
+    """
+    if horizon is not None and not 0 < horizon < math.inf:
+        raise Mistake(f"the horizon cannot be {horizon:g} s: give a number above zero")
+    if horizon is not None and not is_simulated:
+        raise Mistake(
+            "a horizon is of motion that is simulated from torque: leave it out for an arm, and for servos with a "
+            "drive, which are simulated over whole recordings"
+        )
 
 
 class HasModel(Protocol):

@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import numpy as np
-
-from estimators.arguments import HasModel, Recordings, chosen_recordings, model_that_moves, that_may_show
+from estimators.arguments import HasModel, Recordings, check_horizon, chosen_recordings, model_that_moves, that_may_show
 from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.torque_constant import unit_of
 from estimators.data.fit_data import FitData
@@ -20,7 +18,7 @@ from estimators.prediction import Prediction, predictions
 from estimators.regression.equations import IdentificationError
 from estimators.selection.errors import Errors, of_one
 from estimators.signals.residual import AXES, Profile, Region, everywhere, profiles
-from estimators.simulation.free_running import growth, select
+from estimators.simulation.free_running import HORIZON
 from estimators.weak_form.torque_windows import join_windows
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arguments import check_order
@@ -37,7 +35,6 @@ from pendulum_env.units import JointUnits
 
 SCHEMA = "pendulum-ident/comparison@2"
 SHOWN = 6  # regions where a model fails, shared by the joints
-GROWS = 10.0  # times, that an error of the initial position grows in a window of free run where the motion is unstable
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,7 @@ class Distance:
         name: of the recording.
         errors: in torque and in free-running position.
         floors: torque error that measurement noise alone gives at each joint [N m].
-        unstable: share of the one-second windows in which a small error grows tenfold, as with the arm balanced
+        unstable: share of the windows of free run in which a small error grows tenfold, as with the arm balanced
             upright; they are not counted in the error of position, unless there are no others.
     """
 
@@ -86,6 +83,7 @@ class Comparison:
         disagreements: recordings that show another plant than the model is of, or than the others.
         torque_constant: by which a current was turned into torque, if one was.
         data: that it was made of, all compared alike.
+        horizon: length of the windows of free run [s]; None of an arm.
     """
 
     model: Model
@@ -96,6 +94,7 @@ class Comparison:
     disagreements: tuple[Disagreement, ...] = ()
     torque_constant: TorqueConstant | None = None
     data: FitData | None = field(default=None, compare=False, repr=False)
+    horizon: float | None = HORIZON
 
     @property
     def errors(self) -> Errors:
@@ -136,6 +135,7 @@ class Comparison:
             "schema": SCHEMA,
             "recordings": [distance.json() for distance in self.distances],
             "joint": self.joint.json(),
+            "horizon": self.horizon,
             "profiles": [
                 {
                     "axis": item.axis,
@@ -174,11 +174,8 @@ def floors_json(floors: Mapping[str, float]) -> JSON:
 
 def distance(name: str, prepared: RegressionData, model: Model) -> Distance:
     """Compute errors of a model with inertia on prepared data, and in the loop if the recordings have drives."""
-    simulated = prepared.segments if model.has_known_inertia else ()
-    steady = [growth(segments, model.terms, model.theta) < GROWS for segments in simulated]
-    kept = tuple(select(*pair) for pair in zip(simulated, steady, strict=True) if pair[1].any())
-    errors = (replace(prepared, segments=kept) if kept else prepared).errors(model)
-    unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
+    steady, unstable = prepared.with_steady_segments(model)
+    errors = steady.errors(model)
     return Distance(name, with_loop_errors(model, prepared.recordings, errors), prepared.floors, unstable)
 
 
@@ -192,27 +189,35 @@ def join_recordings(parts: Sequence[RegressionData]) -> RegressionData:
 
 
 @with_known_arguments
-def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
+def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float | None = None) -> Comparison:
     """Compare a model with recordings, as it is: torque residual and free-running simulation.
 
     Where a current was logged, the model's own torque constant turns it into torque, or else their known loads do.
     Of an arm, the errors are those of the torque of each joint, all recordings together.
 
+    Args:
+        model: or a result that has one.
+        recordings: compared one by one, and together.
+        horizon: length of free-running simulations [s], each from the measured state under the recorded torque; by
+            default 1 s.
+
     Raises:
         IdentificationError: if one of the recordings holds too little motion, or a joint of an arm does, or if none has
-            a quantity that the model needs, such as a temperature.
+            a quantity that the model needs, such as a temperature, or one is shorter than the horizon.
         ModelError: if the model has no inertia, or is of a current and the recordings are not.
         TypeError: if something else is given than a model and recordings.
+        ValueError: if the horizon is not above zero, or is given for an arm.
     """
     check_order("compare(model, recordings)", (model, Model), (recordings, Recording))
     model = model_that_moves(model)
+    check_horizon(horizon, model.body.can_simulate)
     recordings = chosen_recordings(recordings, body=model.body, log_format=model.log_format)
     recordings = in_units_of(model, recordings).recordings
     if recordings[0].units.slides:
         model = model.per(JointUnits(model.torque_unit, slides=True))
     that_may_show({term.id: type(term) for term in model.terms if term.needs}, recordings)
     joints = model.terms if isinstance(model.body, Body) else ()
-    alone = [] if joints else [_prepared(recording, model) for recording in recordings]
+    alone = [] if joints else [_prepared(recording, model, horizon) for recording in recordings]
     together = join_recordings(alone) if alone else RegressionData.of_arm(recordings, joints)
     joint = distance("all", together, model)
     left = together.residual(model.terms, model.theta)
@@ -226,7 +231,8 @@ def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
         tuple(region for at in failing for region in _fails(together, left, at, most)),
         (*disagreements_with(model, fits), *misfits(fits)),
         recordings[0].torque_constant,
-        FitData(recordings, recordings, terms=joints).with_parts((together, together)),
+        FitData(recordings, recordings, terms=joints, horizon=horizon).with_parts((together, together)),
+        None if joints else horizon or HORIZON,
     )
 
 
@@ -246,9 +252,10 @@ def _fails(prepared: RegressionData, left: Array, at: str, most: int) -> list[Re
     return [everywhere(cause, prepared.data.part(at).samples, error, floor, at, units)]
 
 
-def _prepared(recording: Recording, model: Model) -> RegressionData:
+def _prepared(recording: Recording, model: Model, horizon: float | None) -> RegressionData:
     """Prepare a recording, with impacts that the friction of the model does not explain."""
     prepared = RegressionData.of([recording])
+    prepared = prepared if horizon is None else prepared.with_horizon(horizon)
     if has_link(model.terms):
         return prepared.with_link_states(model)
     count, inertia = len(model.theta), abs(model.estimates["inertia"].value)

@@ -11,6 +11,7 @@ from pendulum_env.units import to_shown_unit
 from pendulum_env.words import Table
 from workbench.narrator.diagnosis import (
     describe_disagreement,
+    describe_refit,
     describe_region,
     describe_unexplained,
     headline,
@@ -52,6 +53,7 @@ def tell_diagnosis(
         estimates = {name: own for id in added for name, own in found.model.of(id).items()}
     step = next_step(found)
     lines = [*found.laws, errors_line(found)]
+    lines += [describe_refit(found.refit)] if found.refit is not None else []
     lines += parameters_line(estimates, bool(found.unexplained))
     first = {region.at: region for region in reversed(found.unexplained)}  # of each joint
     lines += [

@@ -45,6 +45,7 @@ class FitData:
         excluded: recordings that disagree with the others, and are not fitted.
         whole: the data before recordings were excluded; None if none was.
         untimed: the data before torque was timed; None if it was not.
+        horizon: length of the segments for simulation [s]; None for the usual one.
     """
 
     recordings: tuple[Recording, ...]
@@ -58,6 +59,7 @@ class FitData:
     excluded: tuple[Disagreement, ...] = ()
     whole: FitData | None = None
     untimed: FitData | None = None
+    horizon: float | None = None
 
     @classmethod
     def of(
@@ -152,6 +154,13 @@ class FitData:
         vars(self)["parts"] = parts  # where the cached property keeps them
         return self
 
+    def over(self, horizon: float | None) -> Self:
+        """Return the data with segments of another length [s] for simulation; see `RegressionData.with_horizon`."""
+        if horizon is None:
+            return self
+        train, holdout = (part.with_horizon(horizon) for part in self.parts)
+        return replace(self, horizon=horizon).with_parts((train, holdout))
+
     def without_history(self, terms: tuple[Term, ...] = ()) -> Self:
         """Return the data without memoised columns and earlier data; of an arm, with the given terms only."""
         result = replace(self, terms=terms if self.terms else (), whole=None, untimed=None)
@@ -171,7 +180,10 @@ class FitData:
             train, holdout = split_arm(self.recordings, self.holdout)
             return RegressionData.of_arm(train, self.terms), RegressionData.of_arm(holdout, self.terms)
         parts = gather(self.recordings, self.holdout, self.window_share)
-        return parts if self.impact_terms is None else with_impacts(parts, self.impact_terms)
+        parts = parts if self.impact_terms is None else with_impacts(parts, self.impact_terms)
+        if self.horizon is None:
+            return parts
+        return parts[0].with_horizon(self.horizon), parts[1].with_horizon(self.horizon)
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle all but the parts, which are large and are computed again."""

@@ -11,11 +11,20 @@ import numpy as np
 from estimators.data.rows import FittedTerms, RowLayout, RowMaker, ScoredTerms, Terms
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, place_columns
+from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import Fit, project_out
 from estimators.search_hints import grid, hints_of, n_tried
 from estimators.selection.errors import Errors
 from estimators.signals.residual import SYMBOLS, Region, stand_out
-from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
+from estimators.simulation.free_running import (
+    Segments,
+    choose_segments,
+    deviation,
+    growth,
+    periods,
+    position_rms,
+    select,
+)
 from estimators.simulation.multiple_shooting import hidden_state, watch
 from estimators.weak_form.columns import bounds_of_laws, mark_bounds
 from estimators.weak_form.links import prepare_arm
@@ -36,6 +45,7 @@ REPEATED = 2  # least number of impacts: a single one may be an accident
 INSTANTS, EDGES = (1e-3, 10.0), (1e-5, 0.7)  # displacements of an instant [s], and relative ones, for an error
 DISPLACEMENTS, ONE_SIGMA = 40, 0.6827  # number of these, and probability of one standard error
 STARTS = 2  # variants of the grid from which a search over nonlinear parameters starts
+GROWS = 10.0  # times, that an error of the initial position grows in a window of free run where the motion is unstable
 COARSE_GRID = 24  # largest number of variants of continuous parameters, where each fit takes seconds
 
 
@@ -62,6 +72,30 @@ class RegressionData:
         """Prepare recordings, or a part of each; raises IdentificationError if they hold too little motion."""
         data = prepare(recordings, half_widths, part)
         return cls(data, tuple(choose_segments(w) for w in data.windows))
+
+    def with_horizon(self, seconds: float, covers: bool = False) -> RegressionData:
+        """Return the data with segments of another length [s]; see `choose_segments`.
+
+        Raises:
+            IdentificationError: if a recording has no stretch without a gap that is as long.
+        """
+        for w in self.data.windows:
+            if (known := periods(w, len(w.recording))) < round(seconds * w.recording.rate):
+                others = ", or hold other recordings out" if w.stop - w.first < len(w.recording) else ""
+                begin, end = w.recording.time[[w.first, w.stop - 1]]
+                raise IdentificationError(
+                    f"{w.recording.name}: from {begin:.3g} to {end:.3g} s it has {known / w.recording.rate:.3g} s "
+                    f"without a gap, less than the horizon of {seconds:g} s: give a shorter one{others}"
+                )
+        return replace(self, segments=tuple(choose_segments(w, seconds, covers) for w in self.data.windows))
+
+    def with_steady_segments(self, model: Model) -> tuple[RegressionData, float]:
+        """Return the data without segments in which a small error grows tenfold, unless all do, and their share."""
+        simulated = self.segments if model.has_known_inertia else ()
+        steady = [growth(segments, model.terms, model.theta) < GROWS for segments in simulated]
+        kept = tuple(select(*pair) for pair in zip(simulated, steady, strict=True) if pair[1].any())
+        unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
+        return replace(self, segments=kept) if kept else self, unstable
 
     @classmethod
     def of_arm(cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> RegressionData:

@@ -12,7 +12,7 @@ from functools import cached_property
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import fit_within_laws
-from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.result import Diagnosis, HorizonRefit
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding
 from estimators.selection.errors import Step
@@ -45,6 +45,7 @@ class Case:
         reveal: return data that show a given effect, for an addition to the base model.
         treatments: candidates, in the order in which they are tried.
         is_timed: whether the time between torque and motion is corrected first.
+        refit_to_horizon: refit the final model to free-running motion; None where no motion follows from torque alone.
     """
 
     prepare: Callable[[Sequence[Recording], Sequence[Recording], Setting], tuple[FitData, Setting]]
@@ -58,6 +59,7 @@ class Case:
     reveal: Callable[[FitData, Terms, type[Term]], FitData]
     treatments: tuple[Treatment, ...]
     is_timed: bool = True
+    refit_to_horizon: Callable[[Trial], HorizonRefit | None] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis, TriedTreatment
+from estimators.selection.errors import Step
 from pendulum_env.recording.study import format_of
 
 
@@ -13,11 +14,18 @@ def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
     """Rank the effects of a trial, and add findings, the residual and the next step."""
     trial.setting.progress("judging", 0.93)
     candidates, groups = rank_effects(trial.final, trial.terms, trial.doubts)
-    *others, last = (trial.case.present(trial, step) for step in trial.final.steps)
-    last = replace(last, model=last.model.biased()) if trial.unexplained else last
-    data = trial.data
+    refit = trial.case.refit_to_horizon(trial) if trial.case.refit_to_horizon is not None else None
+    *others, last = trial.final.steps
+    if refit is not None:
+        refitted = refit.after
+        if refitted is not None:
+            last = trial.evaluator.make_step(last.added, refitted.model) if refit.is_kept else last
+            refitted = _present(trial, refitted, True)
+        refit = replace(refit, before=_present(trial, refit.before, True), after=refitted)
+    steps = [_present(trial, step, step is last) for step in (*others, last)]
+    data = trial.data.over(trial.setting.horizon)
     found = Diagnosis(
-        steps=(*others, last.with_log_format(format_of(data.recordings))),
+        steps=(*steps[:-1], steps[-1].with_log_format(format_of(data.recordings))),
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=trial.unexplained,
@@ -29,7 +37,14 @@ def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
         data=data.without_history(last.model.terms),
         evaluator=trial.evaluator,
         treatments=tuple(tried),
+        refit=refit,
     )
     found = trial.case.conclude(trial, found)
     trial.setting.progress("done", 1.0)
     return found
+
+
+def _present(trial: Trial, step: Step, is_final: bool) -> Step:
+    """Return a step in the units of the user; the final model is biased by what it leaves unexplained."""
+    step = trial.case.present(trial, step)
+    return replace(step, model=step.model.biased()) if is_final and trial.unexplained else step

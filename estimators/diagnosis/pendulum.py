@@ -10,6 +10,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.regression_data import fit_within_laws
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.experiment import questions, suggest
+from estimators.diagnosis.horizon import refit_to_horizon
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import Setting
@@ -44,6 +45,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     """Make the evaluator of models; only tables that the recordings can show compete."""
+    data.over(setting.horizon)  # raises an error before the search begins
     is_free = all(recording.known_inertia for recording in data.recordings)
     return setting.evaluator(data.parts, [kind for kind in COMPETING if not (is_free and needs_torque(kind))])
 
@@ -175,4 +177,5 @@ PENDULUM = Case(
     conclude=conclude,
     reveal=lambda data, base, kind: data.with_impacts(base),
     treatments=(narrow_windows, include_impacts, exclude_outliers, time_beside_effects),
+    refit_to_horizon=refit_to_horizon,
 )

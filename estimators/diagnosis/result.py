@@ -121,6 +121,35 @@ class TriedTreatment:
         }
 
 
+@dataclass(frozen=True)
+class HorizonRefit:
+    """Refit of the final model to free-running motion over a horizon, each segment from its measured state.
+
+    Attributes:
+        seconds: the horizon [s].
+        before: the model that the search found, with errors of free runs over the horizon.
+        after: the refitted model, with the same errors; None if the motion errs by no more than noise.
+        is_kept: whether the refitted model is the final one: it lowers the held-out error, and a body can have it.
+        is_interrupted: whether the refit was interrupted; it then ended at a shorter horizon.
+    """
+
+    seconds: float
+    before: Step
+    after: Step | None = None
+    is_kept: bool = False
+    is_interrupted: bool = False
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "seconds": self.seconds,
+            "before": self.before.json(),
+            "after": None if self.after is None else self.after.json(),
+            "kept": self.is_kept,
+            "interrupted": self.is_interrupted,
+        }
+
+
 @dataclass(frozen=True, repr=False)
 class Diagnosis:
     """Result of a diagnosis.
@@ -148,6 +177,7 @@ class Diagnosis:
         left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
         by_torque: of a servo in the loop, effects that its torque calls for by itself; None if none was logged.
         treatments: of the recordings that were tried, in order; what was done to them before is in the data.
+        refit: to free-running motion over a horizon; None if none was asked for.
         evaluator: fits and scores of the search; `evaluator.model(candidate.terms)` is a candidate. Not pickled.
     """
 
@@ -171,6 +201,7 @@ class Diagnosis:
     by_torque: tuple[str, ...] | None = None
     evaluator: ModelEvaluator | None = field(default=None, compare=False, repr=False)
     treatments: tuple[TriedTreatment, ...] = ()
+    refit: HorizonRefit | None = None
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "evaluator"}
@@ -278,6 +309,7 @@ class Diagnosis:
             "inseparable": [list(group) for group in self.inseparable],
             "alignments": [alignment.json() for alignment in self.alignments],
             "detectable": [one.json() for one in self.detectable],
+            "horizon": None if self.refit is None else self.refit.json(),
             "by_torque": None if self.by_torque is None else {"effects": [*self.by_torque]},
         }
 

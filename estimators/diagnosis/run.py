@@ -7,6 +7,7 @@ import numpy as np
 from estimators.arguments import (
     Recordings,
     Terms,
+    check_horizon,
     chosen_effects,
     chosen_recordings,
     chosen_terms,
@@ -47,6 +48,7 @@ def diagnose(
     criterion: Criterion | None = None,
     rng: np.random.Generator | None = None,
     by_reference: bool = False,
+    horizon: float | None = None,
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
 
@@ -75,10 +77,13 @@ def diagnose(
         criterion: what effects have to achieve.
         rng: of the bootstrap; the same seed gives the same result, and so does none.
         by_reference: fit the base model by instruments made of the reference; effects by least squares all the same.
+        horizon: refit the final model to free-running motion over this time [s], under the recorded torque; verdicts on
+            effects do not depend on it.
 
     Raises:
-        IdentificationError: if the recordings hold too little motion, or no reference that instruments need.
-        ValueError: if a name is unknown.
+        IdentificationError: if the recordings hold too little motion, or no reference that instruments need, or are
+            shorter than the horizon.
+        ValueError: if a name is unknown, or the horizon is not above zero, or is given for an arm or for servos.
         TypeError: if something else is given than recordings and terms.
     """
     kinds = (recordings, Recording), (holdout, Recording), (base, Term | Model)
@@ -89,8 +94,9 @@ def diagnose(
     fitted, unseen = chosen_recordings(recordings, body=body), chosen_recordings(holdout, empty=True, body=body)
     effects, limits = that_may_show(effects, fitted), Limits(max_torque, max_angle, max_speed)
     rng, progress = rng or np.random.default_rng(0), forward(progress)
-    setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, by_reference=by_reference)
+    setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, by_reference, horizon=horizon)
     case = case_of(terms, (*fitted, *unseen))
+    check_horizon(horizon, case.refit_to_horizon is not None)
     progress("reading the motion", 0.0)
     data, setting = case.prepare(fitted, unseen, setting)
     progress("timing the torque", 0.0)

@@ -26,6 +26,7 @@ class Setting:
         progress: called with the current stage and the share that is done.
         limits: of the rig, for the suggested experiment.
         by_reference: whether the base model is fitted by instruments.
+        horizon: length of the free-running motion to which the final model is refitted [s]; None for no refit.
     """
 
     base: Sequence[Term]
@@ -35,6 +36,7 @@ class Setting:
     progress: Progress = no_progress
     limits: Limits = field(default_factory=Limits)
     by_reference: bool = False
+    horizon: float | None = None
     original: Sequence[Term] = ()
 
     def evaluator(

@@ -3,15 +3,17 @@
 Windows exclude stick and reversals; a simulation includes both.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator, held_out_cost
 from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
-from estimators.simulation.free_running import choose_segments
+from estimators.simulation.free_running import Segments, choose_segments
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model
 from pendulum_env.physics.terms import has_bristles, has_link, has_transmission
@@ -39,12 +41,21 @@ def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
     if not (evaluator.train.segments and step.model.has_known_inertia):
         return False
     segments, point = evaluator.train.segments, Point.of(step.model)
-    motion = np.concatenate([segment.position.ravel() for segment in segments])
-    least, misfit = evaluator.criterion.accuracy * float(np.std(motion)), evaluator.criterion.misfit
-    if step.errors["train"].position_rms <= misfit * max(least, output_error.position_noise(segments, point)):
+    if not errs_by_more_than_noise(segments, step, evaluator.criterion):
         return False
-    noise = max(least, output_error.noise(segments, point))
-    return output_error.rms(segments, point) > misfit * noise
+    noise = max(_accuracy(segments, evaluator.criterion), output_error.noise(segments, point))
+    return output_error.rms(segments, point) > evaluator.criterion.misfit * noise
+
+
+def errs_by_more_than_noise(segments: Sequence[Segments], step: Step, criterion: Criterion) -> bool:
+    """Return whether the error of fitted segments is much larger than noise of torque and initial state makes it."""
+    noise = max(_accuracy(segments, criterion), output_error.position_noise(segments, Point.of(step.model)))
+    return step.errors["train"].position_rms > criterion.misfit * noise
+
+
+def _accuracy(segments: Sequence[Segments], criterion: Criterion) -> float:
+    """Return the accuracy of a simulation of the segments [rad]."""
+    return criterion.accuracy * float(np.std(np.concatenate([segment.position.ravel() for segment in segments])))
 
 
 def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> SearchResult:

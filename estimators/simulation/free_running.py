@@ -1,7 +1,7 @@
 """Free-running simulation against the measured position, in many short windows at once.
 
-A one-second window from the measured state is long enough for a wrong torque to show as a wrong motion, and short
-enough that the growing errors of an unstable upright pendulum do not dominate.
+A window of the usual horizon from the measured state is long enough for a wrong torque to show as a wrong motion, and
+short enough that the growing errors of an unstable upright pendulum do not dominate.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +17,7 @@ from pendulum_env.physics import KnownLoad, Samples, Term, Trajectory, simulate
 from pendulum_env.physics.simulation import LONGEST_STEP, delayed, substeps
 from pendulum_env.physics.term import Memory
 
-SECONDS = 1.0  # length of a window
+HORIZON = 1.0  # [s], usual length of a window
 PERTURBATION = 1e-6  # [rad], of the initial position, whose growth is simulated
 
 
@@ -60,8 +60,11 @@ class Segments:
         return delayed(self.torque, before, delay * recording.rate)
 
 
-def choose_segments(windows: Windows, seconds: float = SECONDS) -> Segments:
-    """Cut a recording into segments that start away from reversals, where the velocity is most accurate."""
+def choose_segments(windows: Windows, seconds: float = HORIZON, covers: bool = False) -> Segments:
+    """Cut a recording into segments that start away from reversals, where the velocity is most accurate.
+
+    With `covers`, a last segment covers what would remain at the end, and overlaps the one before.
+    """
     recording = windows.recording
     length = periods(windows, seconds)
     clear = scipy.ndimage.distance_transform_cdt(
@@ -72,7 +75,8 @@ def choose_segments(windows: Windows, seconds: float = SECONDS) -> Segments:
     first = []
     for earliest, stop in spans(windows):
         latest = stop - length - 1
-        for nominal in range(earliest, latest + 1, length):
+        begins = np.arange(earliest, latest + 1, length)
+        for nominal in np.union1d(begins, [latest]) if covers and len(begins) else begins:
             low, high = max(earliest, nominal - reach // 2), min(latest, nominal + reach)
             first.append(low + int(np.argmax(clear[low : high + 1])))
     return cut_segments(windows, np.array(first), length)

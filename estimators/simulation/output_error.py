@@ -2,7 +2,8 @@
 
 Equations clear of stick lack the information in and around stick, which a simulation has. All segments and all
 perturbed parameters are simulated as one batch, and the parameters are fitted to the measured positions (Gauss-Newton).
-The initial state of each segment is free: its two sensitivities are projected out.
+The initial state of each segment is free: its two sensitivities are projected out. Over long segments it is the
+measured state instead, since a free one would hide a drift.
 
 With filters, errors are innovations: the fit is then of maximum likelihood, if the residual is noise.
 
@@ -11,7 +12,7 @@ Source: Ljung, System Identification, 2nd edition, section 10.2, with multiple s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,23 +93,25 @@ PERTURBATION = np.array([1e-4, 1e-3])  # of the initial position [rad] and veloc
 Filters = Sequence[Innovations]  # of each recording's segments; none for unfiltered errors
 
 
-def errors(segments: Sequence[Segments], points: Sequence[Point], filters: Filters = ()) -> tuple[Array, Index]:
+def errors(
+    segments: Sequence[Segments], points: Sequence[Point], filters: Filters = (), from_measured: bool = False
+) -> tuple[Array, Index]:
     """Return position errors of V points (M, V) without the part of the initial state, and their segments (M,).
 
-    The part of each segment's error in the span of its two initial-state sensitivities is projected out. Filters turn
-    the errors [rad] into innovations, in standard deviations.
+    The part of each segment's error in the span of its two initial-state sensitivities is projected out, unless the
+    motion starts `from_measured` states. Filters turn the errors [rad] into innovations, in standard deviations.
     """
     everyone = [(point.terms, point.theta) for point in (*points, points[0], points[0])]
     perturbations = np.zeros((len(everyone), 2))
     perturbations[-2:] = np.diag(PERTURBATION)
     paths = simulate_all(segments, everyone, perturbations)
     each: Sequence[Innovations | None] = filters or [None] * len(paths)
-    parts = [_errors(*parts) for parts in zip(segments, paths, each, strict=True)]  # (B, N, V) each
+    parts = [_errors(*parts, from_measured) for parts in zip(segments, paths, each, strict=True)]  # (B, N, V) each
     counts = np.concatenate([np.full(len(part), part.shape[1]) for part in parts])
     return np.concatenate([part.reshape(-1, len(points)) for part in parts]), np.repeat(np.arange(len(counts)), counts)
 
 
-def _errors(segments: Segments, path: Array, filter: Innovations | None) -> Array:
+def _errors(segments: Segments, path: Array, filter: Innovations | None, from_measured: bool) -> Array:
     """Return errors (B, N, V) of positions (N + 1, V + 2, B), the last two from perturbed initial states."""
     grain = grain_of(segments)
     path, measured = path[grain::grain], segments.position[grain::grain]
@@ -116,6 +119,8 @@ def _errors(segments: Segments, path: Array, filter: Innovations | None) -> Arra
     error = np.moveaxis(path[:, :-2] - measured[:, None], 2, 0)  # (B, N, V)
     if filter is not None:
         sensitivity, error = np.split(filter.whiten(np.concatenate([sensitivity, error], axis=2)), [2], axis=2)
+    if from_measured:
+        return np.asarray(error)
     frames, _ = np.linalg.qr(sensitivity)
     return np.asarray(error - frames @ (np.swapaxes(frames, 1, 2) @ error))
 
@@ -132,7 +137,11 @@ def innovations(segments: Sequence[Segments], point: Point) -> list[Innovations]
 
 def sizes(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Array:
     """Return the root mean square error of each segment, of all recordings in a row [rad]."""
-    error, which = errors(segments, [point], filters)
+    return sizes_of(*errors(segments, [point], filters))
+
+
+def sizes_of(error: Array, which: Index) -> Array:
+    """Return the root mean square of the errors (M, 1) of each segment, by the segment of each error (M,)."""
     return np.asarray(np.sqrt(np.bincount(which, error[:, 0] ** 2) / np.bincount(which)) + 1e-12)
 
 
@@ -141,24 +150,39 @@ def trust(sizes: Array) -> Array:
     return np.asarray(1 / (1 + (sizes / (3 * float(np.median(sizes)))) ** 2))
 
 
-def _slopes(
-    segments: Sequence[Segments], point: Point, weights: Array, filters: Filters = ()
-) -> tuple[Array, Array, Index]:
-    """Return weighted errors (M,), their slopes by relative changes of parameters (M, P + S), and segments (M,)."""
+ErrorsOf = Callable[[Sequence[Point]], Array]  # weighted errors (M, V) of V points
+
+
+def slopes_of(errors_of: ErrorsOf, point: Point) -> tuple[Array, Array]:
+    """Return errors (M,) at a point, and their slopes by relative changes of the parameters (M, P + S)."""
     values = point.values
     size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
     nearby = [point.at(values + OUTPUT_ERROR.difference * size * direction) for direction in np.eye(len(values))]
-    error, which = errors(segments, [point, *nearby], filters)
-    error *= np.sqrt(weights)[which, None]
-    return error[:, 0], (error[:, 1:] - error[:, :1]) / OUTPUT_ERROR.difference, which
+    error = errors_of([point, *nearby])
+    return error[:, 0], (error[:, 1:] - error[:, :1]) / OUTPUT_ERROR.difference
+
+
+def _trusted(segments: Sequence[Segments], point: Point, filters: Filters) -> ErrorsOf:
+    """Errors of the segments with free initial states, weighted by their size at a point."""
+    weights = np.sqrt(trust(sizes(segments, point, filters)))
+
+    def errors_of(points: Sequence[Point]) -> Array:
+        error, which = errors(segments, points, filters)
+        return np.asarray(error * weights[which, None])
+
+    return errors_of
 
 
 def fit(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Filters = ()) -> Point:
     """Fit the linear and the continuous nonlinear parameters to the segments, from a point."""
-    weights = trust(sizes(segments, start, filters))
+    return minimise(_trusted(segments, start, filters), start, turns)
+
+
+def minimise(errors_of: ErrorsOf, start: Point, turns: int = 12) -> Point:
+    """Minimise the sum of squared errors from a point."""
 
     def near(point: Point) -> Near[Point]:
-        error, slopes, _ = _slopes(segments, point, weights, filters)
+        error, slopes = slopes_of(errors_of, point)
         return Near(point, float(error @ error), error, slopes)
 
     def best(near: Near[Point], steps: list[Array]) -> tuple[Point, float]:
@@ -168,8 +192,7 @@ def fit(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Fi
         longest = np.where(size > smallest, 0.5, OUTPUT_ERROR.leap / smallest)
         step = np.clip(steps[0], -longest, longest) * size
         tried = [near.known.at(values + share * step) for share in OUTPUT_ERROR.shares]
-        error, which = errors(segments, tried, filters)
-        return least_of(tried, weights[which] @ error**2)
+        return least_of(tried, np.sum(errors_of(tried) ** 2, axis=0))
 
     return gauss_newton(start, near, best, Rule(turns, (OUTPUT_ERROR.damping,), by_offset=True))
 
@@ -241,7 +264,8 @@ def torque_again(segment: Segments, rng: np.random.Generator) -> Array:
 
 def model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Model:
     """Return the model at a point, with standard errors from the spread of the segments (jackknife's sandwich)."""
-    error, slopes, which = _slopes(segments, point, trust(sizes(segments, point, filters)), filters)
+    error, slopes = slopes_of(_trusted(segments, point, filters), point)
+    _, which = errors(segments, [point], filters)
     return named(point, robust_covariance(slopes, error, which))
 
 

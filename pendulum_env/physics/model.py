@@ -61,7 +61,7 @@ class Estimate:
     def within(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
         """An estimate that was kept within bounds; where they leave one value, it is known."""
         at_bound = least < most and value in (least, most)
-        return cls(value, 0.0 if at_bound else std, unit, at_bound)
+        return cls(value, 0.0 if at_bound or least == most else std, unit, at_bound)
 
     @property
     def is_significant(self) -> bool:

@@ -83,6 +83,8 @@ def test_a_servo_in_the_loop_is_predicted_by_its_position():
     assert np.mean(np.isfinite(own.simulated_position)) > 0.98
     assert np.mean(np.abs(missed(own))) == pytest.approx(found.errors.in_loop, rel=0.02)
     assert "position" in own.figure().layout.yaxis.title.text
+    with pytest.raises(ValueError, match="horizon"):
+        diagnose(servo, horizon=1.0)
 
 
 def test_an_arm_has_a_column_a_joint():
@@ -98,6 +100,8 @@ def test_an_arm_has_a_column_a_joint():
         assert rms(own.residual[np.isfinite(own.residual[:, k]), k]) == pytest.approx(rms(counted), rel=0.1)
     with pytest.raises(ValueError, match="position"):
         own.figure("position")
+    with pytest.raises(ValueError, match="horizon"):
+        compare(found, run, horizon=2.0)
     assert own.figure(joint=body.joints[-1]).data
 
 

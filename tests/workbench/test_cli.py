@@ -130,6 +130,19 @@ def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, few_effect
     assert page.lstrip().lower().startswith("<!doctype html>") and f"<code>pendulum-ident {line}</code>" in page
 
 
+def test_a_horizon_is_in_what_compare_and_diagnose_write(runs, few_effects, done):
+    out = done("compare base.json train.csv --horizon 3 --json c.json --report c.html")
+    assert "over 3 s" in out and held("c.json")["horizon"] == 3.0
+    assert "over 3 s" in Path("c.html").read_text(encoding="utf-8")
+    out = done(
+        "diagnose train.csv --holdout holdout.csv --horizon 3 --only cogging --json d.json --report d.html -o m.json"
+    )
+    refit = held("d.json")["horizon"]
+    after = refit["after" if refit["kept"] else "before"]["theta"]
+    assert refit["text"] in out and refit["text"] in Path("d.html").read_text(encoding="utf-8")
+    assert Model.load("m.json")["coulomb"].value == pytest.approx(after["coulomb"]["value"])
+
+
 @pytest.mark.parametrize(("option", "limit"), [("", 0.05), (" --significance 0.01", 0.01)])
 def test_diagnose_judges_gains_by_the_significance_that_is_asked_for(runs, few_effects, done, option, limit):
     done(f"diagnose train.csv --holdout holdout.csv --json d.json{option}")

@@ -8,8 +8,10 @@ from estimators.arms.payload import Payload, find_payload
 from estimators.comparison import compare, in_units_of
 from estimators.in_loop.rollouts import are_driven
 from estimators.regression.equations import IdentificationError
+from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import links_of
+from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import read_as
@@ -18,7 +20,7 @@ from workbench.inputs import Opened, opened, read_all, sources_of, tell_preproce
 from workbench.mistakes import InputError
 from workbench.narrator.diagnosis import comparison_json
 from workbench.narrator.results import Part, of_comparison
-from workbench.options import KINDS, READING, ROBOT, declare
+from workbench.options import KINDS, READING, ROBOT, between, declare
 from workbench.outputs import check_outputs, write_json, write_page, wrote
 from workbench.story import tell
 from workbench.terminal import Terminal
@@ -34,6 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         {READING} --drive --align --report --degrees
         --loop  simulate whole recordings in closed loop from their reference, which needs --drive or a study with
             [drive]; if a drive is known, these errors are given anyway
+        --horizon S  simulate free motion over S seconds (default {HORIZON:g})
         {ROBOT}
         --payload JOINT  with --robot: identify the load that the arm carries in these recordings, at the link behind
             JOINT (default: the last)
@@ -42,7 +45,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --json FILE  write errors, profiles and regions
         """,
         arms=("payload", "without"),
-        pendulums=("loop",),
+        pendulums=("loop", "horizon"),
+        horizon=between(0.0, LARGE),
         payload={"nargs": "?", "const": ""},  # no joint is named
         without={"action": "append", "default": []},
     )
@@ -64,7 +68,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         given = asked.preprocessed(terminal, arguments.align)
     recordings = [*given.recordings, *given.holdout]
     with terminal.progress("comparing"):
-        found = compare(model, recordings)
+        found = compare(model, recordings, horizon=arguments.horizon)
     payload, is_asked = None, arguments.payload is not None
     if isinstance(asked.body, Body):
         payload = carried(arguments, asked, recordings, terminal)

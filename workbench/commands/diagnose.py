@@ -8,6 +8,7 @@ from estimators.diagnosis.run import diagnose
 from estimators.selection.criterion import Criterion
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
+from pendulum_env.reading import LARGE
 from workbench.inputs import opened
 from workbench.narrator.diagnosis import diagnosis_json
 from workbench.options import LIMITS, READING, ROBOT, between, declare, number
@@ -15,7 +16,7 @@ from workbench.outputs import write_json, write_model, write_page, wrote
 from workbench.story import MORE, tell_diagnosis
 from workbench.terminal import Terminal
 
-ASKED = ("only", "without", "fixed", "bounds", "max_torque", "max_angle", "max_speed")  # of a diagnosis, as it is
+ASKED = "only without fixed bounds max_torque max_angle max_speed horizon".split()  # of a diagnosis, as it is
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -36,15 +37,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --max-angle RAD  its largest angle to either side [rad], inf for any (default: as recorded)
         --max-speed RAD/S  its highest speed [rad/s], inf for any (default: as recorded)
         --experiment FILE.csv  write the torque of the suggested experiment
+        --horizon S  refit the final model to free motion over S seconds under the recorded torque
         --json FILE  write the diagnosis
         --report
         -o, --output MODEL.json  write the final model
         """,
-        pendulums=("max_torque", "max_angle", "max_speed", "experiment"),
+        pendulums=("max_torque", "max_angle", "max_speed", "experiment", "horizon"),
         significance=(between(0.0, 1.0), Criterion.p_value),
         max_torque=number(0.1, MOST_TORQUE),
         max_angle=number(0.01, math.inf),
         max_speed=number(0.01, math.inf),
+        horizon=between(0.0, LARGE),
     )
 
 

@@ -16,11 +16,10 @@ def headline(found: Comparison) -> str:
     units, where = found.model.units(at), f" at {at}" if at else ""
     error = f"{errors.joints[at]:.3g} {units.unit(NEWTON_METRE)}{where}"
     text = f"The model is off by {error}, {times:.2g} times the noise floor"
-    return (
-        text
-        if np.isnan(errors.position_rms)
-        else f"{text}, and by {measure(Quantity(errors.position_rms, unit=units.unit('rad')))} in free run"
-    )
+    if np.isnan(errors.position_rms):
+        return text
+    position = measure(Quantity(errors.position_rms, unit=units.unit("rad")))
+    return f"{text}, and by {position} in free run over {found.horizon:g} s"
 
 
 def caveat(found: Comparison) -> str | None:
@@ -30,7 +29,8 @@ def caveat(found: Comparison) -> str | None:
     share = found.joint.unstable
     if share == 0:
         return None
-    text = f"In {percent(share)} of the one-second windows a small error grows tenfold, as with the arm upright"
+    windows = f"windows of {found.horizon:g} s"
+    text = f"In {percent(share)} of the {windows} a small error grows tenfold, as with the arm upright"
     return f"{text}: there are no others." if share == 1 else f"{text}: these are not counted in free run."
 
 

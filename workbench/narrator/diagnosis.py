@@ -3,7 +3,7 @@
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import Comparison
-from estimators.diagnosis.result import Detectable, Diagnosis, TriedTreatment
+from estimators.diagnosis.result import Detectable, Diagnosis, HorizonRefit, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.schemes.identification import Identification
@@ -15,7 +15,7 @@ from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, show_angles
 from pendulum_env.words import listing, opening
 from workbench.narrator.effects import name
-from workbench.narrator.findings import aim, describe, measure, measure_range
+from workbench.narrator.findings import aim, describe, measure, measure_change, measure_range
 from workbench.narrator.reasons import describe_reason
 
 FOR_DIAGNOSE = {Kind.INCOMPLETE, Kind.FRICTION_NEGATIVE}  # findings of `identify` that a diagnosis follows up
@@ -100,6 +100,22 @@ def headline(found: Diagnosis) -> str:
         if found.searched
         else (f"Something is missing{place or ' in this model'}")
     )
+
+
+def describe_refit(found: HorizonRefit) -> str:
+    """Describe a refit to free motion by its held-out errors, and whether it was kept."""
+    unit, over = found.before.model.units().unit("rad"), f"over {found.seconds:g} s"
+    old = Quantity(found.before.errors["holdout"].position_rms, unit=unit)
+    if found.after is None:
+        what = f"The held-out error of free motion {over} is {measure(old, 4)}"
+        return f"{what}. Noise explains the error of the fitted motion, and the model is not refitted."
+    new = Quantity(found.after.errors["holdout"].position_rms, unit=unit)
+    end = "was interrupted. It " if found.is_interrupted else ""
+    text = f"The refit to free motion {end}changes the held-out position error {over}: {measure_change(old, new, 4)}"
+    if found.is_kept:
+        return f"{text}. The final model is the refitted one."
+    why = "is not lower" if not new.value < old.value else "is lower, but no body can have the parameters"
+    return f"{text}. The error {why}, and the model is not changed."
 
 
 def describe_treatment(found: TriedTreatment) -> str:
@@ -203,6 +219,8 @@ def diagnosis_json(found: Diagnosis) -> JSON:
         own["text"] = describe_disagreement(disagreement)
     if found.suggestion is not None:
         data["suggestion"]["text"] = describe_suggestion(found.suggestion, found.model.units())
+    if found.refit is not None:
+        data["horizon"]["text"] = describe_refit(found.refit)
     if found.by_torque is not None:
         data["by_torque"]["says"] = contradiction(found) if found.is_contradicted else None
     return data

@@ -10,10 +10,11 @@ import numpy as np
 
 from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import Comparison
-from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, Verdict
+from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, HorizonRefit, Verdict
 from estimators.schemes.identification import Identification
 from estimators.selection.errors import Errors, Step
 from estimators.signals.residual import SYMBOLS, Profile
+from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model
 from pendulum_env.physics.model_card import parameters_table
@@ -26,6 +27,7 @@ from workbench.narrator.comparison import caveat, errors_in_loop
 from workbench.narrator.diagnosis import (
     describe_detectable,
     describe_disagreement,
+    describe_refit,
     describe_region,
     describe_treatment,
     describe_unexplained,
@@ -70,6 +72,8 @@ def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[P
         Part("Parameters", [parameters_table(found.model), *([BIASED] if found.unexplained else [])]),
         judged(found.candidates, every, how),
     ]
+    if found.refit is not None:
+        parts.insert(1, Part(f"Free motion over {found.refit.seconds:g} s", refit_content(found.refit, units)))
     if found.detectable:
         parts.append(Part("What would have shown", [detectable_table(found.detectable)], brief=False))
     if treatments := tuple(describe_treatment(one) for one in found.treatments):
@@ -77,6 +81,19 @@ def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[P
     if left := tuple(describe_unexplained(found, region) for region in found.unexplained):
         parts.append(Part("Left unexplained", [left]))
     return parts
+
+
+def refit_content(refit: HorizonRefit, units: JointUnits) -> Content:
+    """Errors before and after a refit to free motion."""
+    factor, angle = to_shown_unit(1.0, units.unit("rad"))
+    errors = f"torque [{units.unit(NEWTON_METRE)}]", f"position [{angle}]"
+    headers = ("model", *(f"{what}, {part}" for part in ("fitted", "held out") for what in errors))
+    steps = {"before the refit": refit.before} | ({"after it": refit.after} if refit.after is not None else {})
+    rows = []
+    for name, step in steps.items():
+        sizes = [size for own in step.errors.values() for size in (own.torque_rms, factor * own.position_rms)]
+        rows.append((name, *(number_text(size, 4) for size in sizes)))
+    return [Table(headers, rows), describe_refit(refit)]
 
 
 def ends(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors, Errors]:
@@ -290,7 +307,8 @@ def distances_table(found: Comparison) -> Table:
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
     units = found.model.units()
     unit, (factor, angle) = units.unit(NEWTON_METRE), to_shown_unit(1.0, units.unit("rad"))
-    errors = (f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", f"free-running position [{angle}]", "fit [%]")
+    free = f"free-running position{'' if found.horizon == HORIZON else f' over {found.horizon:g} s'} [{angle}]"
+    errors = (f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", free, "fit [%]")
     return Table(
         (
             "recording",

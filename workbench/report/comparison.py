@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line
 from estimators.in_loop.fit import simulate_recording
-from estimators.simulation.free_running import Segments, follow
+from estimators.simulation.free_running import HORIZON, Segments, follow
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
@@ -39,6 +39,7 @@ def comparison(case: Case) -> Section:
         "runs": runs,
         "held_out": case.data.holdout is not case.data.recordings,
         "left_out": len(usable) - len(runs),
+        "horizon": case.data.horizon or HORIZON,
         "found": bool(case.diagnosis.selected),
     }
     return Section("comparison", "Comparison", "Measured against modelled", content)
@@ -64,7 +65,8 @@ def position_figure(case: Case, id: str, each: Sequence[Segments]) -> Figure:
     """
     segments = each[0]
     # of each simulated window, fewer where there are many
-    points = int(np.clip(2 * POINTS // len(segments.first), 10, 80))
+    seconds = (len(segments.position) - 1) / segments.windows.recording.rate
+    points = int(np.clip(2 * POINTS // len(segments.first), 10, 80 * max(1.0, seconds)))
     step = max(1, (len(segments.position) - 1) // points)
     at = np.arange(0, len(segments.position), step)
     recording = segments.windows.recording

@@ -10,12 +10,12 @@ import numpy as np
 from estimators.diagnosis.result import Candidate, Detectable, Diagnosis, Verdict
 from estimators.figure import Figure, axis, line
 from estimators.signals.differentiation import encoder_noise, white_noise
-from estimators.simulation.free_running import SECONDS
+from estimators.simulation.free_running import HORIZON
 from estimators.weak_form.windows import Windows
 from pendulum_env.physics import nameable
 from pendulum_env.quantity import Quantity
 from pendulum_env.words import listing, number
-from workbench.narrator.diagnosis import advice, headline, next_step, remarks
+from workbench.narrator.diagnosis import advice, describe_refit, headline, next_step, remarks
 from workbench.narrator.effects import name
 from workbench.narrator.findings import aim, measure, measure_range
 from workbench.narrator.notes import describe_note
@@ -42,6 +42,7 @@ def story(case: Case) -> Section:
     content = {
         "changes": changes(case),
         "misled": misled(diagnosis),
+        "refit": describe_refit(diagnosis.refit) if diagnosis.refit is not None else None,
         "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
         "unexplained": diagnosis.unexplained,
         "disagreements": diagnosis.disagreements,
@@ -65,7 +66,7 @@ def changes(case: Case) -> list[Change]:
         is_compared = diagnosis.selected and not math.isnan(after)
         return Change(label, unit, before, after, after / before if is_compared else None, note)
 
-    unit, over = case.units.unit("N m"), f"on held-out data, over {SECONDS:g} s"
+    unit, over = case.units.unit("N m"), f"on held-out data, over {HORIZON:g} s"
     return [
         change("Torque error", unit, first.torque_rms, last.torque_rms, "on held-out data"),
         change("Free-running position error", angle, factor * first.position_rms, factor * last.position_rms, over),
@@ -163,7 +164,7 @@ def method(case: Case) -> Section:
         "unit": case.units.unit("N m"),
         "angle": case.angle,
         "split": not case.data.holdout,
-        "seconds": SECONDS,
+        "seconds": HORIZON,
         "command": case.command,
         "terms": [term.id for term in case.diagnosis.steps[0].model.terms],
     }

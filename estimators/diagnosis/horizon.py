@@ -1,0 +1,103 @@
+"""Refit of the final model of a pendulum to free-running motion over a long horizon.
+
+Windows of torque weigh every moment alike, but a mean torque that is slightly wrong adds up over seconds of free
+motion. The refit minimises the product of two errors, that of the free motion E_q and that of the torque E_tau: the
+likelihood of both with unknown noise, at equal weights. Motion over seconds hardly depends on the inertia, which the
+torque keeps in place.
+
+Each segment starts from its measured position and its smoothed velocity. They are not fitted, and a constant torque is
+fitted only if it is a term of the model: either would hide a drift. The horizon grows by factors of two from the usual
+one, so that each fit starts where its errors are nearly linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.data.regression_data import RegressionData
+from estimators.diagnosis.case import Trial
+from estimators.diagnosis.result import HorizonRefit
+from estimators.regression.least_squares import robust_covariance
+from estimators.selection.errors import Step
+from estimators.selection.motion import errs_by_more_than_noise
+from estimators.selection.physical import violations
+from estimators.simulation import output_error
+from estimators.simulation.free_running import HORIZON
+from estimators.simulation.output_error import ErrorsOf, Point
+from pendulum_env._typing import Array, Index
+from pendulum_env.physics import Model
+
+PROGRESS = (0.93, 0.95)  # shares of the diagnosis between which the refit lies
+REWEIGHTED = 3  # fits to the last horizon, each weighted by the errors of the one before
+
+
+def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
+    """Refit the final model to free-running motion; None without a horizon, or if the inertia is unknown.
+
+    A model whose motion errs by no more than noise is not refitted: it is the most likely one already. The refit is
+    kept if it lowers the held-out error over the horizon and no parameter is impossible. A keyboard interrupt ends it
+    at the parameters that were reached.
+    """
+    seconds, last = trial.setting.horizon, trial.final.steps[-1]
+    if seconds is None or not last.model.has_known_inertia:
+        return None
+    data = [_steady(part, last.model) for part in trial.data.over(seconds).parts]
+    before = _step(last, last.model, data)
+    if not errs_by_more_than_noise(data[0].segments, before, trial.evaluator.criterion):
+        return HorizonRefit(seconds, before)
+    horizons = [*_doubled(seconds), *[seconds] * REWEIGHTED]
+    point, is_interrupted, (low, high) = Point.of(last.model), False, PROGRESS
+    try:
+        for number, length in enumerate(horizons):
+            share = low + (high - low) * number / len(horizons)
+            trial.setting.progress(f"refitting to {length:g} s of motion", share)
+            point = output_error.minimise(_rows(data[0], length, last.model, point)[0], point)
+    except KeyboardInterrupt:
+        is_interrupted = True
+    errors_of, clusters = _rows(data[0], seconds, last.model, point)
+    error, slopes = output_error.slopes_of(errors_of, point)
+    model = output_error.named(point, robust_covariance(slopes, error, clusters)).per(data[0].recordings[0].units)
+    model = model.withholding({name for name, own in last.model.estimates.items() if own.is_unknown})
+    after = _step(last, model, data)
+    old, new = (step.errors["holdout"].position_rms for step in (before, after))
+    is_kept = new < old and not violations(model, trial.evaluator.train.motions)
+    return HorizonRefit(seconds, before, after, is_kept, is_interrupted)
+
+
+def _step(last: Step, model: Model, data: Sequence[RegressionData]) -> Step:
+    """Return a model with its errors on fitted and held-out data."""
+    return Step(
+        last.added, model, {name: own.errors(model) for name, own in zip(("train", "holdout"), data, strict=True)}
+    )
+
+
+def _doubled(seconds: float) -> list[float]:
+    """Return horizons below a horizon [s], each twice the one before."""
+    return [HORIZON * 2**k for k in range(max(0, int(np.ceil(np.log2(seconds / HORIZON)))))]
+
+
+def _steady(part: RegressionData, model: Model) -> RegressionData:
+    """Return data with link states of a model, without the segments in which a small error grows."""
+    return part.with_link_states(model).with_steady_segments(model)[0]
+
+
+def _rows(data: RegressionData, seconds: float, model: Model, point: Point) -> tuple[ErrorsOf, Index]:
+    """Return the errors of free motion and of torque, each of norm one at a point, and their clusters.
+
+    A segment in which small errors grow is left out, and one with a large error has a small weight.
+    """
+    segments = _steady(data.with_horizon(seconds, covers=True), model).segments
+    weights = np.sqrt(data.equations(point.terms).weights)
+    error, which = output_error.errors(segments, [point], from_measured=True)
+    trust = np.sqrt(output_error.trust(output_error.sizes_of(error, which)))[which]
+
+    def parts_of(points: Sequence[Point]) -> tuple[Array, Array]:
+        motion = output_error.errors(segments, points, from_measured=True)[0]
+        torque = np.column_stack([data.residual(own.terms, own.theta) for own in points])
+        return motion * trust[:, None], torque * weights[:, None]
+
+    scales = [1 / np.linalg.norm(part) for part in parts_of([point])]
+    clusters = np.concatenate([which, which.max() + 1 + data.layout.clusters])
+    return lambda points: np.vstack([s * part for s, part in zip(scales, parts_of(points), strict=True)]), clusters
