@@ -1,5 +1,6 @@
 """The command line end to end, through `main`."""
 
+import html
 import json
 import re
 import shutil
@@ -139,7 +140,7 @@ def test_a_horizon_is_in_what_compare_and_diagnose_write(runs, few_effects, done
     )
     refit = held("d.json")["horizon"]
     after = refit["after" if refit["kept"] else "before"]["theta"]
-    assert refit["text"] in out and refit["text"] in Path("d.html").read_text(encoding="utf-8")
+    assert refit["text"] in out and refit["text"] in html.unescape(Path("d.html").read_text(encoding="utf-8"))
     assert Model.load("m.json")["coulomb"].value == pytest.approx(after["coulomb"]["value"])
 
 
