@@ -1,157 +1,90 @@
-"""Torque that is logged late or filtered: how often that is found, and what is named beside it.
+"""CPU seconds of `diagnose`, by case, each in a process of its own.
 
-Nothing is hidden in the plants, or Stribeck friction; the log is late or filtered as real logs are. A late log holds
-the mean of the torque over a sample, some time late: a share of a sample lies between two rows.
+    python -m benchmarks.timing [--other PYTHON] [NAME ...]
 
-    python -m benchmarks.timing                # what is found, in a minute
-    python -m benchmarks.timing --diagnose     # and what `diagnose` names, in five minutes
+Cases are recordings of the independent plant, 20 s to fit and 20 s held out at 1 kHz, and of the arm of `six_joint`.
+`--other` is the interpreter of another release, whose seconds come beside.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.signal import lfilter
 
-from benchmarks.independent_plant import SimulatedRecording, random_case, simulate
-from benchmarks.parallel import each
-from benchmarks.scoring import rate, take_workers
-from estimators import align, diagnose
-from pendulum_env.recording import Recording
-from workbench.narrator.diagnosis import describe_alignment
+from benchmarks import six_joint
+from benchmarks.independent_plant import random_case, simulate, write_case
+from benchmarks.six_joint import Hidden
+from pendulum_env.recording.writing import write_recording
 from workbench.terminal import Terminal
 
-Array = NDArray[np.float64]
-
-EXCITATIONS = ("two_tone", "multisine", "chirp", "prbs", "steps")
-RATES = (200.0, 500.0, 1000.0, 2000.0)  # [Hz]
-LOGS = (("delay", 0.5), *(("delay", ms) for ms in (1.0, 3.0, 5.0, 10.0, 30.0)), ("filter", 3.0), ("filter", 10.0))
-SHARE, SAMPLES = 0.1, 0.2  # of the delay, or samples: what an estimate may be off by
-
-
-@dataclass(frozen=True)
-class Case:
-    """One log of one recording.
-
-    Attributes:
-        excitation, rate, hidden: of the recording [Hz].
-        kind, ms: delay or time constant of a filter [ms].
-        recording: what was logged.
-    """
-
-    excitation: str
-    rate: float
-    hidden: str
-    kind: str
-    ms: float
-    recording: Recording
+PENDULUM = ("", "quadratic_drag", "stribeck", "cogging", "load_dependent_friction", "torque_saturation", "backlash")
+LOADED = (Hidden("load_dependent_friction", 1), Hidden("load_dependent_friction", 2))
+ARM = {  # hidden effects, rate [Hz], seconds to fit and held out, factor of the noise
+    "six joints, nothing hidden": ((), 500.0, (20.0,), 1.0),
+    "six joints, a spring": ((Hidden("spring", 2),), 500.0, (20.0,), 1.0),
+    "six joints, friction by load at two": (LOADED, 94.0, (50.0, 40.0), 5.0),
+}
+LIMITS = {  # [s]
+    "pendulum, backlash": 8.0,
+    "six joints, nothing hidden": 8.0,
+    "six joints, friction by load at two": 30.0,
+}
 
 
-@dataclass(frozen=True)
-class Found:
-    """What was found in a case: delay and time constant [ms], the sentence, and the effects that were named."""
-
-    case: Case
-    delay: float
-    lag: float
-    text: str
-    named: tuple[str, ...] | None
-
-    @property
-    def is_right(self) -> bool:
-        """Whether the delay, or the filter's mean delay, is right to a tenth or a fifth of a sample."""
-        period = 1e3 / self.case.rate
-        true, seen = self.case.ms, self.delay + _mean_delay(self.lag, period)
-        if self.case.kind == "filter":
-            true = _mean_delay(true, period)
-        return abs(seen - true) <= max(SHARE * true, SAMPLES * period)
-
-    @property
-    def is_named_right(self) -> bool:
-        """Whether what is hidden was named, and nothing else."""
-        return self.named == ((self.case.hidden,) if self.case.hidden else ())
+def write_inputs(name: str, folder: Path) -> list[str]:
+    """Write the recordings of a case, and return the arguments of `diagnose`."""
+    if name not in ARM:
+        effect = name.removeprefix("pendulum, ").replace("nothing", "")
+        case = random_case(np.random.default_rng(1), (effect,) if effect else (), rate=1000.0, seconds=20.0)
+        write_case(folder, "case", *simulate([(case.plant, case.train), (case.plant, case.holdout)]))
+        train, holdout = (next(folder.rglob(f"*{part}*.csv*")) for part in ("train", "holdout"))
+        return [str(train), "--holdout", str(holdout)]
+    hidden, rate, lengths, factor = ARM[name]
+    (folder / "arm.urdf").write_text(six_joint.urdf())
+    files = [folder / f"{part}.csv" for part, _ in zip(("train", "holdout"), lengths, strict=False)]
+    for seed, (file, seconds) in enumerate(zip(files, lengths, strict=True), 1):
+        write_recording(six_joint.simulate(seed, hidden, seconds, rate=rate, noise=factor * six_joint.NOISE), file)
+    others = [text for file in files[1:] for text in ("--holdout", str(file))]
+    return [str(files[0]), *others, "--robot", str(folder / "arm.urdf"), "--rotors"]
 
 
-def _mean_delay(lag: float, period: float) -> float:
-    """By which a first-order filter delays slow torque, from sample to sample [ms]."""
-    return period / float(np.expm1(period / lag)) if lag > 0 else 0.0
-
-
-def logged(run: SimulatedRecording, kind: str, ms: float) -> Array:
-    """Torque (N,) as a log holds it that is late or filtered."""
-    samples = 1e-3 * ms * run.experiment.rate
-    if kind == "filter":
-        keep = np.exp(-1 / samples)
-        return np.asarray(lfilter([1 - keep], [1, -keep], run.torque))
-    whole, share = divmod(samples, 1.0)
-    before = np.concatenate([np.full(int(whole) + 1, run.torque[0]), run.torque])
-    return np.asarray((1 - share) * before[1 : 1 + len(run.torque)] + share * before[: len(run.torque)])
-
-
-def make(hidden: str, seed: int) -> list[Case]:
-    """Every log under every excitation, at rates in turn."""
-    rng = np.random.default_rng(seed)
-    counts = (65_536, 1_024_000)
-    plants = [
-        random_case(rng, (hidden,) if hidden else (), excitation=kind, rate=hertz, counts=counts[j % 2], seconds=15.0)
-        for j, (kind, hertz) in enumerate((kind, hertz) for kind in EXCITATIONS for hertz in RATES)
-    ]
-    runs = simulate([(case.plant, case.train) for case in plants])
-    cases = []
-    for j, kind in enumerate(EXCITATIONS):
-        for k, (law, ms) in enumerate(LOGS):
-            run = runs[j * len(RATES) + (j + k) % len(RATES)]
-            name = f"{kind} at {run.experiment.rate:g} Hz, {law} of {ms:g} ms"
-            recording = Recording(name, run.time, run.position, logged(run, law, ms))
-            cases.append(Case(kind, run.experiment.rate, hidden, law, ms, recording))
-    return cases
-
-
-def examine(case: Case, named: bool) -> Found:
-    """What is found in one case."""
-    if named:
-        diagnosis = diagnose([case.recording])
-        found = diagnosis.alignments[0]
-        return Found(case, 1e3 * found.delay, 1e3 * found.lag, describe_alignment(found) or "", diagnosis.selected)
-    found = align([case.recording])
-    return Found(case, 1e3 * found.delay, 1e3 * found.lag, describe_alignment(found) or "", None)
+def measure(python: str, arguments: Sequence[str]) -> float:
+    """Return the CPU seconds [s] of `diagnose` with one thread, by an interpreter."""
+    one_thread = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
+    line = [python, "-c", "from workbench.entry import main; raise SystemExit(main())", "diagnose", *arguments]
+    run = subprocess.Popen(line, stdout=subprocess.DEVNULL, env=os.environ | one_thread)
+    _, status, usage = os.wait4(run.pid, 0)
+    if status:
+        raise SystemExit(f"diagnose ended with code {os.waitstatus_to_exitcode(status)}: run {' '.join(line)}")
+    return usage.ru_utime + usage.ru_stime
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.timing", description=__doc__.splitlines()[0])
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--diagnose", action="store_true", help="also what `diagnose` names")
-    parser.add_argument("--hidden", nargs="*", choices=("stribeck",), default=None, help="only behind this effect")
-    take_workers(parser)
+    names = [*(f"pendulum, {effect or 'nothing'}" for effect in PENDULUM), *ARM]
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of the cases: {'; '.join(names)}")
+    parser.add_argument("--other", metavar="PYTHON", help="interpreter of another release, for the ratio")
     arguments = parser.parse_args(argv)
-    terminal = Terminal()
-    cases = [case for hidden in arguments.hidden or ("", "stribeck") for case in make(hidden, arguments.seed)]
-    work = partial(examine, named=arguments.diagnose)
-    results = each(work, cases, workers=arguments.workers, title="timing", terminal=terminal)
-    results.sort(key=lambda found: (found.case.hidden, found.case.kind, found.case.ms, found.case.excitation))
-    terminal.heading("Not found, or not named right")
-    rows = [
-        (found.case.hidden or "nothing", found.case.recording.name, f"{found.delay:.2f}", f"{found.lag:.2f}")
-        + ((", ".join(found.named) or "nothing",) if found.named is not None else ())
-        for found in results
-        if not found.is_right or (found.named is not None and not found.is_named_right)
-    ]
-    columns = ("hidden", "log", "delay [ms]", "filter [ms]", *(("named",) if arguments.diagnose else ()))
-    terminal.table(columns, rows, left=[name for name in columns if "[ms]" not in name])
-    terminal.heading("Right")
-    for hidden in dict.fromkeys(found.case.hidden for found in results):
-        own = [found for found in results if found.case.hidden == hidden]
-        terminal.say(f"hidden: {hidden or 'nothing'}")
-        terminal.say(f"  time found {rate(sum(found.is_right for found in own), len(own))}")
-        if arguments.diagnose:
-            terminal.say(f"  named and nothing else {rate(sum(found.is_named_right for found in own), len(own))}")
-    return 0 if len(results) == len(cases) else 130
+    if unknown := sorted({*arguments.names} - {*names}):
+        parser.error(f"unknown case {unknown[0]!r}: choose from {'; '.join(names)}")
+    terminal, rows = Terminal(), []
+    for name in arguments.names or names:
+        with tempfile.TemporaryDirectory() as folder:
+            inputs = write_inputs(name, Path(folder))
+            here = measure(sys.executable, inputs)
+            other = measure(arguments.other, inputs) if arguments.other else np.nan
+        beside = (f"{other:.1f}", f"{here / other:.2f}") if arguments.other else ()
+        rows.append((name, f"{here:.1f}", *beside, f"{LIMITS[name]:g}" if name in LIMITS else ""))
+    beside = ("other [s]", "ratio") if arguments.other else ()
+    terminal.table(("case", "CPU [s]", *beside, "limit [s]"), rows, left=("case",))
+    return 0
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from estimators.regression.least_squares import (
     robust_covariance,
     solve_gram,
     sum_without_each,
+    triangle_of,
     within_bounds,
     worst_direction,
 )
@@ -148,9 +149,9 @@ class Balance:
         return error, slope
 
     def solve(self, start: Array | None = None) -> Array:
-        """Fit parameters (P,) within their bounds; `start` (P,) has those of columns that depend on the torque."""
+        """Fit parameters (P,) within their bounds, from a start (P,) near them if one is given."""
         free = np.ones(self.phi.shape[1], dtype=bool)
-        theta = np.zeros(len(free)) if start is None else start * self.of_torque
+        theta = np.zeros(len(free)) if start is None else start
         return within_bounds(_without_linear_rows(self)._solve, theta, free, self.least, self.most)[0]
 
     def within(self, least: Array, most: Array) -> Balance:
@@ -276,10 +277,11 @@ class Balance:
     def _solve(self, theta: Array, free: Mask) -> Array:
         """Fit the free parameters by Gauss-Newton, and keep the others."""
         plain, w = free & ~self.of_torque, self.weights
-        theta = np.where(plain, 0.0, theta)
-        slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE) * self.torque_share
-        known = (self.y - self.phi @ theta) * w / slope
-        theta[plain] = least_squares(self.phi[:, plain] * (w / slope)[:, None], known)
+        if self.is_linear or not theta[plain].any():  # those have no start
+            theta = np.where(plain, 0.0, theta)
+            slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE) * self.torque_share
+            known = (self.y - self.phi @ theta) * w / slope
+            theta[plain] = least_squares(self.phi[:, plain] * (w / slope)[:, None], known)
         if self.is_linear or not free.any():
             return theta
 
@@ -311,7 +313,7 @@ def find_linear_rows(balance: Balance) -> Mask:
 def condense(balance: Balance, plain: Mask, slopes: Array, target: Array) -> Balance:
     """Return fewer equations with the same solutions, those that are kept first.
 
-    Linear equations are equivalent to the triangle of their QR decomposition.
+    Linear equations are equivalent to the triangle of their QR decomposition, by normal equations where these suffice.
 
     Args:
         balance: equations.
@@ -319,8 +321,7 @@ def condense(balance: Balance, plain: Mask, slopes: Array, target: Array) -> Bal
         slopes: of what these predict by the parameters (L, P).
         target: what they predict at the fit (L,) [N m].
     """
-    rows = np.column_stack([slopes, target]) * balance.weights[plain, None]
-    triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+    triangle = triangle_of(slopes * balance.weights[plain, None], target * balance.weights[plain])
     kept, ones = balance[~plain], np.ones(len(triangle))
     zeros = np.zeros((len(triangle), balance.phi.shape[1]))
     added = {"phi": triangle[:, :-1], "y": triangle[:, -1], "by_torque": zeros, "weights": ones, "torque_share": ones}

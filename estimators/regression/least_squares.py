@@ -258,6 +258,21 @@ def least_squares(phi: Array, y: Array) -> Array:
     return np.asarray(np.linalg.lstsq(phi, y, rcond=1e-10)[0] / scale)
 
 
+def triangle_of(phi: Array, y: Array) -> Array:
+    """Return few equations (<= P + 1, P + 1), equivalent to many with columns (R, P) and a left-hand side (R,)."""
+    scale = np.linalg.norm(phi, axis=0)
+    used = np.flatnonzero(scale)
+    scaled = phi[:, used] / scale[used]
+    factor = _factor(scaled.T @ scaled) if len(used) else None
+    if factor is None:
+        return np.asarray(np.linalg.qr(np.column_stack([phi, y]), mode="r"))
+    triangle, own = np.zeros((len(used) + 1, len(scale) + 1)), np.triu(factor)
+    known = scipy.linalg.lapack.dtrtrs(own, scaled.T @ y, trans=1)[0]
+    triangle[:-1, used], triangle[:-1, -1] = own * scale[used], known
+    triangle[-1, -1] = np.linalg.norm(y - scaled @ scipy.linalg.lapack.dtrtrs(own, known)[0])
+    return triangle
+
+
 def _factor(gram: Array) -> Array | None:
     """Cholesky factor of scaled normal equations (P, P); None where their least eigenvalue may be too small.
 

@@ -223,7 +223,12 @@ class TorqueRows:
 
     @memoized
     def _solve_by_noise(self, terms: Terms) -> Array:
-        return self.equations(terms, by_noise=True).solve()
+        """Fit the terms with the weights of noise alone, near the fit without the last if that is not linear."""
+        *others, last = terms
+        start = None
+        if depends_on_torque(*others):
+            start = np.append(self._solve_by_noise(tuple(others)), np.zeros(len(last.columns)))
+        return self.equations(terms, by_noise=True).solve(start)
 
     @memoized
     def solve(self, terms: Terms) -> Array:

@@ -9,7 +9,15 @@ from scipy.signal import lfilter
 
 from estimators.regression.balance import Balance
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import Fit, jackknife, least_squares, solve, solve_gram, weigh_recordings
+from estimators.regression.least_squares import (
+    Fit,
+    jackknife,
+    least_squares,
+    solve,
+    solve_gram,
+    triangle_of,
+    weigh_recordings,
+)
 from estimators.search_hints import grid
 from estimators.weak_form.nonlinear import cross_entropy, refine_nonlinear
 from pendulum_env.physics import Samples, Term, effect
@@ -279,3 +287,13 @@ def test_the_quietest_recording_counts_most_and_one_without_equations_not_at_all
     assert weigh_recordings(np.array([40.0, 4000.0]), np.array([40, 40]), 0.0) == pytest.approx([1.0, 0.1])
     assert weigh_recordings(np.array([40.0, 4000.0]), np.array([40, 40]), 5.0) == pytest.approx([1.0, 0.5])
     assert weigh_recordings(np.array([4.0, 0.0]), np.array([1, 0]), 0.5).tolist() == [1.0, 0.0]
+
+
+@pytest.mark.parametrize("alike", [1.0, 1e-9])
+def test_a_triangle_stands_in_for_many_equations_also_with_a_column_of_zeros_or_columns_that_are_alike(alike):
+    rng = np.random.default_rng(0)
+    phi, y = rng.normal(size=(500, 5)), rng.normal(size=500)
+    phi[:, 2], phi[:, 4] = 0.0, phi[:, 0] + alike * phi[:, 4]
+    triangle, whole = triangle_of(phi, y), np.column_stack([phi, y])
+    assert len(triangle) <= 6
+    np.testing.assert_allclose(triangle.T @ triangle, whole.T @ whole, atol=1e-9)

@@ -121,3 +121,13 @@ def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
     lag, base = (*BASE, effects()["actuator_lag"](0.01)), tuple(BASE)
     assert np.std(evaluator.train.residual(lag)) < 0.9 * np.std(evaluator.train.residual(base))
     assert evaluator.density(lag).sum() < evaluator.density(base).sum()
+
+
+@pytest.mark.parametrize("id", ["stribeck", "friction_drift", "cogging"])
+def test_beside_a_linear_model_variants_compare_by_their_exact_errors(regression: TorqueRows, id: str):
+    variants = grid(effects()[id], regression.data.samples, regression.data.torque())[:6]
+    weights = regression.weights(BASE)
+    for variant, error in zip(variants, regression.compare(BASE, variants), strict=True):
+        terms = (*BASE, variant)
+        exact = regression.assemble(terms, regression.columns_of_each(terms), weights).least_squared()
+        assert error == pytest.approx(np.sqrt(exact / (weights @ weights)), rel=1e-9)
