@@ -48,6 +48,8 @@ class Kind(StrEnum):
     RECORDINGS_EXCLUDED = "recordings_excluded"
     TIMED_BESIDE = "timed_beside"
     BACK_EMF_INCLUDED = "back_emf_included"
+    GOALS_HELD = "goals_held"  # gain over goals that run on; the size of an effect that these need
+    GOALS_RUN_ON = "goals_run_on"  # gain over held goals; the size of an effect that these need
 
     # recordings
     FEEDBACK = "feedback"  # gain

@@ -15,7 +15,7 @@ from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import DIGITS, LARGE, shown
 from pendulum_env.recording.columns import refuse_unknown_quantity, without_joint
 from pendulum_env.recording.vocabulary import TOLD
-from pendulum_env.servo.drive import KEYS, Drive
+from pendulum_env.servo.drive import KEYS, WORDS, Drive
 from workbench.mistakes import InputError
 
 T = TypeVar("T")
@@ -173,7 +173,7 @@ def _bound(text: str) -> float:
 def _drive(text: str) -> Drive:
     """A drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
     pairs = _pairs(text, "KEY=VALUE, such as kp=200")
-    words = ("preset", "control", "output")
+    words = ("preset", *WORDS)
     return Drive.of({name: value if name in words else _bound(value) for name, value in pairs})
 
 

@@ -23,6 +23,7 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LOOP
+from estimators.in_loop.goals import read_goals, with_goals
 from estimators.in_loop.refit import fine_rows, fit_step, refit_step
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
@@ -35,7 +36,7 @@ from estimators.selection.residuals import Terms
 from estimators.selection.search import SearchResult, search
 from estimators.signals.residual import Region, everywhere
 from estimators.simulation.output_error import Point
-from estimators.weak_form.windows import WHOLE
+from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import LoadDependentFriction
@@ -55,7 +56,23 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     base = (*setting.base, *(term for term in more if term.id not in ids(setting.base)))
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
+    data = with_goal_reading(data, base)
     return data, replace(setting, base=base, library=library, criterion=criterion)
+
+
+def with_goal_reading(data: FitData, base: Sequence[Term]) -> FitData:
+    """Return the data with goals that are held or run on between rows, decided once, by the base model."""
+    reading = read_goals(data.recordings, base, fitted_part(data))
+    if reading is None and all(own.drive is None or own.drive.goal for own in data.holdout):
+        return data
+    is_held = reading is None or reading.kind is Kind.GOALS_HELD
+    data = replace(data, recordings=with_goals(data.recordings, is_held), holdout=with_goals(data.holdout, is_held))
+    return data if reading is None else data.with_treatment(reading)
+
+
+def fitted_part(data: FitData) -> Part:
+    """Return the part of each recording that is fitted: without held-out recordings, its end is held out."""
+    return WHOLE if data.holdout else (0.0, 1 - HELD_OUT)
 
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
@@ -64,15 +81,13 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     Raises:
         IdentificationError: if the recordings hold too little motion to begin with.
     """
-    first, last = (WHOLE, WHOLE) if data.holdout else ((0.0, 1 - HELD_OUT), (1 - HELD_OUT, 1.0))
+    first, last = fitted_part(data), WHOLE if data.holdout else (1 - HELD_OUT, 1.0)
     fitted, unseen = data.recordings, data.holdout or data.recordings
     if data.has_treatment(Kind.BACK_EMF_INCLUDED):
         setting = replace(setting, base=(*setting.base, BackEmf()))
     windows = RegressionData.of(fitted, part=first).torque
-    candidates = [RolloutRows(Rollouts(fitted, is_held=held, shares=first), windows) for held in (True, False)]
-    train = choose_rows(candidates, setting.base, list(setting.library.values()))
-    rest = Rollouts(unseen, is_held=train.rollouts.is_held, shares=last)
-    check = RolloutRows(rest, RegressionData.of(unseen, part=last).torque, train)
+    train = RolloutRows(Rollouts(fitted, shares=first), windows)
+    check = RolloutRows(Rollouts(unseen, shares=last), RegressionData.of(unseen, part=last).torque, train)
     return setting.evaluator((train.data, check.data))
 
 
@@ -135,13 +150,18 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     data = trial.data
     dropped = ids(trial.found.terms) - ids(trial.final.terms)
     doubts = (data.doubt, find_speed_rate(found.model, data.recordings), find_torque_scale(data.recordings))
+    readings = [one for one in data.treatments if one.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
     found = replace(
         found,
         candidates=tuple(
             replace(own, reason=Finding(Kind.LONG_STEPS)) if own.effect in dropped else own for own in found.candidates
         ),
         floors=fine_rows(trial.evaluator)[0].rollouts.encoder,
-        findings=(*remedies(trial.unbounded(found.model), data.recordings, found.ambiguous), *filter(None, doubts)),
+        findings=(
+            *readings,
+            *remedies(trial.unbounded(found.model), data.recordings, found.ambiguous),
+            *filter(None, doubts),
+        ),
         forbidden=Finding(Kind.CHECK_DRIVE) if found.unexplained else None,
     )
     if not all(own.has_logged_torque for own in (*data.recordings, *data.holdout)):
@@ -155,22 +175,6 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         by_torque = search(replace(PENDULUM.evaluator(data.timed(), alone), tables=()))
         found = replace(found, by_torque=tuple(sorted(ids(by_torque.terms) - ids(base))))
     return found
-
-
-def choose_rows(candidates: Sequence[RolloutRows], base: Sequence[Term], effects: Sequence[type[Term]]) -> RolloutRows:
-    """Choose the rows under which the base model, or it with one more effect, has the smallest error.
-
-    A held goal is late by half a sample, and a model that lacks an effect may prefer the wrong timing.
-    """
-
-    def least_error(rows: RolloutRows) -> float:
-        terms = rows.fit(base, exactly=True).terms
-        others = [effect for effect in effects if effect.id not in ids(terms)]
-        foreseen = [trial for effect in others for trial in rows.data.ranked(terms, effect)[:1]]
-        promising = sorted(foreseen, key=lambda trial: trial.fitted_rms)[: LOOP.promising]
-        return min(rows.trial(each).fitted_rms for each in (terms, *(trial.terms for trial in promising)))
-
-    return min(candidates, key=least_error)
 
 
 def has_gear_friction(step: Step) -> bool:

@@ -42,7 +42,6 @@ class LoopSettings:
     scales: int = 20  # turns of the fixed point for a scale
     typical: float = 0.05  # of the torque, a size at which a parameter matters
     hopeless: float = 15.0  # [nat], gain that linear equations foresee, below which a single turn says enough
-    promising: int = 3  # effects that are fitted to tell whether goals are held
     seldom: float = 200.0  # [Hz], at which a slow controller looks at its encoder
     scale: float = 0.1  # that logged torque may differ from what the drive asks for, without a word
     needed: float = 0.3  # of what the others leave, that an effect has to explain: a small error sticks elsewhere
@@ -66,6 +65,13 @@ def likelihood(rollouts: Rollouts, errors: Array) -> Array:
     scale = scales(rollouts, errors)
     relative = np.pi / 2 * np.abs(errors) / scale
     return np.asarray(-len(errors) * np.log(scale) - np.sum(relative + np.log1p(np.exp(-2 * relative)), axis=0))
+
+
+def densities(rollouts: Rollouts, error: Array) -> Array:
+    """Return the log density (R,) of each error (R,) with their scale, without a constant [nat]."""
+    scale = scales(rollouts, error[:, None])[0]
+    relative = np.pi / 2 * np.abs(error) / scale
+    return np.asarray(-np.log(scale) - relative - np.log1p(np.exp(-2 * relative)))
 
 
 def scale_of(rollouts: Rollouts, error: Array) -> float:

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+import scipy
 
 from estimators.data.rows import ResidualStructure
 from estimators.signals.differentiation import encoder_noise
@@ -35,7 +36,7 @@ class Rollouts:
         recordings: of servos.
         steps: of the integrator from one position that is compared to the next.
         shares: of each recording from which on, and up to which, positions are compared; all of it is simulated.
-        is_held: whether goals are held from sample to sample, or interpolated: logged less often than they change.
+        is_held: whether goals are held from sample to sample, or interpolated, where the drive does not say it.
     """
 
     recordings: tuple[Recording, ...]
@@ -59,6 +60,16 @@ class Rollouts:
             places = [np.minimum((begins * part.rate).astype(np.intp), len(part) - 1) for part in parts]
             return np.array([own[at] for own, at in zip(values, places, strict=True)]).T
 
+        def mean_of_held(values: Sequence[Array]) -> Array:
+            """Return means over each step of series held from sample to sample (N, B); a step may span two samples."""
+            edges, found = np.append(begins, begins[-1] + step), []
+            for own, part in zip(values, parts, strict=True):
+                integral = np.append(0.0, np.cumsum(own)) / part.rate
+                until = np.minimum(edges * part.rate, len(own))
+                path = np.interp(until, np.arange(len(own) + 1), integral) + (edges - until / part.rate) * own[-1]
+                found.append(np.diff(path) / step)
+            return np.array(found).T
+
         def between(values: Sequence[Array]) -> Array:
             """Return series interpolated between samples, at the begin of each step (N, B)."""
             pairs = zip(values, parts, strict=True)
@@ -66,6 +77,7 @@ class Rollouts:
 
         drives = tuple(part.drive for part in parts if part.drive is not None)
         goals = [part.reference for part in parts if part.reference is not None]
+        ramps = [not self.is_held if own.goal is None else own.goal == "ramp" for own in drives]
         loads = [known_load(part) for part in parts]
         hung = KnownLoad(
             np.array([own.inertia for own in loads], dtype=float),
@@ -75,7 +87,7 @@ class Rollouts:
         return Servos(
             drives,
             step,
-            held(goals) if self.is_held else between(goals),
+            np.where(ramps, between(goals), mean_of_held(goals)),
             held([bus_voltage(part) for part in parts]),
             held([part.powered for part in parts]),
             np.array([part.position[0] for part in parts]),
@@ -103,10 +115,13 @@ class Rollouts:
 
     @cached_property
     def position(self) -> Array:
-        """Measured positions to compare with (R,) [rad]."""
+        """Measured positions to compare with (R,) [rad], by a cubic spline: chords of a slow log are off its motion."""
         parts = zip(self._times, self._compared, self._segments, strict=True)
         return np.concatenate(
-            [np.interp(part.time[0] + times[own], part.time, part.position) for times, own, (_, part) in parts]
+            [
+                scipy.interpolate.CubicSpline(part.time, part.position)(part.time[0] + times[own])
+                for times, own, (_, part) in parts
+            ]
         )
 
     @cached_property

@@ -22,6 +22,7 @@ from pendulum_env.reading import shown
 
 Control = Literal["position", "velocity"]
 Output = Literal["duty", "voltage", "current", "torque"]
+Goal = Literal["held", "ramp"]
 LONGEST = 0.1  # [s], of a delay
 UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what the motor's torque is in, unless known
 
@@ -46,6 +47,7 @@ class Drive:
         rate: turns of the controller in a second [Hz]; None: it acts, and sees the true speed, all the time.
         cutoff: of the low-pass filter that the controller sees the speed through [Hz]; None: there is none.
         delay: from measuring to acting [s].
+        goal: whether the goal is held from row to row of the log, or runs on to the next row; None: not known.
     """
 
     control: Control = "position"
@@ -59,10 +61,11 @@ class Drive:
     rate: float | None = None
     cutoff: float | None = None
     delay: float = 0.0
+    goal: Goal | None = None
 
     def __post_init__(self) -> None:
-        for name, known in (("control", Control), ("output", Output)):
-            if getattr(self, name) not in get_args(known):
+        for name, known in (("control", Control), ("output", Output), ("goal", Goal)):
+            if getattr(self, name) not in get_args(known) and not (name == "goal" and self.goal is None):
                 choices = " or ".join(get_args(known))
                 raise DriveError(f"{name} is {shown(getattr(self, name))}: it should be {choices}")
         for name in ("kp", "ki", "kd", "delay"):
@@ -113,7 +116,7 @@ class Drive:
         known = find("preset", str(given["preset"]), PRESETS) if "preset" in given else Preset({})
         values: dict[str, Any] = dict(known.base)
         for name, value in given.items():
-            if name in ("control", "output"):
+            if name in WORDS:
                 values[name] = value
             elif find("key of a drive", name, KEYS) and name != "preset":
                 if isinstance(value, bool) or not isinstance(value, int | float):
@@ -150,4 +153,5 @@ PRESETS = {  # those of duty as github.com/Rhoban/bam measured them
     # the output, with neither a goal of the speed nor a torque fed forward
     "mit": Preset({"output": "torque"}),
 }
+WORDS = ("control", "output", "goal")  # keys whose value is a word
 KEYS = dict.fromkeys(("preset", *vars(Drive())), True)

@@ -362,6 +362,15 @@ CORRECTED = "It is corrected here; other commands correct it with --align."
 PLANNED = "Record the reference of the controller as well (column `reference`), or a torque that is planned."
 INSTRUMENTS = "--instruments reference keeps them out of the base model of `identify` and `diagnose`."
 
+
+def _goals(found: Finding, reading: str, other: str, key: str) -> str:
+    gain = found.numbers["gain"]
+    sizes = [f"{own.value * 1000:.1f} ms" for id, own in found.numbers.items() if id != "gain"]
+    late = f" with {name(found.effects[0])} of {sizes[0]}" if sizes else ""
+    fit = f"Goals {other}{late} are less likely by {gain.value:.0f} ± {gain.std or 0.0:.0f} nat."
+    return f'Goals are read as {reading}. {fit} If they are so, give `goal = "{key}"` in `[drive]`.'
+
+
 DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
     Kind.NO_MOTION: lambda found: (
         "The joint hardly moves, so no parameter can be identified. Record wider or faster motion."
@@ -436,6 +445,8 @@ DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
     Kind.RECORDINGS_EXCLUDED: lambda found: f"Left out: {listing(found.recordings)}.",
     Kind.TIMED_BESIDE: lambda found: f"Torque is timed beside {listing(found.effects)}.",
     Kind.BACK_EMF_INCLUDED: lambda found: "The base model has back-EMF.",
+    Kind.GOALS_HELD: lambda found: _goals(found, "held from row to row", "that run on between rows", "ramp"),
+    Kind.GOALS_RUN_ON: lambda found: _goals(found, "running on between rows", "that are held from row to row", "held"),
     Kind.FEEDBACK: _feedback(PLANNED),
     Kind.FEEDBACK_WITH_REFERENCE: _feedback(INSTRUMENTS),
     Kind.OUTLIER_RECORDING: _outlier(_differences),

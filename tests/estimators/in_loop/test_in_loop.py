@@ -14,6 +14,7 @@ from estimators.arguments import within_limits
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Kind
 from estimators.in_loop.fit import fit, likelihood, linear
+from estimators.in_loop.goals import read_goals, with_goals
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts, are_driven
 from estimators.simulation.output_error import Point
@@ -364,3 +365,58 @@ def test_command_line_diagnoses_compares_and_reports_in_the_loop(pressed, tmp_pa
     assert main(["compare", "m.json", "study.toml", "--loop", "--report", "c.html"]) == 0
     assert main(["compare", "m.json", "gain-0.csv", "--loop"]) == 2
     assert "controller" in capsys.readouterr().err
+
+
+def logged_slowly(is_held: bool, late: float, kp: float, seed: int) -> Recording:
+    """Eight seconds of a servo at 50 Hz whose goals are held from row to row, or run on, and act late [s]."""
+    rng, step, rate, viscous = np.random.default_rng(seed), 1e-3, 50, 0.2
+    tones, phases = 2 * np.pi * np.array([0.3, 0.7, 1.3]), rng.uniform(0, 2 * np.pi, 3)
+    time = np.arange(8 * rate + 1) / rate
+    goals, looks = np.sin(time[:, None] * tones + phases) @ [0.5, 0.3, 0.2], np.arange(0.0, 8.0, step)
+    goal = goals[(looks * rate + 1e-6).astype(int)] if is_held else np.interp(looks, time, goals)
+    q, v, asked, path = float(goals[0]), 0.0, [0.0] * (1 + round(late / step)), []
+    for own in goal:
+        path.append(q)
+        asked = [kp * (own - q), *asked[:-1]]
+        pushed = v + step * (asked[-1] - TRUE["gravity"] * np.sin(q) - viscous * v) / TRUE["inertia"]
+        v = float(np.sign(pushed) * max(abs(pushed) - step * TRUE["coulomb"] / TRUE["inertia"], 0.0))
+        q += step * v
+    position = np.round(np.array(path)[:: 1000 // rate] / 1.5e-3) * 1.5e-3
+    drive = Drive(output="torque", kp=kp, rate=1000.0)
+    known, count = goals[: len(position)], len(position)
+    return Recording("slow", time[:count], position, kp * (known - position), reference=known, drive=drive)
+
+
+@pytest.mark.parametrize(("is_held", "late"), [(True, 0.0), (False, 0.0), (False, 0.02)])
+def test_goals_are_held_or_run_on_as_the_base_model_with_a_lag_and_a_dead_time_decides(is_held, late):
+    recordings = [logged_slowly(is_held, late, kp, k) for k, kp in enumerate((4.0, 7.0))]
+    reading = read_goals(recordings, TILTED)
+    assert reading is not None and (reading.kind is Kind.GOALS_HELD) == is_held
+    assert all(own.drive is not None and own.drive.goal for own in with_goals(recordings, is_held))
+    assert read_goals(with_goals(recordings, not is_held), TILTED) is None  # as the user has it
+
+
+@pytest.mark.parametrize("is_held", [True, False])
+def test_no_dead_time_of_half_a_sample_is_named(is_held):
+    recordings = [logged_slowly(is_held, 0.0, kp, k) for k, kp in enumerate((4.0, 7.0, 5.0))]
+    found = diagnose(recordings[:2], recordings[2:], only=["dead_time", "actuator_lag"])
+    assert not found.selected
+    own = found.model.estimates["viscous"]
+    assert abs(own.value - 0.2) < 3 * own.std
+
+
+def test_goal_of_a_drive_decides_over_what_rollouts_assume(plain):
+    held, ramp = (Rollouts(tuple(with_goals(plain[:1], own)), is_held=not own).servos.goal for own in (True, False))
+    ahead = held - ramp
+    assert np.abs(ahead).max() > 1e-3
+    assert np.abs(held[:-1] - Rollouts((plain[0],), is_held=True).servos.goal[:-1]).max() == 0
+    assert np.abs(ramp - Rollouts((plain[0],), is_held=False).servos.goal).max() == 0
+
+
+def test_positions_of_a_slow_log_are_compared_with_its_motion_and_not_with_chords(plain):
+    time = np.arange(240) / 30.0
+    motion = 0.8 * np.sin(5.0 * time)
+    (own,) = (replace(plain[0], time=time, position=motion, torque=0 * time, reference=motion),)
+    rollouts = Rollouts((own,))
+    inner = slice(4, -4)
+    assert np.abs(rollouts.position - 0.8 * np.sin(5.0 * rollouts.time))[inner].max() < 2e-4

@@ -1,0 +1,85 @@
+"""Decide whether the goals of a log are held from row to row, or run on between rows.
+
+A held goal is late by half a sample against one that runs on. A dead time and a lag imitate that, and feedback turns it
+into viscous friction. So each reading is fitted without and with these two effects, beside the base model, which has
+viscous friction. The likeliest fit wins; of fits that tie with it, the one with the fewest effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.data.regression_data import RegressionData
+from estimators.findings import Finding, Kind, Quantity
+from estimators.in_loop.fit import densities
+from estimators.in_loop.rollout_rows import RolloutRows
+from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.selection.criterion import Criterion
+from estimators.selection.score import BLOCK, Bootstrap
+from estimators.weak_form.windows import WHOLE, Part
+from pendulum_env._typing import Array
+from pendulum_env.physics import Term
+from pendulum_env.physics.actuation import ActuatorLag, DeadTime
+from pendulum_env.physics.terms import ids
+from pendulum_env.recording import Recording
+
+LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Fit under one reading of the goals.
+
+    Attributes:
+        is_held: whether goals are held from row to row.
+        terms: of the fit, the base model first.
+        density: log density of each block (S,) [nat].
+    """
+
+    is_held: bool
+    terms: tuple[Term, ...]
+    density: Array
+
+
+def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part = WHOLE) -> Finding | None:
+    """Decide whether goals are held or run on; None if every drive says it."""
+    if all(own.drive is None or own.drive.goal for own in recordings):
+        return None
+    torque = RegressionData.of(recordings, part=part).torque
+    late = [() if effect.id in ids(base) else (effect(),) for effect in LATE]
+    found: list[Reading] = []
+    for is_held in (True, False):
+        rows = RolloutRows(Rollouts(tuple(recordings), FINE, is_held, part), torque)
+        alone = rows.fit(base, exactly=True).terms
+        blocks, _, of_block = rows.rollouts.blocks(BLOCK)
+        for more in dict.fromkeys([(), *late]):
+            terms = rows.with_nonlinear((*alone, *more)) if more else alone
+            density = densities(rows.rollouts, rows.near(terms).error)
+            found.append(Reading(is_held, terms, np.bincount(blocks, density).astype(float)))
+    bootstrap = Bootstrap(of_block, np.random.default_rng(0))
+    best = max(found, key=lambda one: one.density.sum())
+    tied = [
+        one for one in found if one is best or bootstrap.gain(best.density, one.density).p_value > Criterion.p_value
+    ]
+    chosen = min(tied, key=lambda one: (len(one.terms), -one.density.sum()))
+    others = [one for one in found if one.is_held != chosen.is_held]
+    other = max(others, key=lambda one: one.density.sum())
+    gain = bootstrap.gain(chosen.density, other.density)
+    numbers = {"gain": Quantity(gain.total, gain.error)}
+    for term in other.terms[len(base) :]:
+        numbers |= {name: Quantity(float(value), unit="s") for name, value in term.nonlinear_values.items()}
+    effects = tuple(term.id for term in other.terms[len(base) :])
+    return Finding(Kind.GOALS_HELD if chosen.is_held else Kind.GOALS_RUN_ON, numbers, effects=effects)
+
+
+def with_goals(recordings: Sequence[Recording], is_held: bool) -> tuple[Recording, ...]:
+    """Return the recordings with goals that are held or run on, where their drives do not say it."""
+    return tuple(
+        replace(own, drive=replace(own.drive, goal=own.drive.goal or ("held" if is_held else "ramp")))
+        if own.drive is not None
+        else own
+        for own in recordings
+    )
