@@ -6,9 +6,11 @@ from itertools import product
 from typing import Literal, NamedTuple
 
 import numpy as np
-import scipy
+import scipy.optimize
+import scipy.stats
 
 from estimators.regression.least_squares import least_squares
+from estimators.selection.criterion import Criterion
 from pendulum_env._typing import Array
 from pendulum_env.physics.table import Curve, Table
 
@@ -21,7 +23,8 @@ class LikenessSettings:
     """Which formulas a table is compared with, and which of them it looks like."""
 
     most: int = 3  # formulas that are reported
-    least: float = 0.5  # share of the shape, below which it looks like nothing of the kind
+    least: float = 0.5  # share of the shape, below which it looks like nothing of the kind,
+    by_chance: float = Criterion.p_value  # and probability that a random shape comes as near, above which it does not
     alike: float = 1e-3  # share that is left, below which none is nearer than another
     widths: tuple[float, float] = (0.02, 1.0)  # shares of the table, from which to which a bump or a step may reach
     powers: tuple[float, float] = (0.1, 9.0)  # of the speed, from which to which they are searched for
@@ -56,6 +59,8 @@ def likenesses(table: Table, curve: Curve) -> list[Likeness]:
 
     They are fitted to the table where it is told best, beside what the model has of its argument. Of a formula with
     more parameters nothing is said unless it leaves less than half of what simpler ones do: a line is also a wide step.
+    The share that k parameters explain of a random table of P has a beta distribution with k/2 and (P - k)/2; a formula
+    is reported if the best of all families would hardly reach its share by chance.
     """
     base = np.column_stack([np.empty((len(curve.x), 0)), *(law(curve.x) for law in type(table).laws())])
     usual = max(float(np.median(curve.std)), 1e-3 * float(np.ptp(curve.value)), 1e-300)
@@ -80,8 +85,15 @@ def likenesses(table: Table, curve: Curve) -> list[Likeness]:
         count = len(constant) + len(family.formula(curve.x[:1], *shape)) + len(shape)
         found.append(Likeness(family.form, (*family.known, *shape.tolist()), 1.0 - left(shape) / whole, count))
     found.sort(key=lambda one: -one.share)
-    near = [one for one in found if one.share > LIKENESS.least]
+    near = [one for one in found if one.share > LIKENESS.least and _is_significant(one, len(table.columns), len(found))]
     return [one for one in near if not any(_is_enough(other, one) for other in found)][: LIKENESS.most]
+
+
+def _is_significant(one: Likeness, freedom: int, families: int) -> bool:
+    """Return whether a formula explains more of a table than the best of several families would of a random table."""
+    spare = freedom - one.parameters
+    chance = scipy.stats.beta.sf(one.share, 0.5 * one.parameters, 0.5 * spare) if spare > 0 else 1.0
+    return bool(families * chance <= LIKENESS.by_chance)
 
 
 def _is_enough(simple: Likeness, other: Likeness) -> bool:

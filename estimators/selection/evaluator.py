@@ -68,6 +68,7 @@ class ModelEvaluator:
         same = self.train.recordings == self.holdout.recordings  # parts of the same recordings
         of_block = np.concatenate([first, second if same else second + first.max() + 1])
         self.bootstrap = self.drawn or Bootstrap(of_block, self.rng)
+        self.held_out = slice(len(first), None)  # blocks of a density that belong to held-out data
 
     def with_link(self, linked: Step) -> ModelEvaluator:
         """Return an evaluator whose link states are estimated by a model from the motion around each instant."""

@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from estimators.selection.candidates import best_variant, refit_nonlinear, screen_effects
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, by_score, without
@@ -18,7 +20,7 @@ def replace_by_table(state: SearchState) -> SearchState:
 
     Effects imitate a table in two cases. With structure left, the table and the effects still needed predict
     significantly better and explain most of the residual. With only noise left, a simpler model with a table leaves
-    only noise as well.
+    only noise as well. Of several tables, the one that best predicts held-out data is kept.
     """
     if not state.effects and state.is_noise:
         return state
@@ -33,7 +35,7 @@ def replace_by_table(state: SearchState) -> SearchState:
 
 
 def _gain_by_table(state: SearchState, terms: Terms) -> float | None:
-    """Return the gain of terms with a table [nat]; None if they do not replace the terms of a state."""
+    """Return the gain of terms with a table on held-out data [nat]; None if they do not replace those of a state."""
     evaluator = state.evaluator
     # a function of time is refitted to each recording, and so are its competitors
     is_of_time = isinstance(table_of(state, terms), ByTime)
@@ -48,7 +50,7 @@ def _gain_by_table(state: SearchState, terms: Terms) -> float | None:
             gain.p_value <= evaluator.criterion.p_value
             and evaluator.residuals.explained_share(terms, state.terms) > evaluator.criterion.needed_share
         )
-    return gain.total if replaces else None
+    return float(np.sum((density(terms) - density(state.terms))[evaluator.held_out])) if replaces else None
 
 
 def table_models(state: SearchState) -> Iterator[Terms]:
@@ -120,7 +122,14 @@ def table_of(state: SearchState, terms: Terms) -> Table:
 
 
 def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
-    """Return the id of the law that best explains the residual of the terms; None if none explains enough."""
+    """Return the id of the law that best predicts held-out data; None if none is supported and lowers their errors."""
     trials = [best_variant(evaluator, terms, law) for law in laws if law.id not in ids(terms)]
-    found = [trial.terms for trial in trials if trial is not None and evaluator.is_needed(trial.terms, terms)]
-    return min(found, key=evaluator.screening_score)[-1].id if found else None
+    found = [
+        trial.terms
+        for trial in trials
+        if trial is not None
+        and evaluator.is_supported(trial.terms, terms)
+        and evaluator.lowers_errors(trial.terms, terms)
+    ]
+    best = max(found, key=lambda longer: float(np.sum(evaluator.density(longer)[evaluator.held_out])), default=None)
+    return best[-1].id if best else None

@@ -33,6 +33,7 @@ class ScoredEvaluator(ModelEvaluator):
         self.gains, self.criterion, self.base, self.tables = gains, Criterion(), BASE, tables
         self.library = {kind.id: kind for kind in LIBRARY.values()}
         self.bootstrap = Bootstrap(np.zeros(BLOCKS, dtype=np.intp), np.random.default_rng(0))
+        self.held_out = slice(None)
         self.train = SimpleNamespace(
             layout=SimpleNamespace(predicts_torque=True, has_fast_fits=True),
             motions={},
