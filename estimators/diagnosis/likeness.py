@@ -6,8 +6,7 @@ from itertools import product
 from typing import Literal, NamedTuple
 
 import numpy as np
-import scipy.optimize
-import scipy.stats
+import scipy
 
 from estimators.regression.least_squares import least_squares
 from estimators.selection.criterion import Criterion
@@ -92,7 +91,7 @@ def likenesses(table: Table, curve: Curve) -> list[Likeness]:
 def _is_significant(one: Likeness, freedom: int, families: int) -> bool:
     """Return whether a formula explains more of a table than the best of several families would of a random table."""
     spare = freedom - one.parameters
-    chance = scipy.stats.beta.sf(one.share, 0.5 * one.parameters, 0.5 * spare) if spare > 0 else 1.0
+    chance = scipy.special.betainc(0.5 * spare, 0.5 * one.parameters, 1.0 - one.share) if spare > 0 else 1.0
     return bool(families * chance <= LIKENESS.by_chance)
 
 
