@@ -9,7 +9,6 @@ import numpy as np
 
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Case, Trial
-from estimators.diagnosis.experiment import Limits
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import time_beside_effects
@@ -24,7 +23,6 @@ from estimators.selection.tables import find_explaining_law
 from estimators.signals.residual import Region, everywhere
 from estimators.weak_form.windows import concatenate_samples
 from pendulum_env.arms.joints import at_joints, links_of
-from pendulum_env.mistake import Mistake
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.terms import ids
 from pendulum_env.recording import Recording
@@ -36,8 +34,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     Raises:
         Mistake: if instruments or bounds of an experiment are asked for.
     """
-    if setting.by_reference or setting.limits != Limits():
-        raise Mistake("by_reference and bounds of an experiment are for pendulums alone: leave them out for an arm")
+    setting.refuse_experiment("an arm")
     known = ids(setting.base)
     library = {id: kind for id, kind in setting.library.items() if id not in known}
     data = FitData.of(recordings, holdout, (*setting.base, *library.values()))

@@ -50,7 +50,11 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
 
     A horn is put on a servo by hand, so the angle at which it hangs is fitted as well. Back-EMF can be distinguished
     from viscous friction where the motor was off for a while.
+
+    Raises:
+        Mistake: if instruments or bounds of an experiment are asked for.
     """
+    setting.refuse_experiment("a servo in the loop")
     data = FitData.of(recordings, holdout, setting.base)
     more = [GravityTilt(), *([BackEmf()] if has_unpowered_motor(data.recordings) else [])]
     base = (*setting.base, *(term for term in more if term.id not in ids(setting.base)))

@@ -10,6 +10,7 @@ from estimators.diagnosis.experiment import Limits
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
+from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term
 
 
@@ -38,6 +39,18 @@ class Setting:
     by_reference: bool = False
     horizon: float | None = None
     original: Sequence[Term] = ()
+
+    def refuse_experiment(self, machine: str) -> None:
+        """Refuse instruments and bounds of an experiment where neither is used, such as for `an arm`.
+
+        Raises:
+            Mistake: if one is asked for.
+        """
+        if self.by_reference or self.limits != Limits():
+            raise Mistake(
+                "instruments and bounds of an experiment are for pendulums under a known torque: leave them out for "
+                f"{machine}"
+            )
 
     def evaluator(
         self, prepared: tuple[RegressionData, RegressionData], tables: Sequence[type[Term]] = ()

@@ -53,16 +53,16 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
 def is_better(error_ratio: float, assumptions: int, before: int, margin: float) -> bool:
     """Return whether a treatment is kept: its model predicts better, or as well by no more assumptions.
 
-    Errors within the margin are equal. Assumptions are effects, corrected timing, and treatments of the windows. An
-    excluded recording is no assumption: a separate test has found that it disagrees.
+    Errors within the margin are equal. Assumptions are effects, corrected timing, treatments of the windows, and
+    back-EMF in the base model. An excluded recording is no assumption: a separate test has found that it disagrees.
     """
     return error_ratio < 1 - margin or (error_ratio < 1 + margin and assumptions <= before)
 
 
 def n_assumptions(trial: Trial) -> int:
-    """Return the number of effects and treatments of windows, plus one if any timing was corrected."""
-    windows = [treatment for treatment in trial.data.treatments if treatment.kind in WINDOWS]
-    return len(trial.found.steps) - 1 + trial.data.has_moved + len(windows)
+    """Return the number of effects, treatments of windows and added base terms, plus one if timing was corrected."""
+    free = [treatment for treatment in trial.data.treatments if treatment.kind in (*WINDOWS, Kind.BACK_EMF_INCLUDED)]
+    return len(trial.found.steps) - 1 + trial.data.has_moved + len(free)
 
 
 def narrow_windows(trial: Trial) -> FitData | None:

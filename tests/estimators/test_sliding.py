@@ -7,6 +7,7 @@ from estimators import compare, diagnose, identify
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import Model
 from pendulum_env.recording import read_recording
+from workbench.export import export
 
 MASS, VISCOUS, COULOMB = 3.0, 12.0, 0.8
 UNITS = {"inertia": "kg", "viscous": "N s/m", "coulomb": "N"}
@@ -41,6 +42,8 @@ def test_parameters_of_a_carriage_are_in_newtons_and_metres(carriage, tmp_path):
     model.save(tmp_path / "model.json")
     again = Model.load(tmp_path / "model.json")
     assert again.units() == carriage.units and {name: own.unit for name, own in again.items()} == UNITS
+    program = export(again, "python").content
+    assert "torque [N]" in program and "position: Value  # [m]" in program and "[rad" not in program
     units = compare(again, carriage).json()["units"]
     assert units == {"": {"position": "m", "torque": "N"}}
 

@@ -100,8 +100,8 @@ def beside(model: Model, terms: Sequence[Term], request: Request) -> Dynamics:
         parts, seconds = _Parts.of(model, terms, request), request.step
         balance, x = parts.balance, parts.x
         results = {
-            Quantity("applied", model.torque_unit): _operand(balance.net(x)),
-            Quantity("friction", model.torque_unit): _operand(np.maximum(balance.dry(x), 0.0)),
+            Quantity("applied", model.units().unit("N m")): _operand(balance.net(x)),
+            Quantity("friction", model.units().unit("N m")): _operand(np.maximum(balance.dry(x), 0.0)),
         }
         memory = balance.advance(x, x.velocity, seconds)
     return parts.dynamics({"time": x.time + seconds} | parts.memory(memory), results)
@@ -154,7 +154,7 @@ class _Parts:
             parameters.append(Parameter(symbol.label, known.value, known.unit, known.std))
         start: dict[str, Any] = {"time": 0.0, "position": x.position, "velocity": x.velocity}
         remembered: dict[str, list[str]] = {}
-        given, warm = [Quantity("torque", model.torque_unit)], [t.id for t in terms if t.needs == "temperature"]
+        given, warm = [Quantity("torque", model.units().unit("N m"))], [t.id for t in terms if t.needs == "temperature"]
         if other := [f"{term.id} (by its {term.needs})" for term in terms if term.needs not in ("", "temperature")]:
             raise ExportError(f"{listing(other)}: no program is given that")
         if warm:

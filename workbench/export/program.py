@@ -12,6 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pendulum_env.physics import Model
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, distinct
+from pendulum_env.units import JointUnits
 from workbench.export.dynamics import Dynamics, Parameter, Quantity, written
 from workbench.export.request import Exported, Language, Request, plain, title
 
@@ -36,11 +37,11 @@ CALLS = {  # of single numbers in Python, and in C99; by NumPy's names
 }
 STATE = {  # what its parts are, and their units
     "time": "[s]",
-    "position": "[rad], 0 hangs down",
-    "velocity": "[rad/s]",
+    "position": "[{rad}]",
+    "velocity": "[{rad}/s]",
     "integral": "of the error",
     "held": "output of the controller",
-    "speed": "as the controller sees it [rad/s]",
+    "speed": "as the controller sees it [{rad}/s]",
     "phase": "turns of the controller, which looks again at 1",
 }
 
@@ -69,7 +70,8 @@ def program(language: Language, model: Model, dynamics: Dynamics, prefix: str = 
         .render(
             number=partial(number, language),
             title=title(model),
-            torque_unit=plain(model.torque_unit),
+            units=model.units(),
+            torque_unit=plain(model.units().unit("N m")),
             call=f"step({call})" if language == "python" else f"{prefix}_step({call})",
             prefix=prefix,
             dynamics=dynamics,
@@ -98,9 +100,9 @@ def note(item: Quantity | Parameter) -> str:
     return f"[{plain(item.unit)}]" + (f", standard error {item.std:.2g}" if item.std else "")
 
 
-def state_note(name: str) -> str:
+def state_note(name: str, units: JointUnits) -> str:
     """Describe a part of the state, with its unit."""
-    return STATE.get(name, "what it was before, as the model remembers it")
+    return STATE.get(name, "what it was before, as the model remembers it").format(rad=units.unit("rad"))
 
 
 @cache

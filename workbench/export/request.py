@@ -64,7 +64,8 @@ def keep(missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple
 
 def title(model: Model) -> str:
     """Return the title of the file, escaped for a comment in any language."""
-    return f"A pendulum, as identified: {plain(' + '.join(term.law for term in model.terms))} = tau."
+    what = "A joint that slides, q in m and tau in N" if model.slides else "A pendulum"
+    return f"{what}, as identified: {plain(' + '.join(term.law for term in model.terms))} = tau."
 
 
 def plain(text: str) -> str:
