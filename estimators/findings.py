@@ -50,6 +50,7 @@ class Kind(StrEnum):
     BACK_EMF_INCLUDED = "back_emf_included"
     GOALS_HELD = "goals_held"  # gain over goals that run on; the size of an effect that these need
     GOALS_RUN_ON = "goals_run_on"  # gain over held goals; the size of an effect that these need
+    PAYLOAD = "payload"  # mass, x, y, z; of each joint the torque error `.before` and `.after`
 
     # recordings
     FEEDBACK = "feedback"  # gain
@@ -101,7 +102,6 @@ class Kind(StrEnum):
     TABLE_HELPS = "table_helps"
     NO_EFFECT_OPEN = "no_effect_open"
     FIT_HELD_OUT = "fit_held_out"
-    FIT_HELD_OUT_OR_PAYLOAD = "fit_held_out_or_payload"
     INERTIA_UNKNOWN = "inertia_unknown"
     BEYOND_LIMITS = "beyond_limits"  # torque, angle, speed, place
     CHECK_DRIVE = "check_drive"

@@ -1,9 +1,9 @@
-"""What an arm carries: the body at a link that recordings show beside a model, or beside recordings without it.
+"""Payloads of an arm: the body at a link that some recordings show beside others, or beside a model.
 
-Ten standard parameters of a body that is fixed to a link are ten columns of that link's, which are combinations of the
-base parameters': Y_link = Y K, K the link's columns of `Body.combine`. In one recording they are part of the base
-parameters; where these are known, or the same in other recordings, what is left is the payload's. Friction at the
-joints is fitted anew, as it changes with temperature.
+The ten standard parameters of a body that is fixed to a link have ten columns, which combine those of the base
+parameters: Y_link = Y K, with K the link's columns of `Body.combine`. In one recording they are part of the base
+parameters. Where these are known, or the same in other recordings, the rest is the payload's. Friction is fitted anew
+where another payload is carried, as it changes with temperature. The rows are those of the windows of torque.
 Source: Khosla and Kanade, IEEE Conference on Decision and Control, 1985; Gaz and De Luca, IROS 2017.
 """
 
@@ -11,27 +11,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
-from estimators.arms.standard import pseudo_inertia
+from estimators.arms.standard import nearest_link, pseudo_inertia
 from estimators.regression.equations import Equations, IdentificationError
-from estimators.regression.least_squares import Fit, solve
-from estimators.schemes.balance import ARM_SCHEMES
-from estimators.schemes.fitting import by_joint, regressions, stack
-from estimators.signals.measurements import measure_joints
-from pendulum_env._typing import JSON, Array, Index, Mask
-from pendulum_env.arms.body import STANDARD
-from pendulum_env.arms.joints import links_of
+from estimators.regression.least_squares import Fit, least_squares, project_out, solve
+from estimators.schemes.fitting import by_joint
+from estimators.weak_form.links import prepare_arm
+from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import TorqueWindows
+from pendulum_env._typing import JSON, Array, Index
+from pendulum_env.arms.body import STANDARD, Body, LinkLoad
+from pendulum_env.arms.joints import Coupling, Links, links_of
 from pendulum_env.lookup import find
-from pendulum_env.physics import Estimate, Model
+from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.recording import Recording
 
-SCHEME = ARM_SCHEMES[1]  # filtered dynamic: the torque of each joint, without differentiating noise
 HIDDEN = 1e-6  # share of a direction that no motion of the joints shows, from which a parameter is unknown
 SURE, SHARE = 5.0, 0.5  # standard errors of a mass, and share of the torque left, from which a payload stands out
+GAP = 0.25  # share of the range of masses, from which two recordings carry different payloads
 
 
 @dataclass(frozen=True)
@@ -41,17 +42,20 @@ class Payload:
     Attributes:
         joint: in front of the link that carries it, in whose frame everything is told.
         estimates: its mass, first moments and moments of inertia about the joint's origin, by their names in URDF's
-            frame (`m`, `mx` ... `Izz`), those that the motion of the joints shows.
-        center: of mass (3,) [m], where mass and first moments are shown.
-        exists: whether some body has these parameters, within two standard errors; None if not all are shown.
+            frame (`m`, `mx` ... `Izz`), those that the motion of the joints shows; of the nearest body that exists.
+        center: of mass [m], by those of the axes x, y and z along which mass and first moment are shown.
+        exists: whether some body has the parameters of the free fit, within two standard errors; None if not all are
+            shown.
         left: torque that remains of each joint [N m], without the payload and with it.
+        load: the same parameters at the link; those that are not shown have the least norm.
     """
 
     joint: str
     estimates: Mapping[str, Estimate]
-    center: tuple[Estimate, ...] | None
+    center: Mapping[str, Estimate]
     exists: bool | None
     left: Mapping[str, tuple[float, float]]
+    load: LinkLoad
 
     @property
     def hidden(self) -> tuple[str, ...]:
@@ -63,7 +67,7 @@ class Payload:
         """Whether a body may well be what has changed: it has mass, and explains most of what two joints lack."""
         mass = self.estimates.get("m")
         helped = sum(after < SHARE * before for before, after in self.left.values())
-        return mass is not None and mass.value > SURE * mass.std and self.exists is not False and helped >= 2
+        return mass is not None and mass.value > SURE * mass.std and helped >= 2
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -71,7 +75,7 @@ class Payload:
             "schema": "pendulum-ident/payload@1",
             "joint": self.joint,
             "theta": {name: one.json() for name, one in self.estimates.items()},
-            "center": None if self.center is None else [one.json() for one in self.center],
+            "center": [one.json() for one in self.center.values()] if len(self.center) == 3 else None,
             "hidden": list(self.hidden),
             "exists": self.exists,
             "torque_rms": {name: {"without": a, "with": b} for name, (a, b) in self.left.items()},
@@ -84,10 +88,10 @@ def find_payload(
     without: Sequence[Recording] = (),
     joint: str | None = None,
 ) -> Payload:
-    """The body that an arm carries in some recordings.
+    """Identify the body that an arm carries in some recordings.
 
     Args:
-        model: of the arm without it. Its friction is fitted anew; its base parameters are, too, if there are
+        model: of the arm without it. Its friction is fitted anew. Its other parameters are, too, if there are
             recordings without the payload, and taken as they are otherwise: the standard errors then count the noise of
             the recordings that carry alone.
         carrying: recordings with the payload.
@@ -98,63 +102,192 @@ def find_payload(
         IdentificationError: if there is too little motion.
         ValueError: if there is no such joint.
     """
-    body = links_of(model.terms)
-    joint = joint or body.joints[-1]
-    k = body.links.index(find("joint", joint, {name: name for name in body.joints}))
-    combine = body.combine[:, 10 * k : 10 * (k + 1)]  # (P, 10)
-    unseen = scipy.linalg.null_space(combine, rcond=HIDDEN)
-    shown = scipy.linalg.null_space(unseen.T) if unseen.size else np.eye(len(STANDARD))  # (10, r)
-    segments = [measure_joints(recording.joints) for recording in (*without, *carrying)]
-    data = stack(segments, partial(regressions(model.terms), SCHEME))
-    loaded = data.recording >= len(without)
-    of_base, of_friction = np.split(data.equations.phi, [len(combine)], axis=1)
-    extra = np.where(loaded[:, None], of_base @ combine @ shown, 0.0)
-    if without:
-        known, y = [of_base, of_friction * ~loaded[:, None], of_friction * loaded[:, None]], data.equations.y
-    else:
-        known, y = [of_friction], data.equations.y - of_base @ model.theta[: len(combine)]
-    use = data.usable
-    if not (use & loaded).any():
-        raise IdentificationError(f"{carrying[0].name}: too little motion clear of reversals to tell a payload")
-    clusters = np.unique(data.clusters[use], return_inverse=True)[1]
-    each = [Equations(np.column_stack(columns)[use], y[use]) for columns in (known, [*known, extra])]
-    empty, fit = (solve(equations, by_joint(equations, data.joint[use]), clusters) for equations in each)
-    size = shown.shape[1]
-    values, covariance = shown @ fit.theta[-size:], shown @ fit.covariance[-size:, -size:] @ shown.T
-    std = np.sqrt(np.diag(covariance))
-    estimates = {
-        name: Estimate(float(values[n]), float(std[n]), body.unit_of(f"{name}@{joint}"))
-        for n, name in enumerate(STANDARD)
-        if not unseen.size or np.linalg.norm(unseen[n]) < HIDDEN
+    links = model.terms[0]
+    assert isinstance(links, Links)
+    joint = find("joint", joint or links.body.joints[-1], {name: name for name in links.body.joints})
+    shared = [type(term) for term in model.terms if isinstance(term, Coupling)]
+    parts = [prepare_arm(own, links, shared) for own in (without, carrying) if own]
+    group = [0] * len(without) + [1] * len(carrying)
+    return PayloadRows.of(parts, model.terms, joint).fit(group, None if without else model)[0]
+
+
+def find_carried(
+    parts: Sequence[TorqueWindows], terms: Sequence[Term], joint: str | None = None
+) -> list[tuple[Payload, tuple[int, ...]]]:
+    """Identify what an arm carries in some of its recordings and not in others.
+
+    Each recording is first fitted with a payload of its own. Recordings with masses of about one size then share one.
+    Those with the least are without a payload.
+
+    Args:
+        parts: windows of recordings, numbered in a row.
+        terms: of the model.
+        joint: in front of the link that carries it, the last one by default.
+
+    Returns:
+        Payloads that stand out, with the numbers of the recordings that carry each.
+    """
+    count = sum(len({w.run for w in own.windows}) for own in parts)
+    rows = PayloadRows.of(parts, terms, joint or links_of(terms).joints[-1])
+    if count < 2 or "m" not in rows.shown:
+        return []
+    mass = np.append(0.0, rows.masses(count))
+    order = np.argsort(mass)
+    steps = np.append(0, np.cumsum(np.diff(mass[order]) > GAP * np.ptp(mass)))
+    group = np.empty(count, dtype=np.intp)
+    group[order] = steps
+    found = rows.fit(group.tolist())
+    return [
+        (payload, tuple(np.flatnonzero(group == k + 1).tolist()))
+        for k, payload in enumerate(found)
+        if payload.stands_out
+    ]
+
+
+class PayloadRows(NamedTuple):
+    """Rows of recordings of an arm (R,), for payloads at one of its links.
+
+    Attributes:
+        body: of the arm.
+        joint: in front of the link.
+        terms: of the model.
+        equations: of the model's parameters.
+        of_friction: columns of friction (P,).
+        number: of the joint in each row (R,).
+        recording: number of the recording in each row (R,).
+        clusters: block of time of each row (R,).
+    """
+
+    body: Body
+    joint: str
+    terms: Sequence[Term]
+    equations: Equations
+    of_friction: Index
+    number: Index
+    recording: Index
+    clusters: Index
+
+    @classmethod
+    def of(cls, parts: Sequence[TorqueWindows], terms: Sequence[Term], joint: str) -> PayloadRows:
+        """Join the rows of several parts."""
+        phi, y, number, recording, clusters = [], [], [], [], []
+        body, first, cluster = links_of(terms), 0, 0
+        for data in parts:
+            near = TorqueRows(data).equations(terms).tangent()
+            phi.append(near.slopes)
+            y.append(near.error + near.slopes @ near.theta)
+            runs = np.array([w.run for w in data.windows], dtype=np.intp)
+            at = np.array([body.joints.index(w.at) for w in data.windows], dtype=np.intp)
+            recording.append(first + runs[data.recording_of_window])
+            number.append(at[data.recording_of_window])
+            clusters.append(cluster + data.clusters)
+            first, cluster = first + int(runs.max()) + 1, cluster + int(data.clusters.max()) + 1
+        owner = np.repeat([term.kind == "dissipative" for term in terms], [len(term.columns) for term in terms])
+        equations = Equations(np.concatenate(phi), np.concatenate(y))
+        rest = (np.concatenate(own) for own in (number, recording, clusters))
+        return cls(body, joint, terms, equations, np.flatnonzero(owner), *rest)
+
+    @property
+    def basis(self) -> Array:
+        """Orthonormal basis (10, S) of the parameters of a link that the motion of the joints shows."""
+        unseen = scipy.linalg.null_space(self.body.link_columns(self.joint), rcond=HIDDEN)
+        return np.asarray(scipy.linalg.null_space(unseen.T) if unseen.size else np.eye(len(STANDARD)))
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Parameters of a link that the motion of the joints shows."""
+        length = np.linalg.norm(self.basis, axis=1)
+        return tuple(name for name, own in zip(STANDARD, length, strict=True) if 1 - own < HIDDEN)
+
+    def _columns(self, group: Sequence[int], model: Model | None) -> tuple[Array, list[Array], Array]:
+        """Columns of the arm, those of the payload of each group from 1, and the torque that both explain (R,)."""
+        own, phi, y = np.asarray(group)[self.recording], self.equations.phi, self.equations.y
+        count = len(self.body.base)
+        link = phi[:, :count] @ (self.body.link_columns(self.joint) @ self.basis)
+        shared = np.setdiff1d(np.arange(phi.shape[1]), self.of_friction)
+        friction = [phi[:, self.of_friction] * (own == k)[:, None] for k in range(max(group) + 1)]
+        if model is None:
+            known = [phi[:, shared], *friction]
+        else:
+            known, y = friction[1:], y - phi[:, shared] @ model.theta[shared]
+        return np.column_stack(known), [link * (own == k)[:, None] for k in range(1, max(group) + 1)], y
+
+    def masses(self, count: int) -> Array:
+        """Return the mass of each recording but the first, in excess of its mass (count - 1,) [kg]."""
+        known, carried, y = self._columns(range(count), None)
+        phi = np.column_stack([known, *carried])
+        w = by_joint(Equations(phi, y), self.number)
+        theta = least_squares(phi * w[:, None], y * w)[known.shape[1] :]
+        return np.asarray(theta.reshape(count - 1, -1) @ self.basis[STANDARD.index("m")])
+
+    def fit(self, group: Sequence[int], model: Model | None = None) -> list[Payload]:
+        """Fit the payload of each group of recordings from 1, beside those of group 0.
+
+        Args:
+            group: of each recording.
+            model: of the arm without payload; by default its parameters are fitted.
+
+        Raises:
+            IdentificationError: if there is too little motion.
+        """
+        known, carried, y = self._columns(group, model)
+        if not all(own.any() for own in carried):
+            raise IdentificationError("too little motion clear of reversals to tell a payload: record longer")
+        clusters = np.unique(self.clusters, return_inverse=True)[1]
+        w = [by_joint(Equations(phi, y), self.number) for phi in (known, np.column_stack([known, *carried]))]
+        empty = solve(Equations(known, y), w[0], clusters)
+        free = solve(Equations(np.column_stack([known, *carried]), y), w[1], clusters)
+        width, found, possible = self.basis.shape[1], [], y
+        values = free.theta[known.shape[1] :].reshape(len(carried), width)
+        for k, columns in enumerate(carried):
+            if width == len(STANDARD):  # the best fit of all bodies that exist
+                others = np.column_stack([known, *carried[:k], *carried[k + 1 :]]) * w[1][:, None]
+                own = project_out(np.linalg.qr(others)[0], columns * w[1][:, None])
+                values[k] = self.basis.T @ nearest_link(self.basis @ values[k], own @ self.basis.T)
+            possible = possible - columns @ values[k]
+        fit = free
+        if not np.array_equal(values.ravel(), free.theta[known.shape[1] :]):
+            fit = solve(Equations(known, possible), w[1], clusters)
+        for k in range(len(carried)):
+            here = slice(known.shape[1] + k * width, known.shape[1] + (k + 1) * width)
+            covariance = self.basis @ free.covariance[here, here] @ self.basis.T
+            own = np.asarray(group)[self.recording] == k + 1
+            left = _errors(self.body.joints, np.where(own, self.number, -1), empty, fit)
+            found.append(self._payload(self.basis @ values[k], self.basis @ free.theta[here], covariance, left))
+        return found
+
+    def _payload(
+        self, values: Array, free: Array, covariance: Array, left: Mapping[str, tuple[float, float]]
+    ) -> Payload:
+        std, units = np.sqrt(np.diag(covariance)), (self.body.unit_of(f"{name}@{self.joint}") for name in STANDARD)
+        each = zip(STANDARD, map(Estimate, values.tolist(), std.tolist(), units), strict=True)
+        estimates = {name: estimate for name, estimate in each if name in self.shown}
+        center = _center(values, covariance)
+        center = {axis: own for axis, own in center.items() if {"m", f"m{axis}"} <= estimates.keys()}
+        exists = _exists(free, covariance) if len(estimates) == len(STANDARD) else None
+        return Payload(self.joint, estimates, center, exists, left, LinkLoad(self.joint, values))
+
+
+def _errors(joints: Sequence[str], number: Index, before: Fit, after: Fit) -> dict[str, tuple[float, float]]:
+    """Torque that two fits leave of each joint that has rows, by its number in each of them (R,), -1 for none."""
+    rows = {name: number == n for n, name in enumerate(joints)}
+    return {
+        name: (float(np.sqrt(np.mean(before.residual[own] ** 2))), float(np.sqrt(np.mean(after.residual[own] ** 2))))
+        for name, own in rows.items()
+        if own.any()
     }
-    left = _missed(body.joints, np.where(loaded, data.joint, -1)[use], empty, fit)
-    center = _center(values, covariance) if set(STANDARD[:4]) <= estimates.keys() else None
-    return Payload(
-        joint, estimates, center, _exists(values, covariance) if len(estimates) == len(STANDARD) else None, left
-    )
 
 
-def _missed(joints: Sequence[str], joint: Index, before: Fit, after: Fit) -> dict[str, tuple[float, float]]:
-    """Torque that two fits leave of each joint that has equations, by its number in each of them (R,), -1 for none."""
-    rows = {name: joint == n for n, name in enumerate(joints)}
-
-    def rms(fit: Fit, own: Mask) -> float:
-        return float(np.sqrt(np.mean(fit.residual[own] ** 2)))
-
-    return {name: (rms(before, own), rms(after, own)) for name, own in rows.items() if own.any()}
-
-
-def _center(values: Array, covariance: Array) -> tuple[Estimate, ...] | None:
-    """Centre of mass from mass and first moments, with first-order standard errors; None where there is no mass."""
-    mass = values[0]
+def _center(values: Array, covariance: Array) -> dict[str, Estimate]:
+    """Centre of mass from mass and first moments, with first-order standard errors; empty where there is no mass."""
+    mass, found = values[0], dict[str, Estimate]()
     if mass <= 2 * np.sqrt(covariance[0, 0]):
-        return None
-    found = []
-    for n in (1, 2, 3):
+        return found
+    for n, axis in enumerate("xyz", 1):
         slope = np.array([-values[n] / mass**2, 1 / mass])
         variance = slope @ covariance[np.ix_([0, n], [0, n])] @ slope
-        found.append(Estimate(float(values[n] / mass), float(np.sqrt(variance)), "m"))
-    return tuple(found)
+        found[axis] = Estimate(float(values[n] / mass), float(np.sqrt(variance)), "m")
+    return found
 
 
 def _exists(values: Array, covariance: Array) -> bool:

@@ -93,6 +93,30 @@ def standard_parameters(model: Model) -> dict[str, Estimate]:
     return dict(nearest_body(model).parameters)
 
 
+def nearest_link(standard: Array, columns: Array) -> Array:
+    """Return the parameters (10,) of a body that fit best, from those of a free fit; the same if these are a body's.
+
+    Args:
+        standard: of the free fit (10,).
+        columns: of a regression (R, 10); the best fit has the least |columns (parameters - standard)|.
+    """
+    eigenvalues, axes = np.linalg.eigh(pseudo_inertia(standard))
+    size = float(np.abs(eigenvalues).sum())
+    if eigenvalues[0] > 0 or size == 0:
+        return standard
+    factor = np.linalg.cholesky((axes * np.maximum(eigenvalues, NEAREST.least * size)) @ axes.T)
+    start = np.concatenate([np.log(np.diag(factor)), factor[BELOW]])
+    triangle = np.linalg.qr(columns, mode="r")
+    found = scipy.optimize.least_squares(
+        lambda x: triangle @ (_standard(x, 1) - standard),
+        start,
+        lambda x: triangle @ _slope(x, 1),
+        x_scale="jac",
+        max_nfev=NEAREST.turns,
+    )
+    return _standard(found.x, 1)
+
+
 def pseudo_inertia(standard: Array) -> Array:
     """Pseudo-inertia (4, 4) of a link's ten parameters: second moments, first moments and mass."""
     m, hx, hy, hz, xx, xy, yy, xz, yz, zz = standard

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -21,8 +21,9 @@ from estimators.data.split import Parts, gather, split_arm
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import known_values
 from estimators.selection.criterion import Criterion
-from pendulum_env.arms.body import Body
+from pendulum_env.arms.body import Body, LinkLoad
 from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.recording import with_payload
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import TorqueConstant
@@ -137,6 +138,22 @@ class FitData:
             excluded=tuple(outliers),
             whole=self,
         )
+
+    def with_payload(self, load: LinkLoad, carrying: Collection[int], treatment: Finding) -> Self:
+        """Return the data with a payload that some recordings carry, held-out ones numbered behind the fitted ones."""
+
+        def loaded(recordings: Sequence[Recording], first: int) -> tuple[Recording, ...]:
+            numbered = enumerate(recordings, first)
+            return tuple(with_payload(own, load) if k in carrying else own for k, own in numbered)
+
+        def parts(data: FitData) -> dict[str, Any]:
+            return {
+                "recordings": loaded(data.recordings, 0),
+                "holdout": loaded(data.holdout, len(data.recordings)),
+            }
+
+        untimed = None if self.untimed is None else replace(self.untimed, **parts(self.untimed))
+        return self.with_treatment(treatment, **parts(self), untimed=untimed)
 
     def with_narrower_windows(self, share: float = Criterion.shorter_window) -> Self:
         """Return the data in windows of a share of their length."""

@@ -327,11 +327,11 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     edges = {term: find_edges(term, data.data.part(term.at).samples) for term in terms}
     scanned = {term.full(parameter.name) for term in terms for parameter in edges[term]}
     is_smooth = np.array([name not in scanned for name in names], dtype=bool)
-    fit = balance.fit(data.layout.clusters, jacobian[:, is_smooth] if is_smooth.any() else None, theta)
+    fit = balance.fit(data.layout.clusters, _with_payload(data, jacobian[:, is_smooth]), theta)
     count = len(theta)
     kept = np.flatnonzero(np.append(np.ones(count, dtype=bool), is_smooth))
     covariance = np.zeros((count + len(names),) * 2)  # an edge converges so fast that the others have theirs beside it
-    covariance[np.ix_(kept, kept)] = fit.covariance
+    covariance[np.ix_(kept, kept)] = fit.covariance[: len(kept), : len(kept)]
     fit = replace(fit, covariance=covariance)
     nonlinear_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
     first_column = 0
@@ -366,6 +366,13 @@ def fit_within_laws(data: RegressionData, terms: Terms) -> Model:
     """
     fit = data.equations(terms).within(*bounds_of_laws(terms)).fit(data.layout.clusters)
     return Model.build(terms, fit.theta, fit.std)
+
+
+def _with_payload(data: RegressionData, jacobian: Array) -> Array | None:
+    """Return further columns of a fit (R, S): those of payloads, identified from the same rows, come last."""
+    if data.data.payload is not None and data.data.payload.columns.any():
+        jacobian = np.column_stack([jacobian, data.data.payload.columns])
+    return jacobian if jacobian.size else None
 
 
 def base_inertia(rows: TorqueRows) -> float:

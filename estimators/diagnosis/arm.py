@@ -11,7 +11,7 @@ from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
-from estimators.diagnosis.treatments import time_beside_effects
+from estimators.diagnosis.treatments import include_payload, time_beside_effects
 from estimators.diagnosis.unexplained import holdout_names
 from estimators.findings import Finding, Kind
 from estimators.schemes.identifiability import unidentifiable
@@ -84,13 +84,13 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     tables = tuple(id for laws in by_law if (id := find_explaining_law(evaluator, terms, laws)) is not None)
     forbidden = Finding(Kind.NO_EFFECT_OPEN) if left else None
     if left and not joints:
-        kind = Kind.FIT_HELD_OUT_OR_PAYLOAD if trial.data.holdout else Kind.FIT_HELD_OUT
-        forbidden = Finding(kind, recordings=holdout_names(evaluator))
+        forbidden = Finding(Kind.FIT_HELD_OUT, recordings=holdout_names(evaluator))
     elif found.ambiguous:
         forbidden = Finding(Kind.TIED, effects=found.ambiguous[0])
     elif tables:
         forbidden = Finding(Kind.TABLE_HELPS, effects=tables)
-    findings = (*driving_friction(trial.unbounded(found.model)), *trial.data.corrections)
+    carried = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
+    findings = (*carried, *driving_friction(trial.unbounded(found.model)), *trial.data.corrections)
     return replace(found, findings=findings, forbidden=forbidden, tables=tables, left=left)
 
 
@@ -104,5 +104,5 @@ ARM = Case(
     present=lambda trial, step: step,
     conclude=conclude,
     reveal=lambda data, base, kind: data,
-    treatments=(time_beside_effects,),
+    treatments=(include_payload, time_beside_effects),
 )

@@ -1,15 +1,20 @@
 """Candidate treatments of the recordings: each gives new data, and one rule decides which are kept."""
 
+from estimators.arms.payload import Payload, find_carried
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import TriedTreatment
 from estimators.diagnosis.setting import Setting
-from estimators.findings import Kind
+from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.evaluator import held_out_cost
 from estimators.selection.motion import is_misfit
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import links_of
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.terms import ids
+from pendulum_env.recording.record import NEWTON_METRE
 
+TORQUE = {Kind.TIMED_BESIDE, Kind.PAYLOAD}  # treatments that change the torque
 WINDOWS = {Kind.NARROWER_WINDOWS, Kind.IMPACTS_INCLUDED}  # treatments of the windows alone
 
 
@@ -39,11 +44,11 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
 
     The error is that of torque times that of free-running motion. The likelihood of blocks is no score here: windows of
     different widths have no blocks in common, and hidden states show in the motion alone. Both models are compared on
-    the treated data, except after a change of timing: it changes the torque, and each model has its own data.
+    the treated data, except after a treatment that changes the torque: each model has its own data then.
     """
     treatment = next(own for own in trial.data.treatments if own not in best.data.treatments)
     after, before = trial.found.steps[-1], best.found.steps[-1]
-    if treatment.kind is not Kind.TIMED_BESIDE:
+    if treatment.kind not in TORQUE:
         before = trial.evaluator.make_step(None, before.model)
     ratio = held_out_cost(after) / max(held_out_cost(before), 1e-300)
     counts = n_assumptions(trial), n_assumptions(best)
@@ -53,15 +58,16 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
 def is_better(error_ratio: float, assumptions: int, before: int, margin: float) -> bool:
     """Return whether a treatment is kept: its model predicts better, or as well by no more assumptions.
 
-    Errors within the margin are equal. Assumptions are effects, corrected timing, treatments of the windows, and
-    back-EMF in the base model. An excluded recording is no assumption: a separate test has found that it disagrees.
+    Errors within the margin are equal. Assumptions are effects, corrected timing, payloads, treatments of the windows,
+    and back-EMF in the base model. An excluded recording is no assumption: a separate test has found that it disagrees.
     """
     return error_ratio < 1 - margin or (error_ratio < 1 + margin and assumptions <= before)
 
 
 def n_assumptions(trial: Trial) -> int:
-    """Return the number of effects, treatments of windows and added base terms, plus one if timing was corrected."""
-    free = [treatment for treatment in trial.data.treatments if treatment.kind in (*WINDOWS, Kind.BACK_EMF_INCLUDED)]
+    """Return the number of effects, payloads, treatments of windows and added base terms, and one for any timing."""
+    counted = (*WINDOWS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
+    free = [treatment for treatment in trial.data.treatments if treatment.kind in counted]
     return len(trial.found.steps) - 1 + trial.data.has_moved + len(free)
 
 
@@ -87,6 +93,29 @@ def exclude_outliers(trial: Trial) -> FitData | None:
     """Exclude recordings of another plant: no effect of one plant explains two."""
     kept = (trial.data.whole or trial.data).without(trial.outliers)
     return kept if len(kept.recordings) < len(trial.data.recordings) else None
+
+
+def include_payload(trial: Trial) -> FitData | None:
+    """Include payloads at the last link that some recordings of an arm show, and others do not."""
+    data = trial.data
+    if not trial.unexplained or len(data.recordings) + len(data.holdout) < 2:
+        return None
+    parts = [part.data for part in (data.parts if data.holdout else data.parts[:1])]
+    for payload, numbers in find_carried(parts, trial.found.terms):
+        names = tuple((*data.recordings, *data.holdout)[k].name for k in numbers)
+        finding = payload_finding(payload, links_of(trial.setting.base), names)
+        data = data.with_payload(payload.load, numbers, finding)
+    return None if data is trial.data else data
+
+
+def payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> Finding:
+    """Return the finding on a payload in recordings with some names: mass, centre and the errors that it explains."""
+    numbers = {"mass": payload.estimates["m"], **payload.center}
+    sizes = {name: Quantity(own.value, own.std, own.unit) for name, own in numbers.items()}
+    for at, (before, after) in payload.left.items():
+        unit = body.units(at).unit(NEWTON_METRE)
+        sizes |= {f"{at}.before": Quantity(before, unit=unit), f"{at}.after": Quantity(after, unit=unit)}
+    return Finding(Kind.PAYLOAD, sizes, recordings=names, joints=(payload.joint,))
 
 
 def time_beside_effects(trial: Trial) -> FitData | None:

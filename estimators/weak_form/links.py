@@ -15,6 +15,7 @@ import numpy as np
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import least_squares
 from estimators.weak_form.torque_windows import (
+    PayloadColumns,
     TermColumns,
     TorqueWindows,
     choose_half_width,
@@ -26,6 +27,7 @@ from estimators.weak_form.windows import WindowAverages, Windows, cut
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links
+from pendulum_env.arms.recording import payload_of
 from pendulum_env.physics import Term
 from pendulum_env.physics.term import loads
 from pendulum_env.recording import Recording
@@ -42,7 +44,7 @@ def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[
     """
     entries = [
         [
-            replace(cut(joint, width), at=name, run=run)
+            replace(cut(joint, width), at=name, run=run, payload=payload_of(recording))
             for name, joint in zip(links.body.joints, recording.joints, strict=True)
         ]
         for run, recording in enumerate(recordings)
@@ -80,8 +82,22 @@ def _joined(
     inertia = np.mean([np.diagonal(part.masses.mean(axis=0), axis1=1, axis2=2).T for part in parts], axis=0)
     data = join_windows([own[k] for k in joints for own in entries], {links.id: TermColumns(linear, rates, inertia)})
     return replace(
-        data, shared_columns={**data.shared_columns, **{kind.id: _coupled(entries, kind) for kind in shared}}
+        data,
+        shared_columns={**data.shared_columns, **{kind.id: _coupled(entries, kind) for kind in shared}},
+        payload=_payload_columns(data, linear, links.body),
     )
+
+
+def _payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadColumns | None:
+    """Columns of known payloads by those of the links (R, P); None if nothing is carried."""
+    loads = [w.payload for w in data.windows]
+    known = list(dict.fromkeys(load for load in loads if load is not None))
+    if not known:
+        return None
+    owner = np.array([-1 if load is None else known.index(load) for load in loads])[data.recording_of_window]
+    columns = [linear @ body.link_columns(own.joint) * (owner == k)[:, None] for k, own in enumerate(known)]
+    torque = sum(each @ own.standard for each, own in zip(columns, known, strict=True))
+    return PayloadColumns(np.asarray(torque), np.column_stack(columns))
 
 
 def _coupled(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> TermColumns:

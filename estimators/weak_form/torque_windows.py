@@ -57,6 +57,18 @@ class TermColumns(NamedTuple):
     inertia: Array
 
 
+class PayloadColumns(NamedTuple):
+    """Windowed torque of known payloads of an arm.
+
+    Attributes:
+        torque: of all links (R,) [N m].
+        columns: derivatives of the torque by the parameters of each payload (R, S).
+    """
+
+    torque: Array
+    columns: Array
+
+
 @dataclass(frozen=True)
 class TorqueWindows:
     """Windows of one or several recordings that share one set of parameters, of one joint or of several.
@@ -68,6 +80,7 @@ class TorqueWindows:
         link_states: samples with the estimated state variables of a term, by its id, one entry per recording; other
             states are propagated along the measured motion from the start.
         shared_columns: columns of terms that belong to no single joint, by id.
+        payload: torque of what an arm is known to carry; None if nothing is.
     """
 
     windows: tuple[Windows, ...]
@@ -75,6 +88,7 @@ class TorqueWindows:
     clusters: Index
     link_states: Mapping[str, Sequence[Samples]] = field(default_factory=dict)
     shared_columns: Mapping[str, TermColumns] = field(default_factory=dict)
+    payload: PayloadColumns | None = None
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -88,7 +102,8 @@ class TorqueWindows:
             own = tuple(w for w in self.windows if w.at == joint)
             here = slice(first, first := first + sum(len(w.centers) for w in own))
             clusters = np.unique(self.clusters[here], return_inverse=True)[1]
-            found[joint] = here, TorqueWindows(own, self.weights[here], clusters)
+            payload = None if self.payload is None else PayloadColumns(*(series[here] for series in self.payload))
+            found[joint] = here, TorqueWindows(own, self.weights[here], clusters, payload=payload)
         return found
 
     def where(self, at: str) -> slice:
@@ -251,8 +266,9 @@ class TorqueWindows:
         return np.concatenate([w.applied_torque() for w in self.windows])
 
     def net_torque(self) -> Array:
-        """Return the measured torque less that of known loads (R,) [N m]: the model's left-hand side."""
-        return np.concatenate([w.net_torque() for w in self.windows])
+        """Return the measured torque less that of known loads and payloads (R,) [N m]: the model's left-hand side."""
+        net = np.concatenate([w.net_torque() for w in self.windows])
+        return net if self.payload is None else net - self.payload.torque
 
     def equations(self, terms: Sequence[Term]) -> Equations:
         """Return the regression of the torque, less known loads and fixed columns, on the linear columns of terms."""

@@ -29,6 +29,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from estimators.signals.differentiation import from_position, from_velocity, near_turns, shared, white_noise
 from estimators.signals.motion import LEAD_IN, SLOWEST, known_load, warmth
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
+from pendulum_env.arms.body import LinkLoad
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
 from pendulum_env.physics.term import LOAD, traces
 from pendulum_env.recording import Recording
@@ -147,6 +148,7 @@ class Windows:
         first, stop: range of samples with windows; those before it initialise terms with memory.
         at: name of the recorded joint of an arm.
         run: number of the arm's recording, which its joints share.
+        payload: what the arm is known to carry.
     """
 
     recording: Recording
@@ -165,6 +167,7 @@ class Windows:
     stop: int
     at: str = ""
     run: int | None = None
+    payload: LinkLoad | None = None
 
     @cached_property
     def torque_scale(self) -> float:

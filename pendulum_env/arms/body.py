@@ -37,7 +37,7 @@ ROUNDING = 1e-9  # relative, of the inertia in a file
 INDEPENDENT = 1e-8  # relative length of what a column adds to those before it
 DRAWS = 60  # of random motion, for the rank: each tells of every joint
 
-__all__ = ["BaseParameter", "Body", "BodyError", "read_body"]
+__all__ = ["BaseParameter", "Body", "BodyError", "LinkLoad", "read_body"]
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,19 @@ class BaseParameter:
             size = "" if np.isclose(abs(factor), 1.0) else f"{abs(factor):.4g} "
             words += f" {'-' if factor < 0 else '+'} {size}{name}"
         return words
+
+
+@dataclass(frozen=True, eq=False)
+class LinkLoad:
+    """A body fixed to a link.
+
+    Attributes:
+        joint: in front of the link.
+        standard: its parameters (10,) about the joint's origin, in the joint's frame, as in `STANDARD`.
+    """
+
+    joint: str
+    standard: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +183,11 @@ class Body(Mechanism):
     def combine(self) -> Array:
         """Return the base parameters as combinations of the standard parameters (P, S)."""
         return self._reduction[1]
+
+    def link_columns(self, joint: str) -> Array:
+        """Return what each base parameter is of the standard parameters of the link behind a joint (P, 10)."""
+        first = len(STANDARD) * self.links.index(joint)
+        return self.combine[:, first : first + len(STANDARD)]
 
     def unit_of(self, name: str) -> str:
         """Unit of a standard parameter."""

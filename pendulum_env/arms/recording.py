@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.arms.body import Body
+from pendulum_env.arms.body import Body, LinkLoad
 from pendulum_env.lookup import find
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.term import ROOM
@@ -40,6 +40,7 @@ class ArmRecording(Recording):
     Attributes:
         names: of the joints that move (n,).
         still: positions (M,) of joints that do not move, of those that have a column, as rows of the file have them.
+        payload: known body that a link carries; its torque is no part of a model. None if nothing is known of one.
 
     Raises:
         RecordingError: as `Recording` does.
@@ -47,6 +48,7 @@ class ArmRecording(Recording):
 
     names: tuple[str, ...] = ()
     still: Mapping[str, Array] = field(default_factory=dict)
+    payload: LinkLoad | None = None
 
     @classmethod
     def of(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> ArmRecording:
@@ -93,6 +95,19 @@ class ArmRecording(Recording):
     def summary(self) -> str:
         """Length, rate, number of samples and joints."""
         return f"{super().summary}, {len(self.names)} joint{'s' * (len(self.names) > 1)}"
+
+
+def payload_of(recording: Recording) -> LinkLoad | None:
+    """Return the known payload of a recording."""
+    return recording.payload if isinstance(recording, ArmRecording) else None
+
+
+def with_payload(recording: Recording, load: LinkLoad) -> Recording:
+    """Return a recording of an arm with a known payload, in addition to what it is known to carry at the same link."""
+    before = payload_of(recording)
+    if before is not None:
+        load = LinkLoad(load.joint, before.standard + load.standard)
+    return replace(recording, payload=load)  # type: ignore[call-arg]
 
 
 def read_arm_recording(

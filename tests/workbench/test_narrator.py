@@ -36,6 +36,7 @@ NUMBERS = {
     "high": Quantity(1.2, unit="rad"),
     "inertia": Quantity(0.01, unit="kg m^2"),
     "loads": Quantity(2),
+    "mass": Quantity(2.4, 0.01, "kg"),
     "number": Quantity(3),
     "rate": Quantity(50.0, unit="Hz"),
     "residual": Quantity(11.0),
@@ -46,7 +47,8 @@ NUMBERS = {
     "viscous": Quantity(1.12, 0.01, "N m s/rad"),
     "others.viscous": Quantity(1.0, unit="N m s/rad"),
 }
-ABOUT = {"parameters": ("viscous",), "effects": ("spring", "gravity"), "recordings": ("run 2", "run 0", "run 1")}
+ABOUT = {"parameters": ("viscous",), "effects": ("spring", "gravity"), "recordings": ("run 2", "run 0", "run 1"),
+         "joints": ("elbow",)}  # fmt: skip
 PAIR = (("spring", "gravity"),)
 
 

@@ -103,12 +103,15 @@ def carried(
 def of_payload(found: Payload, body: Body) -> list[Part]:
     """Describe the payload of an arm, and its effect on the errors."""
     rows = [(name, one.text, one.unit) for name, one in found.estimates.items()]
-    rows += [(f"centre {axis}", one.text, one.unit) for axis, one in zip("xyz", found.center or (), strict=False)]
+    rows += [(f"centre {axis}", one.text, one.unit) for axis, one in found.center.items()]
     content: list[Table | str] = [Table(("parameter", "estimate", "unit"), rows, left=("unit",))]
     if found.hidden:
         content.append(f"{listing(found.hidden)}: no motion of the joints shows them")
     if found.exists is False:
-        content.append("no body has these moments: something else changed as well, or the motion says too little")
+        content.append(
+            "No body has the moments of the best fit, so those of the nearest body are shown: something else changed "
+            "as well, or the motion says too little."
+        )
     left = [
         (at, f"{old:.4g}", f"{new:.4g}", body.units(at).unit(NEWTON_METRE)) for at, (old, new) in found.left.items()
     ]

@@ -1,5 +1,7 @@
 """A diagnosis in words: what to do next, what else was found, and the files that hold both, with texts."""
 
+from dataclasses import replace
+
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import Comparison
@@ -89,7 +91,12 @@ def headline(found: Diagnosis) -> str:
     """State the result in a phrase: `Stribeck friction is missing`, `Cogging at elbow is missing`."""
     where = listing([at for at in dict.fromkeys(region.at for region in found.unexplained) if at])
     place = f" at {where}" if where else ""
-    groups = [listing([name(id) for id in group], "or") for group in found.effects]
+    groups = [
+        f"a payload of {measure(replace(own.numbers['mass'], std=0.0))} in {listing(own.recordings)}"
+        for own in found.findings
+        if own.kind is Kind.PAYLOAD
+    ]
+    groups += [listing([name(id) for id in group], "or") for group in found.effects]
     if groups:
         rest = f", and more{place} that no known effect explains" if found.unexplained else ""
         return f"{opening(listing(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"

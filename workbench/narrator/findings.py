@@ -329,9 +329,17 @@ def _fit_held_out(found: Finding) -> str:
     return f"The model explains the fitted data, but not the held-out data ({listing(found.recordings)}): fit both."
 
 
-def _fit_held_out_or_payload(found: Finding) -> str:
-    carried = "If the arm carried something there, `compare MODEL.json --payload` identifies it."
-    return f"{_fit_held_out(found)} {carried}"
+def _payload(found: Finding) -> str:
+    axes = [f"{axis} = {measure(found.numbers[axis])}" for axis in "xyz" if axis in found.numbers]
+    center = f", with its centre at {', '.join(axes)}" if axes else ""
+    joints = [name.removesuffix(".before") for name in found.numbers if name.endswith(".before")]
+    pairs = [(at, found.numbers[f"{at}.before"], found.numbers[f"{at}.after"]) for at in joints]
+    errors = [f"{at} {measure_change(before, after)}" for at, before, after in pairs]
+    explained = f" Torque error there without and with it: {', '.join(errors)}." if errors else ""
+    return (
+        f"The arm carries a payload of {measure(found.numbers['mass'])} in {listing(found.recordings)}, at the link "
+        f"behind {listing(found.joints)}{center} in the frame of that joint.{explained}"
+    )
 
 
 def _beyond_limits(found: Finding) -> str:
@@ -444,6 +452,7 @@ DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
     Kind.IMPACTS_INCLUDED: lambda found: "Windows with impacts at reversals are included.",
     Kind.RECORDINGS_EXCLUDED: lambda found: f"Left out: {listing(found.recordings)}.",
     Kind.TIMED_BESIDE: lambda found: f"Torque is timed beside {listing(found.effects)}.",
+    Kind.PAYLOAD: _payload,
     Kind.BACK_EMF_INCLUDED: lambda found: "The base model has back-EMF.",
     Kind.GOALS_HELD: lambda found: _goals(found, "held from row to row", "that run on between rows", "ramp"),
     Kind.GOALS_RUN_ON: lambda found: _goals(found, "running on between rows", "that are held from row to row", "held"),
@@ -510,7 +519,6 @@ DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
         "No library effect explains the rest of the residual. Write your own effect, or keep a table."
     ),
     Kind.FIT_HELD_OUT: _fit_held_out,
-    Kind.FIT_HELD_OUT_OR_PAYLOAD: _fit_held_out_or_payload,
     Kind.INERTIA_UNKNOWN: lambda found: (
         f"The motion of an experiment cannot be predicted without the inertia. {advise_inertia()}"
     ),

@@ -67,15 +67,64 @@ def test_torque_of_an_arm_is_timed_again_beside_what_was_found(body):
         assert found.model.estimates[name].value == pytest.approx(share, abs=0.02)
 
 
-def test_a_payload_in_what_is_held_out_alone_is_left_at_the_joints_that_feel_it(body):
-    heavy = replace(TwoLink(), mass=(1.2, 1.1), inertia=(0.02, 0.012))
-    found = diagnose(recorded(seed=0), recorded(heavy, seed=4), arm_base(body), library=SOME)
-    assert found.selected == () and set(found.left) == {"shoulder", "elbow"}
-    assert all(region.held_out == ("run 4",) for region in found.unexplained)
-    assert found.forbidden == Finding(Kind.FIT_HELD_OUT_OR_PAYLOAD, recordings=("run 4",))
-    assert found.model.estimates["viscous@elbow"].is_biased
-    same = diagnose(recorded(seed=0), recorded(seed=1), arm_base(body), library=SOME)
-    assert not same.left and not same.findings and same.forbidden is None
+HEAVY = replace(TwoLink(), mass=(1.2, 1.1), inertia=(0.02, 0.012))  # with 0.3 kg at the forearm's centre of mass
+
+
+@pytest.mark.parametrize(("fitted", "unseen"), [((0,), (4,)), ((0, 4), ()), ((4,), (0,))])
+def test_a_payload_in_some_recordings_is_identified_and_the_arm_is_found_without_it(body, fitted, unseen):
+    runs = [[recorded(HEAVY if seed == 4 else TwoLink(), seed=seed) for seed in part] for part in (fitted, unseen)]
+    found = diagnose(*runs, arm_base(body), library=SOME)
+    (payload,), (tried,) = found.findings, found.treatments
+    assert payload.kind is Kind.PAYLOAD and payload == tried.treatment and tried.is_kept and tried.error_ratio < 0.1
+    assert payload.recordings == ("run 4",) and payload.joints == ("elbow",)
+    mass, place = payload.numbers["mass"], payload.numbers["z"]
+    assert abs(mass.value - 0.3) < 4 * mass.std < 0.01 and abs(place.value + 0.15) < 4 * place.std < 0.01
+    for joint in body.joints:
+        assert payload.numbers[f"{joint}.after"].value < 0.1 * payload.numbers[f"{joint}.before"].value
+    assert found.selected == () and not found.left and found.forbidden is None
+    for name, value in zip(body.names, body.values, strict=True):
+        estimate = found.model.estimates[name]
+        assert abs(estimate.value - value) < max(4 * estimate.std, 1e-3), name
+
+
+@pytest.mark.parametrize("friction", [TwoLink.viscous, (0.25, 0.25)])
+def test_recordings_that_agree_or_differ_in_friction_show_no_payload(body, friction):
+    other = replace(TwoLink(), viscous=friction)
+    found = diagnose(recorded(seed=0), recorded(other, seed=1), arm_base(body), library=SOME)
+    assert found.treatments == found.findings == () and found.selected == ()
+    if friction == TwoLink.viscous:
+        assert not found.left and found.forbidden is None
+    else:
+        assert set(found.left) == set(body.joints)
+        assert found.forbidden == Finding(Kind.FIT_HELD_OUT, recordings=("run 1",))
+        assert all(region.held_out == ("run 1",) for region in found.unexplained)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_held_out", [True, False])
+def test_a_payload_of_an_arm_of_six_joints_is_identified_beside_an_effect(six, is_held_out):
+    load, hidden = six_joint.Load(2.4, (0.05, -0.03, 0.04), (0.004, 0.003, 0.0035)), Hidden("cogging", 2)
+    empty = replace(six_joint.simulate(1, hidden, seconds=8.0), name="empty")
+    full = replace(six_joint.simulate(2, hidden, seconds=8.0, load=load), name="full")
+    fitted, unseen = ([empty], [full]) if is_held_out else ([empty, full], [])
+    found = diagnose(fitted, unseen, arm_base(six), library=SOME)
+    payload = next(own for own in found.findings if own.kind is Kind.PAYLOAD)
+    assert payload.recordings == ("full",) and found.selected == ("cogging@elbow",) and not found.left
+    assert payload.numbers["mass"].value == pytest.approx(2.4, rel=0.01)
+    assert [payload.numbers[axis].value for axis in "xyz"] == pytest.approx(load.center, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_different_payloads_are_identified_each_and_warmer_friction_is_none(six):
+    load, other = (six_joint.Load(m, (0.05, -0.03, 0.04), (0.003, 0.003, 0.003)) for m in (2.6, 1.2))
+    runs = [replace(six_joint.simulate(k, seconds=8.0, load=own), name=f"run {k}") for k, own in ((1, None), (2, load))]
+    last = replace(six_joint.simulate(3, seconds=8.0, load=other), name="run 3")
+    found = diagnose(runs, last, arm_base(six), library=SOME)
+    masses = {own.recordings: own.numbers["mass"].value for own in found.findings if own.kind is Kind.PAYLOAD}
+    assert masses == {("run 2",): pytest.approx(2.6, rel=0.01), ("run 3",): pytest.approx(1.2, rel=0.01)}
+    warm = replace(six_joint.simulate(2, seconds=8.0, rubs=[0.7] * 6), name="warm")
+    found = diagnose(runs[:1], warm, arm_base(six), library=SOME)
+    assert found.left and not found.treatments
 
 
 def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):

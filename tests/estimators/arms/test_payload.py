@@ -7,6 +7,7 @@ from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
 from estimators import identify
 from estimators.arms.payload import find_payload
+from estimators.arms.standard import nearest_link, pseudo_inertia
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
@@ -45,7 +46,8 @@ def test_a_payload_is_weighed_and_what_the_plane_hides_is_said(model, known):
     assert set(found.estimates) == set(truth) and "my" in found.hidden and "Ixx" in found.hidden
     for name, value in truth.items():
         assert found.estimates[name].value == pytest.approx(value, rel=0.005, abs=3e-4), name
-    assert found.center is None and found.exists is None  # not all ten are shown
+    assert set(found.center) == {"x", "z"} and found.exists is None  # not all ten are shown
+    assert found.center["z"].value == pytest.approx(-PLACE, rel=0.005)
     assert all(after < 0.02 < 0.5 < before for before, after in found.left.values())  # [N m]; noise is 0.02 a sample
 
 
@@ -71,6 +73,17 @@ def test_a_joint_that_is_not_there_and_an_arm_at_rest_are_refused(model, body):
         find_payload(model, [still])
 
 
+def test_moments_that_no_body_has_give_way_to_the_best_of_a_body():
+    point = np.array([2.0, 0.2, 0.0, -0.1, 0.005, 0.0, 0.025, 0.01, 0.0, 0.02])  # of 2 kg at (0.1, 0, -0.05) m
+    free = point - [0, 0, 0, 0, 0.001, 0, 0.002, 0, 0, 0.001]  # less inertia than a point has
+    columns = np.random.default_rng(0).normal(size=(50, 10))
+    found = nearest_link(free, columns)
+    assert np.linalg.eigvalsh(pseudo_inertia(found))[0] > -1e-9 > np.linalg.eigvalsh(pseudo_inertia(free))[0]
+    assert np.linalg.norm(columns @ (found - free)) < np.linalg.norm(columns @ (point - free))
+    real = point + np.array([0, 0, 0, 0, 0.002, 0, 0.002, 0, 0, 0.002])
+    assert np.array_equal(nearest_link(real, columns), real)
+
+
 def test_a_body_at_the_flange_of_a_robot_in_mujoco_is_told_whole():
     pytest.importorskip("mujoco")
     load = six_joint.Load(1.4, (0.05, -0.03, 0.04), (0.004, 0.003, 0.0035))
@@ -79,7 +92,7 @@ def test_a_body_at_the_flange_of_a_robot_in_mujoco_is_told_whole():
     model = identify(empty, arm_base(arm), "filtered_dynamic")["filtered_dynamic"].model
     found = find_payload(model, [full], [empty])
     assert found.estimates["m"].value == pytest.approx(1.4, rel=0.02)
-    assert [one.value for one in found.center] == pytest.approx(load.center, abs=1e-3)
+    assert [one.value for one in found.center.values()] == pytest.approx(load.center, abs=1e-3)
     about = np.diag(load.inertia) + 1.4 * (np.dot(load.center, load.center) * np.eye(3) - np.outer(*2 * [load.center]))
     for name, value in (("Ixx", about[0, 0]), ("Iyy", about[1, 1]), ("Izz", about[2, 2])):
         assert found.estimates[name].value == pytest.approx(value, rel=0.1), name
