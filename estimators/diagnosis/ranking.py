@@ -21,6 +21,7 @@ from estimators.selection.search import SearchResult
 from estimators.selection.tables import without_table
 from estimators.simulation import output_error
 from pendulum_env.physics import Model, Term
+from pendulum_env.physics.model import SIGNIFICANT
 from pendulum_env.physics.terms import has_transmission, is_hidden, untested_ends
 
 
@@ -123,6 +124,8 @@ def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
         reason = Finding(Kind.NOT_TESTED, untested, effects=(term.id,))
     elif not (excited := gate_of_excitation(evaluator, longer)).passed:
         reason, gates = Finding(Kind.NOT_EXCITED, effects=(term.id,)), [excited]
+        if whole := [other.id for other in others if contains(evaluator, other, term)]:
+            verdict, reason = Verdict.REJECTED, Finding(Kind.IMITATES, effects=(whole[0],))
     else:
         verdict, gates = Verdict.REJECTED, [excited, *gates]
         if all(gate.passed for gate in gates):
@@ -206,7 +209,16 @@ def simulation_gain(evaluator: ModelEvaluator, after: Model, before: Model) -> t
 
 
 def gate_of_excitation(evaluator: ModelEvaluator, longer: Terms) -> Gate:
-    """Return the share of the torque of the last of some terms that the others cannot imitate, as a gate."""
+    """Return the excitation of the last of some terms by the data as a gate.
+
+    It is the recorded torque over the smallest torque of the term that would be significant beside the others: N rows
+    with residuals s show a torque r, of which a share u is no imitation by the others, with a standard error of
+    s / (u sqrt(N)).
+    """
     *others, term = longer
-    share, least = evaluator.train.unique_share(others, term), evaluator.criterion.least_excitation
-    return Gate("excitation", share, least, share > least)
+    train, here, least = evaluator.train, evaluator.train.where(term.at), evaluator.criterion.least_excitation
+    residual, recorded = train.residual(tuple(others))[here], train.equations(others).y[here]
+    noise, torque = (float(np.sqrt(np.mean(own**2))) for own in (residual, recorded))
+    share = train.unique_share(others, term)
+    value = torque * share * len(residual) ** 0.5 / max(SIGNIFICANT * noise, 1e-300)
+    return Gate("excitation", value, least, value > least)

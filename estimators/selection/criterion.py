@@ -24,7 +24,7 @@ class Criterion:
         coarse_p_value: largest p-value on a coarse grid of nonlinear parameters; above it, they are not refined.
         max_tried: number of effects that are tried, best score first, until one is confirmed.
         max_ordered: number of effects up to which every order of their steps is tried.
-        least_excitation: least share of an effect's torque that the other terms cannot imitate.
+        least_excitation: least ratio of the recorded torque to the smallest significant torque of an effect.
         drift_piece: length of the pieces in which a drifting torque is predicted from the others [s].
         shorter_window: share of the windows' length in a second search, where motion shows more than torque.
         error_margin: share by which held-out errors under two treatments of the data differ by chance.
@@ -45,7 +45,7 @@ class Criterion:
     coarse_p_value: float = 0.5
     max_tried: int = 8
     max_ordered: int = 3
-    least_excitation: float = 0.001
+    least_excitation: float = 10.0
     drift_piece: float = 0.2
     shorter_window: float = 0.5
     error_margin: float = 0.05

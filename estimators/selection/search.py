@@ -49,10 +49,11 @@ def search(evaluator: ModelEvaluator) -> SearchResult:
     state = grow(SearchState(evaluator, start, start))
     if not state.is_noise:
         known, firsts = ids(state.terms), screen_effects(state.evaluator, start)
+        freed = state.evaluator.without_known(start)
         for first in firsts[: evaluator.criterion.beam]:
             if (
                 first[-1].id not in known
-                and state.evaluator.is_significant(first, start)
+                and state.evaluator.is_significant(first, freed)
                 and state.evaluator.is_tied(first, firsts[0])
             ):
                 other = grow(state.refit(first))

@@ -49,11 +49,15 @@ def _is_of_body(term: Term, has_table: bool) -> bool:
 
 
 def mark_bounds(model: Model) -> Model:
-    """Return a fitted model whose estimates at a bound of a body, without error, are marked as those of a law are."""
-    ends = zip(model.columns, model.theta, *bounds(model.terms), strict=True)
-    held = {column.name for column, value, low, high in ends if low < high and value in (low, high)}
-    estimates = {
-        name: replace(own, at_bound=True) if name in held and own.std == 0 else own
-        for name, own in model.estimates.items()
-    }
+    """Return a fitted model whose known estimates have no error; those at a bound of a body, without one, are marked.
+
+    Estimates at the bounds of laws are marked already.
+    """
+    estimates = dict(model.estimates)
+    for column, low, high in zip(model.columns, *bounds(model.terms), strict=True):
+        own = estimates[column.name]
+        if low == high:
+            estimates[column.name] = replace(own, std=0.0)
+        elif own.value in (low, high) and own.std == 0:
+            estimates[column.name] = replace(own, at_bound=True)
     return replace(model, estimates=estimates)

@@ -105,8 +105,8 @@ class Column:
         potential: stored energy U of a column whose `force` is dU/dq + loss; it adds no torque by itself. Without it,
             all of the force's work is dissipated.
         loss: the part of the force whose work is dissipated, where there is a potential.
-        least: smallest value that a body can have, whatever else it has; minus infinity where friction of one kind may
-            make up for another.
+        least: smallest value that a body can have, whatever else it has; minus infinity where a fit beyond what a body
+            can have tells of the data, as viscous and dry friction.
         most: largest value.
     """
 
