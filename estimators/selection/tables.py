@@ -18,9 +18,9 @@ from pendulum_env.physics.terms import ids, parameters
 def replace_by_table(state: SearchState) -> SearchState:
     """Replace effects that only imitate a table; the state keeps the table, and effects that the table reveals.
 
-    Effects imitate a table in two cases. With structure left, the table and the effects still needed predict
-    significantly better and explain most of the residual. With only noise left, a simpler model with a table leaves
-    only noise as well. Of several tables, the one that best predicts held-out data is kept.
+    Effects imitate a table in two cases. A simpler model with a table leaves only noise and predicts as well. Or
+    structure is left, and the table and the effects still needed predict significantly better and explain most of it.
+    Of several tables, the one that best predicts held-out data is kept.
     """
     if not state.effects and state.is_noise:
         return state
@@ -41,11 +41,10 @@ def _gain_by_table(state: SearchState, terms: Terms) -> float | None:
     is_of_time = isinstance(table_of(state, terms), ByTime)
     density = evaluator.refitted_density if is_of_time else evaluator.density
     gain = evaluator.bootstrap.gain(density(terms), density(state.terms), evaluator.penalty(terms, state.terms))
-    if state.is_noise:
-        probability = evaluator.bootstrap.probabilities([density(terms), density(state.terms)])[0]
-        is_tied = probability > evaluator.criterion.tie_probability
-        replaces = parameters(terms) < parameters(state.terms) and is_tied and evaluator.residuals.is_noise(terms)
-    else:
+    probability = evaluator.bootstrap.probabilities([density(terms), density(state.terms)])[0]
+    is_likely = probability > evaluator.criterion.tie_probability
+    replaces = parameters(terms) < parameters(state.terms) and is_likely and evaluator.residuals.is_noise(terms)
+    if not replaces and not state.is_noise:
         replaces = (
             gain.p_value <= evaluator.criterion.p_value
             and evaluator.residuals.explained_share(terms, state.terms) > evaluator.criterion.needed_share
