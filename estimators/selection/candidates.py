@@ -112,8 +112,8 @@ def _gravity(evaluator: ModelEvaluator, trial: ScoredTerms) -> float:
 
 
 def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
-    """Return whether a term with more parameters can reproduce any torque of another."""
-    if complexity(larger) <= complexity(term) or not term.columns:
+    """Return whether a term with more parameters can reproduce any torque of another at the same joint."""
+    if larger.at != term.at or complexity(larger) <= complexity(term) or not term.columns:
         return False
     (own,), (other,) = evaluator.train.columns([term]), evaluator.train.columns([larger])
     left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
