@@ -260,7 +260,8 @@ def _prepared(recording: Recording, model: Model, horizon: float | None) -> Regr
         return prepared.with_link_states(model)
     count, inertia = len(model.theta), abs(model.estimates["inertia"].value)
     covariance = model.assumed_covariance[:count, :count]
-    return replace(prepared, data=prepared.data.with_impacts(model.terms, model.theta, covariance, inertia))
+    data, known = prepared.data, (model.terms, model.theta, covariance, inertia)
+    return replace(prepared, data=data.with_contacts(*known, data.free_range(*known)))
 
 
 def in_units_of(model: Model, recordings: Sequence[Recording]) -> FitData:

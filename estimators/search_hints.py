@@ -173,19 +173,25 @@ def _is_cogging(term: Cogging, x: Samples) -> bool:
 
 
 def _stops(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """List stops near either end of the motion, where the arm rests or reverses."""
+    """List stops near either end of the motion, where the arm rests or reverses; a damped stop pushes most at first."""
     q = np.asarray(x.position)
     low, high = float(q.min()), float(q.max())
-    depths = (high - low) * np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4])
+    depths = (high - low) * np.array([0.001, 0.01, 0.03, 0.06, 0.1, 0.2, 0.3, 0.4])
     lower, upper = (low + depths).tolist(), (high - depths).tolist()
-    alone = [*(kind(lower=stop) for stop in lower), *(kind(upper=stop) for stop in upper)]
-    variants = [*alone, *(kind(*stops) for stops in product(lower, upper))]
+    ends = [*((stop, np.inf) for stop in lower), *((-np.inf, stop) for stop in upper), *product(lower, upper)]
+    variants = [kind(*stops, damping_time=damping) for damping in (0.0, 0.01, 0.04) for stops in ends]
     return [variant for variant in variants if _is_stop(variant, x)]
 
 
 def _is_stop(term: HardStop, x: Samples) -> bool:
-    """Require that the joint is free at least half of the time: a torque that always acts is that of a spring."""
-    return bool(term.lower < np.median(x.position) < term.upper)
+    """Require that each stop is met, and that the joint is free along at least half of its path.
+
+    A stop that is never met is none, and a torque that always acts is that of a spring.
+    """
+    order = np.argsort(x.position)
+    path, q = np.cumsum(np.abs(np.asarray(x.velocity)[order])), np.asarray(x.position)[order]
+    is_met = (q[0] < term.lower or np.isinf(term.lower)) and (term.upper < q[-1] or np.isinf(term.upper))
+    return bool(is_met and term.lower < q[np.searchsorted(path, 0.5 * path[-1])] < term.upper)
 
 
 def _warm_up_times(kind: type[Any], x: Samples, residual: Array) -> list[Term]:

@@ -16,8 +16,8 @@ from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.calibration import calibrate
-from estimators.data.regression_data import RegressionData, with_impacts
-from estimators.data.split import Parts, gather, split_arm
+from estimators.data.regression_data import RegressionData
+from estimators.data.split import Parts, gather, split_arm, with_contacts
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import known_values
 from estimators.selection.criterion import Criterion
@@ -40,7 +40,7 @@ class FitData:
         alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
             filtered is corrected by it. Empty before `timed`.
         window_share: length of the windows, relative to the length that the noise asks for.
-        impact_terms: terms by whose residual windows at impacts were added; None if none were.
+        contact_terms: terms by whose residual windows in contact with a stop were added; None if none were.
         terms: of an arm, that may be fitted to it, the links first.
         treatments: of the recordings, in order.
         excluded: recordings that disagree with the others, and are not fitted.
@@ -54,7 +54,7 @@ class FitData:
     doubt: Finding | None = None
     alignments: tuple[Alignment, ...] = ()
     window_share: float = 1.0
-    impact_terms: tuple[Term, ...] | None = None
+    contact_terms: tuple[Term, ...] | None = None
     terms: tuple[type[Term] | Term, ...] = ()
     treatments: tuple[Finding, ...] = ()
     excluded: tuple[Disagreement, ...] = ()
@@ -159,12 +159,12 @@ class FitData:
         """Return the data in windows of a share of their length."""
         return self.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), window_share=share)
 
-    def with_impacts(self, terms: Sequence[Term]) -> Self:
-        """Return the data with windows at impacts, found by the residual of some terms; the same if these are few."""
-        parts = with_impacts(self.parts, terms)
+    def with_contacts(self, terms: Sequence[Term]) -> Self:
+        """Return the data with windows in contact with a stop, by the residual of some terms; the same if few."""
+        parts = with_contacts(self.parts, terms)
         if parts is self.parts:
             return self
-        return self.with_treatment(Finding(Kind.IMPACTS_INCLUDED), impact_terms=tuple(terms)).with_parts(parts)
+        return self.with_treatment(Finding(Kind.IMPACTS_INCLUDED), contact_terms=tuple(terms)).with_parts(parts)
 
     def with_parts(self, parts: Parts) -> Self:
         """Set the parts, which are not computed again, and return the data."""
@@ -197,7 +197,7 @@ class FitData:
             train, holdout = split_arm(self.recordings, self.holdout)
             return RegressionData.of_arm(train, self.terms), RegressionData.of_arm(holdout, self.terms)
         parts = gather(self.recordings, self.holdout, self.window_share)
-        parts = parts if self.impact_terms is None else with_impacts(parts, self.impact_terms)
+        parts = parts if self.contact_terms is None else with_contacts(parts, self.contact_terms)
         if self.horizon is None:
             return parts
         return parts[0].with_horizon(self.horizon), parts[1].with_horizon(self.horizon)

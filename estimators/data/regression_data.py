@@ -41,7 +41,6 @@ from pendulum_env.physics.terms import complexity, has_link, link_of
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 
-REPEATED = 2  # least number of impacts: a single one may be an accident
 INSTANTS, EDGES = (1e-3, 10.0), (1e-5, 0.7)  # displacements of an instant [s], and relative ones, for an error
 DISPLACEMENTS, ONE_SIGMA = 40, 0.6827  # number of these, and probability of one standard error
 STARTS = 2  # variants of the grid from which a search over nonlinear parameters starts
@@ -376,30 +375,13 @@ def _with_payload(data: RegressionData, jacobian: Array) -> Array | None:
 
 
 def base_inertia(rows: TorqueRows) -> float:
-    """Return the inertia of the joint by the base model, clear of impacts [kg m^2], which scales the noise."""
+    """Return the inertia of the joint by the base model, clear of contacts [kg m^2], which scales the noise."""
     data = rows.data
     if all(known := [w.recording.known_inertia for w in data.windows]):
         return max(known)
-    rows = TorqueRows(data.without_impacts) if data.impacts else rows
+    rows = TorqueRows(data.without_contacts) if data.contacts else rows
     theta = rows.solve_within_laws(BASE)  # negative where torque is logged turned round
     return abs(float(theta[[term.id for term in BASE].index("inertia")]))
-
-
-def with_impacts(
-    data: tuple[RegressionData, RegressionData], terms: Terms, repeated: int = REPEATED
-) -> tuple[RegressionData, RegressionData]:
-    """Return training and held-out data with impacts at reversals, see `TorqueWindows.with_impacts`.
-
-    Data with fewer impacts than `repeated` stay as they are, since a single one may be an accident, and so do data for
-    a model with a link, which has impacts of its own.
-    """
-    if has_link(terms):
-        return data
-    fit = fit_terms(data[0], terms)[1]
-    count = len(fit.theta)
-    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(data[0].torque)
-    first, second = (replace(part, data=part.data.with_impacts(*known)) for part in data)
-    return (first, second) if first.data.impacts >= repeated else data
 
 
 def _std_of_edge(

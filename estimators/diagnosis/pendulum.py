@@ -14,7 +14,7 @@ from estimators.diagnosis.horizon import refit_to_horizon
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import Setting
-from estimators.diagnosis.treatments import exclude_outliers, include_impacts, narrow_windows, time_beside_effects
+from estimators.diagnosis.treatments import exclude_outliers, include_contacts, narrow_windows, time_beside_effects
 from estimators.diagnosis.unexplained import find_holdout_structure, find_unexplained
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import needs_torque, restore_known, swing_terms
@@ -175,7 +175,7 @@ PENDULUM = Case(
     unexplained=find_regions,
     present=present,
     conclude=conclude,
-    reveal=lambda data, base, kind: data.with_impacts(base),
-    treatments=(narrow_windows, include_impacts, exclude_outliers, time_beside_effects),
+    reveal=lambda data, base, kind: data.with_contacts(base),
+    treatments=(narrow_windows, include_contacts, exclude_outliers, time_beside_effects),
     refit_to_horizon=refit_to_horizon,
 )

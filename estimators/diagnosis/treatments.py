@@ -21,7 +21,7 @@ WINDOWS = {Kind.NARROWER_WINDOWS, Kind.IMPACTS_INCLUDED}  # treatments of the wi
 def best_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial, tuple[TriedTreatment, ...]]:
     """Search for effects in the data and under each candidate treatment, and keep the best.
 
-    After a treatment that changes recordings or their torque is kept, all treatments are tried again.
+    After a treatment is kept, all treatments are tried again.
 
     Returns:
         The best trial, and all treatments that were tried.
@@ -34,8 +34,7 @@ def best_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial, 
         trial = Trial.of(case, treated, setting)
         tried.append(compare_treatment(trial, best))
         if tried[-1].is_kept:
-            best = trial
-            waiting = waiting if tried[-1].treatment.kind in WINDOWS else list(case.treatments)
+            best, waiting = trial, list(case.treatments)
     return best, tuple(tried)
 
 
@@ -81,11 +80,11 @@ def narrow_windows(trial: Trial) -> FitData | None:
     return trial.data.with_narrower_windows(evaluator.criterion.shorter_window)
 
 
-def include_impacts(trial: Trial) -> FitData | None:
-    """Include windows at reversals whose residual exceeds dry friction."""
+def include_contacts(trial: Trial) -> FitData | None:
+    """Include windows at reversals and at rest in which a stop acts: dry friction is smaller than the residual."""
     if trial.data.has_treatment(Kind.IMPACTS_INCLUDED):
         return None
-    data = trial.data.with_impacts(trial.found.terms)
+    data = trial.data.with_contacts(trial.found.terms)
     return None if data is trial.data else data
 
 

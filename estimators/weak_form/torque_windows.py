@@ -18,7 +18,7 @@ from pendulum_env._typing import Array, Index
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import PositionDependentFriction, QuadraticDrag, Stribeck, ViscousAsymmetry
-from pendulum_env.physics.potential import Cogging, GravityTilt
+from pendulum_env.physics.potential import Cogging, GravityTilt, HardStop
 from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Recording
 from pendulum_env.recording.sampling import SAMPLING
@@ -128,13 +128,18 @@ class TorqueWindows:
     def _rates(self) -> WindowAverages:
         return WindowAverages.joined([w.rates for w in self.windows])
 
+    @cached_property
+    def _unsmoothed(self) -> Samples:
+        """Samples of all recordings in a row as an effect with impacts needs them."""
+        return concatenate_samples([w.driving(HardStop) for w in self.windows])
+
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
         """Trace the states of variants of one effect along all recordings in a row, one result for each variant."""
         known = self.link_states.get(variants[0].id)
         if known:
             return [concatenate_samples(known)] * len(variants)
-        if not type(variants[0]).has_state():
-            return [self.averages.samples] * len(variants)
+        if not (kind := type(variants[0])).has_state():
+            return [self._unsmoothed if kind.has_impacts else self.averages.samples] * len(variants)
         return [concatenate_samples(own) for own in zip(*trace_all(self.windows, variants), strict=True)]
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
@@ -222,40 +227,82 @@ class TorqueWindows:
         )
         return replace(self, windows=tuple(replace(w, torque_noise=factor * w.torque_noise) for w in changed))
 
-    def with_impacts(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> TorqueWindows:
-        """Return the windows with those near reversals whose residual exceeds dry friction: impacts.
+    def with_contacts(
+        self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float, free: tuple[float, float]
+    ) -> TorqueWindows:
+        """Return the windows with those, not clear of stick, whose residual exceeds dry friction: contacts.
 
-        At a reversal friction is unknown, but it lies between its values in motion in either direction, unless it is
-        far larger at rest. A residual significantly above their difference is an impact: a joint meets a stop only
-        at a reversal.
+        At a reversal and at rest friction is unknown, but it lies between its values in motion in either direction,
+        unless it is far larger at rest. A residual significantly above their difference is the force of a stop: a joint
+        meets a stop at a reversal, and stands on it at rest. At rest a stop is told from friction that is larger than
+        in motion: the joint stands beyond all angles of free motion, and the torque presses it outwards.
+
+        The force of a stop is known less well than other torque, and its equations are scaled by that: at rest to
+        within dry friction and the part that varies at the same angle, where the stop yields less than the encoder
+        resolves; at a reversal, where n samples show it, to a share of 1 / n^2.
 
         Args:
             terms: of a model without a link.
             theta: its linear parameters (P,).
             covariance: of these (P, P).
             inertia: of the joint [kg m^2].
+            free: range of free motion [rad], see `free_range`.
         """
-        turned = join_windows([replace(w, centers=w.turning) for w in self.windows])
-        equations, counts = turned.equations(terms), [len(w.turning) for w in self.windows]
-        noise = np.repeat([w.noise(inertia) for w in self.windows], counts)
+        unclear = join_windows([replace(w, centers=w.unclear) for w in self.windows])
+        residual, friction, noise = unclear._residual(terms, theta, covariance, inertia)
+        angle = unclear.samples.position
+        presses = ((residual > 0) & (angle > free[1])) | ((residual < 0) & (angle < free[0]))
+        rests = np.concatenate([np.isin(w.unclear, w.resting) for w in self.windows])
+        is_contact = (np.abs(residual) > 2 * friction + noise) & (presses | ~rests)
+        error = np.abs(residual) / np.concatenate([_durations(w) for w in unclear.windows]) ** 2
+        for side in (residual > 0, residual < 0):
+            own = is_contact & rests & side
+            error[own] = 2 * np.hypot(friction[own], _spread(angle[own], residual[own]))
+        ends = np.cumsum([len(w.unclear) for w in self.windows])[:-1]
+        found = []
+        for w, own, errors in zip(self.windows, np.split(is_contact, ends), np.split(error, ends), strict=True):
+            centers, scale = w.unclear[own], np.ones(len(w.moving))
+            scale[centers] = 1.0 / np.hypot(1.0, errors[own] / max(w.noise(inertia), 1e-300))
+            found.append(replace(w, centers=np.sort(np.r_[w.centers, centers]), scale=scale))
+        return join_windows(found)
+
+    def free_range(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> tuple[float, float]:
+        """Return the range of angles [rad] at which the joint moves clear of stick with no residual above friction."""
+        residual, friction, noise = self._residual(terms, theta, covariance, inertia)
+        angle = self.samples.position[np.abs(residual) <= 2 * friction + noise]
+        return float(angle.min(initial=np.inf)), float(angle.max(initial=-np.inf))
+
+    def _residual(
+        self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float
+    ) -> tuple[Array, Array, Array]:
+        """Return the residual of each window, its dry friction, and its largest error by noise, (R,) [N m] each."""
+        equations = self.equations(terms)
+        noise = np.repeat([w.noise(inertia) for w in self.windows], [len(w.centers) for w in self.windows])
         deviation = np.hypot(noise, _deviations(equations.phi, covariance))
-        friction = np.concatenate([_most_friction(w, terms, theta, covariance) for w in turned.windows])
-        impacts = np.abs(equations.y - equations.phi @ theta) > 2 * friction + WEAK_FORM.significant * deviation
-        parts = zip(self.windows, np.split(impacts, np.cumsum(counts)[:-1]), strict=True)
-        return join_windows([replace(w, centers=np.sort(np.r_[w.centers, w.turning[own]])) for w, own in parts])
+        friction = np.concatenate([_most_friction(w, terms, theta, covariance) for w in self.windows])
+        return equations.y - equations.phi @ theta, friction, WEAK_FORM.significant * deviation
 
     @property
-    def impacts(self) -> int:
-        """Number of reversals with a window whose residual exceeds dry friction."""
-        turns = [np.split(w.turning, np.flatnonzero(np.diff(w.turning) > len(w.kernel) // 2) + 1) for w in self.windows]
-        return sum(
-            bool(np.isin(turn, w.centers).any()) for w, own in zip(self.windows, turns, strict=True) for turn in own
-        )
+    def contacts(self) -> int:
+        """Number of contacts with a stop, each second of a lasting contact counted."""
+        return sum(len(instants) for instants in self.contact_instants)
 
     @property
-    def without_impacts(self) -> TorqueWindows:
-        """The data without impacts."""
-        return join_windows([replace(w, centers=w.centers[~np.isin(w.centers, w.turning)]) for w in self.windows])
+    def contact_instants(self) -> list[Array]:
+        """Instants of contacts with a stop, as shares of each recording, each second of a lasting contact counted."""
+        found = []
+        for w in self.windows:
+            period, instants = len(w.kernel) // 2 / w.recording.rate, list[float]()
+            for run in np.split(w.unclear, np.flatnonzero(np.diff(w.unclear) > len(w.kernel) // 2) + 1):
+                own = run[np.isin(run, w.centers)]
+                instants += own[:: max(1, round(1.0 / period))].tolist()
+            found.append(np.array(instants) / len(w.recording))
+        return found
+
+    @property
+    def without_contacts(self) -> TorqueWindows:
+        """The data without contacts."""
+        return join_windows([replace(w, centers=w.centers[~np.isin(w.centers, w.unclear)]) for w in self.windows])
 
     def torque(self) -> Array:
         """Return the windowed measured torque (R,) [N m]."""
@@ -305,6 +352,19 @@ def _most_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: 
     )
     most = np.abs(rows @ theta) + WEAK_FORM.significant * _deviations(rows, covariance)
     return np.asarray(sliding_window_view(most, len(w.kernel))[w.centers - len(w.kernel) // 2].max(axis=1))
+
+
+def _spread(angle: Array, force: Array) -> float:
+    """Return the part of forces (R,) of a stop [N m] that is no linear function of the angle (R,)."""
+    about = angle - angle.mean() if len(angle) else angle
+    slope = max(float(about @ force) / max(float(about @ about), 1e-300), 0.0)
+    return float(np.std(force - slope * about)) if len(force) else 0.0
+
+
+def _durations(w: Windows) -> Array:
+    """Return the effective number of samples over which the joint is accelerated in each window, at least one (R,)."""
+    around = sliding_window_view(w.acceleration, len(w.kernel))[w.centers - len(w.kernel) // 2]
+    return np.asarray(np.maximum(around.sum(axis=1) ** 2 / np.maximum((around**2).sum(axis=1), 1e-300), 1.0))
 
 
 def _deviations(rows: Array, covariance: Array) -> Array:
@@ -434,21 +494,27 @@ def join_windows(windows: Sequence[Windows], shared_columns: Mapping[str, TermCo
     )
 
 
+def cut_all(
+    recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
+) -> TorqueWindows:
+    """Cut recordings, or a part of each, into windows, with lengths chosen by their noise unless given."""
+    widths = half_widths or [choose_half_width(recording) for recording in recordings]
+    return join_windows([calibrate(cut(own, width, part)) for own, width in zip(recordings, widths, strict=True)])
+
+
 def prepare(
     recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
 ) -> TorqueWindows:
-    """Cut recordings, or a part of each, into windows, with lengths chosen by their noise unless given.
+    """Cut recordings, or a part of each, into windows: see `cut_all`.
 
     Raises:
         IdentificationError: if too little of the motion is clear of stick to fit anything.
     """
-    widths = half_widths or [choose_half_width(recording) for recording in recordings]
-    windows = [calibrate(cut(recording, width, part)) for recording, width in zip(recordings, widths, strict=True)]
-    usable = sum(len(w.centers) for w in windows)
-    if usable < WEAK_FORM.fewest:
+    data = cut_all(recordings, half_widths, part)
+    if (usable := len(data.weights)) < WEAK_FORM.fewest:
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
             f"{names}: only {usable} stretches of motion are clear of stick and reversals, at least {WEAK_FORM.fewest} "
             "are needed: record longer, faster or wider motion"
         )
-    return join_windows(windows)
+    return data

@@ -24,7 +24,6 @@ from itertools import pairwise
 
 import numpy as np
 import scipy
-from numpy.lib.stride_tricks import sliding_window_view
 
 from estimators.signals.differentiation import from_position, from_velocity, near_turns, shared, white_noise
 from estimators.signals.motion import LEAD_IN, SLOWEST, known_load, warmth
@@ -43,12 +42,14 @@ class WindowAverages:
 
     Attributes:
         samples: at N instants.
+        moving: instants at which the velocity has a sign (N,); at others dry friction has none.
         acceleration: there, see `Windows`.
         narrow: averages (R, N) of series held from sample to sample, like torque.
         wider: of smooth functions, which pass the triangle first.
     """
 
     samples: Samples
+    moving: Mask
     acceleration: Array
     narrow: scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator
     wider: scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator
@@ -62,12 +63,14 @@ class WindowAverages:
             scipy.sparse.csr_array(scipy.sparse.block_diag(every, "csr"))
             for every in zip(*((own.narrow, own.wider) for own in parts), strict=True)
         )
-        acceleration = np.concatenate([own.acceleration for own in parts])
-        return cls(concatenate_samples([own.samples for own in parts]), acceleration, narrow, wider)
+        moving, acceleration = (
+            np.concatenate(own) for own in zip(*((p.moving, p.acceleration) for p in parts), strict=True)
+        )
+        return cls(concatenate_samples([own.samples for own in parts]), moving, acceleration, narrow, wider)
 
     def column(self, column: Column, x: Samples) -> Array:
         """Average a column of the regressor (R,), along samples with the term's state variables."""
-        smooth = column.force(x) + column.dry(x) * np.sign(x.velocity)
+        smooth = column.force(x) + column.dry(x) * np.sign(x.velocity) * self.moving
         # torque samples are averages over the triangle already
         averages = _averaged(self.narrow if column.of_torque else self.wider, smooth)
         mass = column.mass(x)
@@ -138,7 +141,8 @@ class Windows:
             less noisy, (N,) [rad/s^2]; only its averages are meaningful.
         kernel: window w, (2 m + 1,), summing to one.
         centers: sample index of each window that is clear of stick, (R,).
-        turning: the same for other windows with mostly motion: near a reversal, a start or a halt.
+        turning: the same for other windows with mostly motion, near a reversal, a start or a halt; four times as dense.
+        resting: the same for windows with mostly rest.
         moving: samples whose velocity has a sign, (N,).
         is_clear: samples whose window is clear of stick, as those of `centers` are, (N,).
         torque_noise: standard deviation of a window's torque from white noise [N m].
@@ -146,6 +150,8 @@ class Windows:
         acceleration_shared: correlation of that noise between windows half a window apart.
         velocity_noise: standard deviation of the smoothed velocity [rad/s].
         first, stop: range of samples with windows; those before it initialise terms with memory.
+        scale: factor on the equation about each sample (N,), below one where its torque is known less well than
+            elsewhere; None if it is one everywhere.
         at: name of the recorded joint of an arm.
         run: number of the arm's recording, which its joints share.
         payload: what the arm is known to carry.
@@ -157,6 +163,7 @@ class Windows:
     kernel: Array
     centers: Index
     turning: Index
+    resting: Index
     moving: Mask
     is_clear: Mask
     torque_noise: float
@@ -168,6 +175,7 @@ class Windows:
     at: str = ""
     run: int | None = None
     payload: LinkLoad | None = None
+    scale: Array | None = None
 
     @cached_property
     def torque_scale(self) -> float:
@@ -183,6 +191,11 @@ class Windows:
         """Standard deviation of the white noise of the torque channel [N m]."""
         return self.torque_noise / float(np.linalg.norm(np.convolve(self.kernel, [0.5, 0.5])))
 
+    @property
+    def unclear(self) -> Index:
+        """Sample index of each window that is not clear of stick."""
+        return np.sort(np.concatenate([self.turning, self.resting]))
+
     @cached_property
     def averages(self) -> WindowAverages:
         """Averages over the windows."""
@@ -195,23 +208,25 @@ class Windows:
         return self._averages_by(0.5 * self.recording.rate * (padded[:-2] - padded[2:]))
 
     def _averages_by(self, kernel: Array) -> WindowAverages:
-        wider = np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12])
-        return WindowAverages(self.samples, self.acceleration, self._averages(kernel), self._averages(wider))
+        narrow, wider = self._averages(kernel), self._averages(np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12]))
+        return WindowAverages(self.samples, self.moving, self.acceleration, narrow, wider)
 
     def at_every_sample(self) -> Windows:
         """Return windows about every sample that is clear of stick."""
-        return replace(self, centers=np.flatnonzero(self.is_clear))
+        return replace(self, centers=np.flatnonzero(self.is_clear), scale=None)
 
     def _averages(self, kernel: Array) -> scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator:
         count, length = len(self.centers), len(kernel)
+        first = self.centers - length // 2
+        scale = np.ones(count) if self.scale is None else self.scale[self.centers]
         if count * length > DENSEST * len(self.moving):
             return scipy.sparse.linalg.LinearOperator(
                 (count, len(self.moving)),
-                matvec=lambda series: np.correlate(np.ravel(series), kernel, "valid")[self.centers - length // 2],
+                matvec=lambda series: scale * np.correlate(np.ravel(series), kernel, "valid")[first],
                 dtype=np.float64,
             )
-        place = self.centers[:, None] + np.arange(length) - length // 2
-        parts = np.tile(kernel, count), place.ravel(), length * np.arange(count + 1)
+        place = first[:, None] + np.arange(length)
+        parts = np.outer(scale, kernel).ravel(), place.ravel(), length * np.arange(count + 1)
         return scipy.sparse.csr_array(parts, shape=(count, len(self.moving)))
 
     def under(self, torque: Array, averages: Array) -> Windows:
@@ -228,10 +243,12 @@ class Windows:
         return trace_all([self], variants)[0]
 
     def driving(self, kind: type[Term]) -> Samples:
-        """Return the samples that drive the state of an effect."""
-        if kind.kind != "transmission":
-            return self.samples
-        q = self.recording.position  # impacts are shorter than any smoothing
+        """Return the samples that drive an effect: not smoothed for one with impacts."""
+        return self._unsmoothed if kind.has_impacts or kind.kind == "transmission" else self.samples
+
+    @cached_property
+    def _unsmoothed(self) -> Samples:
+        q = self.recording.position
         return replace(self.samples, position=q, velocity=np.gradient(q, 1.0 / self.recording.rate))
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
@@ -359,12 +376,12 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     if not recording.powered.all():  # an open motor has no back-EMF
         outside |= np.convolve(recording.powered == 0.0, np.ones(2 * guard + 1))[guard : guard + len(v)] > 0
     first, stop = (round(share * len(v)) for share in part)
-    candidates = np.arange(first + m, stop - m, m)
-    candidates = candidates[~outside[candidates]]
+    candidates, dense = (np.arange(first + m, stop - m, step) for step in (m, max(1, m // 4)))
+    candidates, dense = candidates[~outside[candidates]], dense[~outside[dense] & near[dense]]
     stuck = near[candidates]
     is_clear = ~(near | outside)
     is_clear[: first + m] = is_clear[stop - m :] = False
-    mostly_moving = sliding_window_view(moving, len(window))[candidates - m] @ window > 0.5
+    mostly_moving = np.convolve(moving, window, "same") > 0.5
     return Windows(
         recording=recording,
         samples=Samples(
@@ -378,7 +395,8 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
         acceleration=motion.acceleration,
         kernel=window,
         centers=candidates[~stuck],
-        turning=candidates[stuck & mostly_moving],
+        turning=dense[mostly_moving[dense]],
+        resting=candidates[stuck & ~mostly_moving[candidates]],
         moving=moving,
         is_clear=is_clear,
         torque_noise=noise * float(np.linalg.norm(np.convolve(window, [0.5, 0.5]))),

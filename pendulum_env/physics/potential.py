@@ -141,6 +141,7 @@ class HardStop(Term):
     id = "hard_stop"
     law = "k (x + c x x' + T x') >= 0, x beyond lower or upper"
     kind = "potential"
+    has_impacts = True
     nonlinear_parameters = (
         NonlinearParameter("lower", "rad", -np.inf, 1e6, nominal=-np.inf),
         NonlinearParameter("upper", "rad", -1e6, np.inf, nominal=np.inf),

@@ -200,6 +200,7 @@ class Term:
     by_angle: ClassVar[tuple[str, ...]] = ()  # functions of the angle alone that its first columns are, see `of_angle`
     needs: ClassVar[str] = ""  # quantity that a recording has to have beside motion and torque
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
+    has_impacts: ClassVar[bool] = False  # whether it acts for less time than any smoothing of the motion takes
     forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]
     typical_size: ClassVar[str] = ""  # that a rig might show, as `sin=0.15,cos=0.1`; by default the units tell it
     percent_of: ClassVar[tuple[str, ...]] = ()  # parts that are also given in per cent of the term of that name

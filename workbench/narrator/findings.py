@@ -449,7 +449,7 @@ DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
     Kind.ACTS_LATE: _acts_late,
     Kind.TORQUE_CONSTANT: lambda found: "The known loads give the torque constant.",
     Kind.NARROWER_WINDOWS: lambda found: f"The windows have {found.numbers['share'].value:g} of their length.",
-    Kind.IMPACTS_INCLUDED: lambda found: "Windows with impacts at reversals are included.",
+    Kind.IMPACTS_INCLUDED: lambda found: "Windows in contact with a stop, at reversals or at rest, are included.",
     Kind.RECORDINGS_EXCLUDED: lambda found: f"Left out: {listing(found.recordings)}.",
     Kind.TIMED_BESIDE: lambda found: f"Torque is timed beside {listing(found.effects)}.",
     Kind.PAYLOAD: _payload,

@@ -54,12 +54,12 @@ def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
 
 
 def test_data_that_come_from_another_process_are_prepared_again_alike():
-    data = FitData.of([recording("bouncing")]).with_impacts(BASE)
+    data = FitData.of([recording("bouncing")]).with_contacts(BASE)
     again = pickle.loads(pickle.dumps(data))
-    assert data.parts[0].data.impacts >= 2
+    assert data.parts[0].data.contacts >= 2
     for one, other in zip(data.parts, again.parts, strict=True):
         np.testing.assert_array_equal(one.data.torque(), other.data.torque())
-        assert one.data.impacts == other.data.impacts
+        assert one.data.contacts == other.data.contacts
 
 
 def test_a_torque_constant_that_is_known_is_not_asked_of_loads():

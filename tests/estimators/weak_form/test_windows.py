@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
-from estimators.data.regression_data import RegressionData, fit_terms, with_impacts
+from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.split import with_contacts
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import solve
 from estimators.signals.differentiation import encoder_noise, white_noise
@@ -44,7 +45,7 @@ def test_windows_never_touch_stick_or_a_reversal_and_a_turn_by_friction_is_no_kn
         assert abs(np.sign(run.velocity[window]).sum()) == 2 * reach + 3
         assert np.all(np.sign(windows.samples.velocity[window]) == np.sign(run.velocity[window]))
     assert len(windows.turning) > 0
-    assert knocked(RegressionData.of([told(run)])).impacts == 0
+    assert knocked(RegressionData.of([told(run)])).contacts == 0
 
 
 def drifting(rate: float, seconds: float, inertia: float, seed: int = 0) -> Recording:
@@ -200,7 +201,7 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
 
 
 def knocked(prepared: RegressionData, terms: Sequence[Term] = BASE) -> TorqueWindows:
-    return with_impacts((prepared, prepared), terms)[0].data
+    return with_contacts((prepared, prepared), terms)[0].data
 
 
 def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met():
@@ -208,8 +209,9 @@ def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met():
     prepared = RegressionData.of([bouncing])
     (before,), (after,) = prepared.data.windows, (data := knocked(prepared)).windows
     added = bouncing.position[np.setdiff1d(after.centers, before.centers)]
-    assert data.impacts >= 3
-    assert np.all((added < WALLS[0] + 0.2) | (added > WALLS[1] - 0.2))
+    assert data.contacts >= 3
+    reach = 0.3  # [rad], of half a window at 45 rad/s, less than a reversal in mid-range
+    assert np.all((added < WALLS[0] + reach) | (added > WALLS[1] - reach))
 
 
 @pytest.mark.parametrize(
@@ -222,7 +224,7 @@ def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met():
 )
 def test_a_turn_that_friction_of_another_law_makes_is_no_knock(hidden, terms):
     runs = recorded(Plant(effects=hidden), Experiment(rate=500, seconds=8, seed=3))
-    assert knocked(RegressionData.of(runs), (*BASE, *terms)).impacts == 0
+    assert knocked(RegressionData.of(runs), (*BASE, *terms)).contacts == 0
 
 
 def test_noise_of_the_rate_of_a_torque_is_that_of_white_encoder_noise():

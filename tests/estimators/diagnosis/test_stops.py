@@ -1,0 +1,108 @@
+"""Stops that show at rest or in few impacts: what presses on them is named, and dry friction at rest is not."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant
+from estimators.data.regression_data import RegressionData
+from estimators.data.split import split_at_contacts, with_contacts
+from pendulum_env.physics import BASE
+from pendulum_env.recording import Recording
+from tests.cases import diagnosed, recorded
+
+INERTIA, GRAVITY, VISCOUS = 0.05, 1.2, 0.05
+ARM = {"inertia": INERTIA, "gravity": GRAVITY, "viscous": VISCOUS}
+RATE, SECONDS, MOVES = 250.0, 30.0, 11.0
+STOP = 0.7  # [rad]
+FEW = ["hard_stop", "stribeck", "payload_change", "spring"]
+
+
+def tones(time: np.ndarray, seed: int, fastest: float) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    frequencies, phases = rng.uniform(0.3, fastest, 4), rng.uniform(0, 2 * np.pi, 4)
+    return np.asarray(np.sin(2 * np.pi * time[:, None] * frequencies + phases).sum(axis=1) / 2)
+
+
+def then_at_rest(moving: float, seed: int, resting: float, coulomb: float, stiffness: float = 0.0) -> Recording:
+    """An arm that moves for 11 s under tones of a size, and rests for 18 s under a torque [N m]."""
+    time = np.arange(round(RATE * SECONDS)) / RATE
+    share = np.clip(time - MOVES, 0, 1)
+    command = moving * tones(time, seed, 2.0) * (1 - share) + resting * share
+    hidden = {"hard_stop": {"wall_hi": STOP, "wall_k": stiffness, "wall_d": stiffness / 200}} if stiffness else {}
+    experiment = Experiment(RATE, SECONDS, seed=5, counts=16_384, torque_noise=0.01)
+    return recorded(Plant(**ARM, coulomb=coulomb, effects=hidden), experiment, commands=[command])[0]
+
+
+def on_the_stop(stiffness: float) -> Recording:
+    """It stands on its stop under sixteen times its dry friction, and met it nowhere else."""
+    return then_at_rest(0.45, 1, 16 * 0.15 + GRAVITY * np.sin(STOP), 0.15, stiffness)
+
+
+@pytest.mark.parametrize("stiffness", [4000.0, pytest.param(60.0, marks=pytest.mark.slow)])
+def test_an_arm_that_stands_on_its_stop_has_one_where_it_rests(stiffness):
+    found = diagnosed([on_the_stop(stiffness)], only=FEW)
+    assert found.selected == ("hard_stop",)
+    estimates = found.model.estimates
+    assert estimates["hard_stop.upper"].value == pytest.approx(STOP, abs=0.005)
+    if stiffness < 100:  # else it yields less than the encoder resolves
+        assert estimates["hard_stop.stiffness"].value == pytest.approx(stiffness, rel=0.1)
+    assert estimates["inertia"].value == pytest.approx(INERTIA, rel=0.04)
+
+
+@pytest.mark.parametrize(
+    ("moving", "resting", "coulomb"),
+    [(1.8, 0.3, 0.6), (1.8, -0.55, 0.6), (0.8, 0.0, 0.15)],
+    ids=["held by friction", "held the other way", "hanging"],
+)
+def test_an_arm_at_rest_within_its_friction_has_no_stop(moving, resting, coulomb):
+    held = then_at_rest(moving, 3, resting, coulomb)
+    assert np.ptp(held.position[-3000:]) < 0.01
+    prepared = RegressionData.of([held])
+    assert with_contacts((prepared, prepared), BASE, repeated=1)[0] is prepared
+    found = diagnosed([held], only=FEW)
+    assert found.selected == () and found.unexplained == ()
+
+
+def limited(lower: float, upper: float, seed: int, rate: float = 500.0, seconds: float = 20.0) -> Recording:
+    """A pendulum of MuJoCo with limits of its joint, of the default `solref`, which are damped critically."""
+    length = 0.5 * INERTIA * 9.81 / GRAVITY
+    mass = GRAVITY / 9.81 / length
+    own = INERTIA - mass * length**2
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><option timestep="0.0005" integrator="implicitfast"/><worldbody><body>'
+        f'<joint axis="0 1 0" damping="{VISCOUS}" frictionloss="0.1" range="{lower} {upper}" limited="true"/>'
+        f'<inertial pos="0 0 {-length}" mass="{mass}" diaginertia="{own} {own} {own}"/>'
+        f"</body></worldbody></mujoco>"
+    )
+    data, time = mujoco.MjData(model), np.arange(round(rate * seconds)) / rate
+    torque, position, count = 0.8 * tones(time, seed, 1.5), np.zeros(len(time)), round(2000 / rate)
+    for k in range(len(time)):
+        position[k], data.qfrc_applied[0] = data.qpos[0], torque[k]
+        mujoco.mj_step(model, data, count)
+    grain = 2 * np.pi / 16_384
+    noise = 0.01 * np.random.default_rng(seed).standard_normal(len(time))
+    return Recording("limited", time, np.round(position / grain) * grain, torque + noise)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "seed", "met"),
+    [(-1.3, 0.7, 8, 2), pytest.param(-1.2, 0.9, 3, 8, marks=pytest.mark.slow)],
+)
+def test_limits_that_are_met_twice_within_two_radians_are_found(lower, upper, seed, met):
+    run = limited(lower, upper, seed)
+    beyond = (run.position > upper) | (run.position < lower)
+    assert np.sum(np.diff(beyond.astype(int)) == 1) <= met + 2 and np.ptp(run.position) < 2.2
+    found = diagnosed([run], only=FEW)
+    assert found.selected == ("hard_stop",)
+    assert found.model.estimates["hard_stop.upper"].value == pytest.approx(upper, abs=0.02)
+
+
+def test_fitted_and_held_out_parts_both_have_contacts():
+    late, early = np.array([0.8, 0.9]), np.linspace(0.05, 0.3, 10)
+    motion = np.linspace(0.0, 1.0, 100)
+    (begin, share), (_, end) = split_at_contacts(motion, late)
+    assert (begin, end) == (0.0, 1.0) and 0.8 < share < 0.9
+    (fitted, _), (_, held_out) = split_at_contacts(np.linspace(0.3, 1.0, 100), early)  # the motion comes late
+    assert fitted == held_out and 0.05 < fitted < 0.3
+    assert split_at_contacts(motion, late[:1]) is None
