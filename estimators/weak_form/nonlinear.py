@@ -136,11 +136,11 @@ def find_edges(term: Term, x: Samples) -> list[NonlinearParameter]:
     """List the continuous nonlinear parameters by which the laws of a term have no slope almost everywhere.
 
     These are instants, and parameters at which a law jumps, as friction that ends at a speed: while one moves, the law
-    stays at most of the samples, and changes at others by an amount that does not shrink with the move.
+    stays at most of the samples, and changes at others by an amount that does not shrink with the move. An impact has
+    slopes by its stop, also where the law jumps by damping.
     """
-    return [
-        own for own in continuous_parameters(term) if own.instant or (not term.has_state() and _jumps(term, own, x))
-    ]
+    smooth = term.has_state() or term.has_impacts
+    return [own for own in continuous_parameters(term) if own.instant or (not smooth and _jumps(term, own, x))]
 
 
 def _jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
