@@ -307,7 +307,7 @@ def distances_table(found: Comparison) -> Table:
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
     units = found.model.units()
     unit, (factor, angle) = units.unit(NEWTON_METRE), to_shown_unit(1.0, units.unit("rad"))
-    free = f"free-running position{'' if found.horizon == HORIZON else f' over {found.horizon:g} s'} [{angle}]"
+    free = f"free-running position{'' if found.horizon in (None, HORIZON) else f' over {found.horizon:g} s'} [{angle}]"
     errors = (f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", free, "fit [%]")
     return Table(
         (
