@@ -175,7 +175,7 @@ def fit_windows(prepared: RegressionData, hidden: Sequence[str]) -> Model:
 def fit_segments(prepared: RegressionData, start: Model) -> Model:
     """The same terms, refined by the innovations of short segments."""
     segments = [choose_segments(windows, SEGMENT) for windows in prepared.data.windows]
-    return output_error.maximum_likelihood(segments, output_error.Point(start.terms, start.theta))
+    return output_error.fit_maximum_likelihood(segments, output_error.Point(start.terms, start.theta))
 
 
 def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:

@@ -19,7 +19,7 @@ from benchmarks.independent_plant import SimulatedRecording, random_case, simula
 from estimators.online import Estimates, JointState, OnlineEstimator
 from estimators.online.estimator import RECURSIONS
 from estimators.schemes.six import SCHEMES, LowPass, Scheme
-from estimators.signals.measurements import Smoothing, of_steps
+from estimators.signals.measurements import Smoothing, compute_encoder_noise
 from workbench.terminal import Terminal
 
 RATES = (25.0, 50.0, 100.0, 200.0, 500.0, 1000.0)  # [Hz]
@@ -74,7 +74,7 @@ def seven(runs: Sequence[SimulatedRecording], rate: float, counts: int) -> dict[
         schemes=[*can, JointState()],
         batch=len(runs),
         smoothing=Smoothing.of_encoder(counts, rate),
-        position_noise=of_steps(counts),
+        position_noise=compute_encoder_noise(counts),
     )
     now, _ = feed(estimator, runs)
     plants = [run.plant for run in runs]

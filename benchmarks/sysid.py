@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.six_joint import COULOMB, JOINTS, RATE, ROTORS, STEP, VISCOUS, body, simulate, urdf
 from estimators import identify
-from estimators.schemes.balance import motion
+from estimators.schemes.balance import stack_motion
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import measure_joints
 from pendulum_env.arms.joints import arm_base
@@ -68,7 +68,7 @@ def theirs(recording: ArmRecording) -> dict[str, np.ndarray]:
     model = spec.compile()
     angles = sysid.TimeSeries.compute_all_state_mappings(model)[0]
     (joints,) = measure_joints(recording.joints)
-    position, velocity, _ = motion(joints)
+    position, velocity, _ = stack_motion(joints)
     first, length, substeps = len(recording) - len(position) >> 1, round(PIECE * RATE), round(1 / RATE / STEP)
     pieces = []
     for begin in range(0, len(position) - length, length):

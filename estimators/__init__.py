@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from estimators.comparison import Comparison, compare
     from estimators.data.fit_data import FitData
     from estimators.data.regression_data import RegressionData, fit_terms
-    from estimators.data.split import gather
+    from estimators.data.split import split_recordings
     from estimators.diagnosis.addition import add, fit
     from estimators.diagnosis.result import Addition, Diagnosis, Verdict
     from estimators.diagnosis.run import diagnose
@@ -45,8 +45,8 @@ __all__ = [
     "diagnose",
     "fit",
     "fit_terms",
-    "gather",
     "identify",
     "scheme",
     "set_hints",
+    "split_recordings",
 ]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass, replace
 from typing import Any, Protocol
 
-from estimators.free_swings import needs_torque
+from estimators.free_swings import is_torque_needed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.joints import OF_A_TURN, at_joints, body_of, check_places, effects_of, kinds_at, placed
 from pendulum_env.arms.recording import read_of
@@ -29,7 +29,7 @@ Recordings = Recording | Readable | Sequence[Recording | Readable]
 Terms = str | Sequence[str | Term]
 
 
-def chosen_recordings(
+def select_recordings(
     given: Recordings, *, empty: bool = False, body: Mechanism = PENDULUM, log_format: Mapping[str, Any] | None = None
 ) -> tuple[Recording, ...]:
     """Return recordings as a tuple; time counts from the start of each, since logs often have Unix time.
@@ -45,9 +45,9 @@ def chosen_recordings(
         ValueError: if there is none, or one cannot be read.
     """
     one = isinstance(given, Recording) or is_readable(given)
-    sources = (given,) if one else listed(given)
+    sources = (given,) if one else convert_to_tuple(given)
     format = parse_log_format(log_format or {})
-    several = [_recording(item, "" if one else f" {k + 1}", body, format) for k, item in enumerate(sources)]
+    several = [_read_input(item, "" if one else f" {k + 1}", body, format) for k, item in enumerate(sources)]
     for item in several:
         if item.names != body.joints:
             ours, other = describe_joints(item.names), describe_joints(body.joints)
@@ -57,7 +57,7 @@ def chosen_recordings(
     return tuple(one if one.time[0] == 0.0 else replace(one, time=one.time - one.time[0]) for one in several)
 
 
-def _recording(given: Any, number: str, body: Mechanism, format: Source) -> Recording:
+def _read_input(given: Any, number: str, body: Mechanism, format: Source) -> Recording:
     """Return a recording, or read it from a file or table; tables in memory are numbered."""
     if isinstance(given, Recording):
         return given
@@ -78,7 +78,7 @@ def _recording(given: Any, number: str, body: Mechanism, format: Source) -> Reco
         ) from None
 
 
-def chosen_terms(given: Terms | Model | None) -> tuple[Term, ...]:
+def select_terms(given: Terms | Model | None) -> tuple[Term, ...]:
     """Return terms by object, or by id with default nonlinear parameters; None for the four of the paper.
 
     Behind the links of an arm are those at its joints, by id as in `stribeck@elbow`.
@@ -91,9 +91,9 @@ def chosen_terms(given: Terms | Model | None) -> tuple[Term, ...]:
         return BASE
     if isinstance(given, Model):
         raise TypeError("a model is not a list of terms: pass model.terms")
-    several = listed(given)
+    several = convert_to_tuple(given)
     body = body_of(several)
-    terms = tuple(_term(item, body) if isinstance(item, str) else item for item in several)
+    terms = tuple(_find_term(item, body) if isinstance(item, str) else item for item in several)
     for item in terms:
         if not isinstance(item, Term):
             raise TypeError(f"{shown(item)} is not a term: give its id, such as 'stribeck', or Stribeck()")
@@ -103,12 +103,12 @@ def chosen_terms(given: Terms | Model | None) -> tuple[Term, ...]:
     return terms
 
 
-def _term(text: str, body: Mechanism) -> Term:
+def _find_term(text: str, body: Mechanism) -> Term:
     id, _, joint = text.partition("@")
     return placed(term(id)(), joint, joint in body.sliding)
 
 
-def chosen_effects(
+def select_effects(
     library: Mapping[str, type[Term]] | None,
     only: Iterable[str] | None,
     without: Iterable[str],
@@ -123,22 +123,24 @@ def chosen_effects(
     """
     kinds = effects_of(body) if library is None else library
     known = {kind.id: kind for kind in at_joints(kinds.values(), body)}
-    barred, allowed = ({kind.id: kind for kind in kinds_at(_ids(ids), body, kinds)} for ids in (without, only or ()))
+    barred, allowed = (
+        {kind.id: kind for kind in kinds_at(_list_ids(ids), body, kinds)} for ids in (without, only or ())
+    )
     chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in barred}
     if not chosen and known:
         raise Mistake("no effect is left to look for: leave out fewer, or look for more")
     return chosen
 
 
-def _ids(given: object) -> tuple[str, ...]:
+def _list_ids(given: object) -> tuple[str, ...]:
     """Ids of effects, one or several."""
-    ids = listed(given)
+    ids = convert_to_tuple(given)
     if not all(isinstance(id, str) for id in ids):
         raise TypeError(f"{shown(given)} names no effects: give ids, such as 'stribeck'")
     return ids
 
 
-def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> dict[str, type[Term]]:
+def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> dict[str, type[Term]]:
     """Select effects that recordings can show: without missing quantities, torque, or whole turns.
 
     Raises:
@@ -150,7 +152,7 @@ def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recordin
             raise IdentificationError(f"{next(iter(kinds))} needs a joint that turns: look for other effects")
         kinds = sliding
     if recordings and all(own.is_free for own in recordings):
-        free = {id: kind for id, kind in kinds.items() if not needs_torque(kind)}
+        free = {id: kind for id, kind in kinds.items() if not is_torque_needed(kind)}
         if kinds and not free:
             raise IdentificationError(
                 f"{next(iter(kinds))} shows only under torque, and no recording has any: record with torque, or look "
@@ -169,7 +171,7 @@ def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recordin
     return shown
 
 
-def within_limits(
+def apply_limits(
     terms: Sequence[Term], library: Mapping[str, type[Term]], fixed: Mapping[str, float] | None, bounds: Bounds | None
 ) -> tuple[tuple[Term, ...], dict[str, type[Term]]]:
     """Fix or bound parameters of terms and effects by name, such as `gravity` or `cogging.order`.
@@ -213,7 +215,7 @@ class HasModel(Protocol):
         """Return the model."""
 
 
-def model_that_moves(given: Model | HasModel) -> Model:
+def check_model(given: Model | HasModel) -> Model:
     """Return a model, or the model of a result, and check that it has inertia or is of an arm.
 
     Raises:
@@ -228,7 +230,7 @@ def model_that_moves(given: Model | HasModel) -> Model:
     return given
 
 
-def listed(given: object) -> tuple[Any, ...]:
+def convert_to_tuple(given: object) -> tuple[Any, ...]:
     """Convert one or several objects to a tuple; a text or a dataclass is one object."""
     is_one = isinstance(given, str | bytes) or is_dataclass(given)
     return tuple(given) if isinstance(given, Iterable) and not is_one else (given,)

@@ -6,18 +6,31 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from estimators.arguments import HasModel, Recordings, check_horizon, chosen_recordings, model_that_moves, that_may_show
-from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements_with, misfits, own_fits
-from estimators.checks.torque_constant import unit_of
+from estimators.arguments import (
+    HasModel,
+    Recordings,
+    check_horizon,
+    check_model,
+    select_recordings,
+    select_visible_effects,
+)
+from estimators.checks.homogeneity import (
+    AGREEMENT,
+    Disagreement,
+    find_disagreements_with_model,
+    find_misfits,
+    fit_each_recording,
+)
+from estimators.checks.torque_constant import find_torque_unit
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import swing
-from estimators.in_loop.fit import with_loop_errors
-from estimators.prediction import Prediction, predictions
+from estimators.free_swings import scale_swing
+from estimators.in_loop.fit import add_loop_errors
+from estimators.prediction import Prediction, predict_recordings
 from estimators.regression.equations import IdentificationError
-from estimators.selection.errors import Errors, of_one
-from estimators.signals.residual import AXES, Profile, Region, everywhere, profiles
+from estimators.selection.errors import Errors, get_single
+from estimators.signals.residual import AXES, Profile, Region, compute_profiles, make_region_everywhere
 from estimators.simulation.free_running import HORIZON
 from estimators.weak_form.torque_windows import join_windows
 from pendulum_env._typing import JSON, Array
@@ -57,14 +70,14 @@ class Distance:
     @property
     def noise_floor(self) -> float:
         """Return the noise floor of a single joint; NaN for several joints."""
-        return of_one(self.floors)
+        return get_single(self.floors)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         return {
             "name": self.name,
             "errors": self.errors.json(),
-            "noise_floor": floors_json(self.floors),
+            "noise_floor": make_floors_json(self.floors),
             "unstable": self.unstable,
         }
 
@@ -106,7 +119,7 @@ class Comparison:
         """Return each recording with the predictions of the model, sample by sample."""
         if self.data is None:
             raise Mistake("the comparison has no data: compare the model with the recordings again")
-        return predictions(self.model, self.data)
+        return predict_recordings(self.model, self.data)
 
     @property
     def torque_unit(self) -> str:
@@ -131,7 +144,7 @@ class Comparison:
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; `joint` has all recordings together."""
-        return result_json(self.model, self.torque_constant, self.regions, self.disagreements) | {
+        return make_result_json(self.model, self.torque_constant, self.regions, self.disagreements) | {
             "schema": SCHEMA,
             "recordings": [distance.json() for distance in self.distances],
             "joint": self.joint.json(),
@@ -149,7 +162,7 @@ class Comparison:
         }
 
 
-def result_json(
+def make_result_json(
     model: Model,
     constant: TorqueConstant | None,
     regions: Sequence[Region],
@@ -167,16 +180,16 @@ def result_json(
     }
 
 
-def floors_json(floors: Mapping[str, float]) -> JSON:
+def make_floors_json(floors: Mapping[str, float]) -> JSON:
     """Return noise floors as a plain dictionary for JSON; null stands for that of several joints together."""
-    return {"torque_rms": of_one(floors) if len(floors) == 1 else None, "joints": dict(floors)}
+    return {"torque_rms": get_single(floors) if len(floors) == 1 else None, "joints": dict(floors)}
 
 
-def distance(name: str, prepared: RegressionData, model: Model) -> Distance:
+def compute_distance(name: str, prepared: RegressionData, model: Model) -> Distance:
     """Compute errors of a model with inertia on prepared data, and in the loop if the recordings have drives."""
     steady, unstable = prepared.with_steady_segments(model)
     errors = steady.errors(model)
-    return Distance(name, with_loop_errors(model, prepared.recordings, errors), prepared.floors, unstable)
+    return Distance(name, add_loop_errors(model, prepared.recordings, errors), prepared.floors, unstable)
 
 
 def join_recordings(parts: Sequence[RegressionData]) -> RegressionData:
@@ -209,27 +222,27 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
         ValueError: if the horizon is not above zero, or is given for an arm.
     """
     check_order("compare(model, recordings)", (model, Model), (recordings, Recording))
-    model = model_that_moves(model)
+    model = check_model(model)
     check_horizon(horizon, model.body.can_simulate)
-    recordings = chosen_recordings(recordings, body=model.body, log_format=model.log_format)
-    recordings = in_units_of(model, recordings).recordings
+    recordings = select_recordings(recordings, body=model.body, log_format=model.log_format)
+    recordings = convert_to_model_unit(model, recordings).recordings
     if recordings[0].units.slides:
         model = model.per(JointUnits(model.torque_unit, slides=True))
-    that_may_show({term.id: type(term) for term in model.terms if term.needs}, recordings)
+    select_visible_effects({term.id: type(term) for term in model.terms if term.needs}, recordings)
     joints = model.terms if isinstance(model.body, Body) else ()
-    alone = [] if joints else [_prepared(recording, model, horizon) for recording in recordings]
+    alone = [] if joints else [_prepare_data(recording, model, horizon) for recording in recordings]
     together = join_recordings(alone) if alone else RegressionData.of_arm(recordings, joints)
-    joint = distance("all", together, model)
+    joint = compute_distance("all", together, model)
     left = together.residual(model.terms, model.theta)
-    fits = own_fits([together.data], model.terms) if alone and not joint.errors.is_in_loop else []
+    fits = fit_each_recording([together.data], model.terms) if alone and not joint.errors.is_in_loop else []
     failing, most = joint.floors if _is_logged(recordings) else (), max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,
-        tuple(distance(part.recordings[0].name, part, model) for part in alone),
+        tuple(compute_distance(part.recordings[0].name, part, model) for part in alone),
         joint,
-        tuple(profiles(together.samples, left, joint.noise_floor, units=together.units()) if alone else ()),
-        tuple(region for at in failing for region in _fails(together, left, at, most)),
-        (*disagreements_with(model, fits), *misfits(fits)),
+        tuple(compute_profiles(together.samples, left, joint.noise_floor, units=together.units()) if alone else ()),
+        tuple(region for at in failing for region in _find_failures(together, left, at, most)),
+        (*find_disagreements_with_model(model, fits), *find_misfits(fits)),
         recordings[0].torque_constant,
         FitData(recordings, recordings, terms=joints, horizon=horizon).with_parts((together, together)),
         None if joints else horizon or HORIZON,
@@ -240,7 +253,7 @@ def _is_logged(recordings: Sequence[Recording]) -> bool:
     return any(recording.has_logged_torque for recording in recordings)
 
 
-def _fails(prepared: RegressionData, left: Array, at: str, most: int) -> list[Region]:
+def _find_failures(prepared: RegressionData, left: Array, at: str, most: int) -> list[Region]:
     """Find the regions of a significant residual (R,) at a joint; everywhere if it is large at no single place."""
     found, floor = prepared.stand_out(left, at, most=most), prepared.floors[at]
     error = prepared.joint_errors(left)[at]
@@ -249,10 +262,10 @@ def _fails(prepared: RegressionData, left: Array, at: str, most: int) -> list[Re
     units = prepared.units(at)
     residual = Quantity(error, unit=units.unit(NEWTON_METRE))
     cause = Finding(Kind.NOWHERE, {"residual": residual, "times": Quantity(error / floor)})
-    return [everywhere(cause, prepared.data.part(at).samples, error, floor, at, units)]
+    return [make_region_everywhere(cause, prepared.data.part(at).samples, error, floor, at, units)]
 
 
-def _prepared(recording: Recording, model: Model, horizon: float | None) -> RegressionData:
+def _prepare_data(recording: Recording, model: Model, horizon: float | None) -> RegressionData:
     """Prepare a recording, with impacts that the friction of the model does not explain."""
     prepared = RegressionData.of([recording])
     prepared = prepared if horizon is None else prepared.with_horizon(horizon)
@@ -264,7 +277,7 @@ def _prepared(recording: Recording, model: Model, horizon: float | None) -> Regr
     return replace(prepared, data=data.with_contacts(*known, data.free_range(*known)))
 
 
-def in_units_of(model: Model, recordings: Sequence[Recording]) -> FitData:
+def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> FitData:
     """Convert recordings to the unit of torque of a model.
 
     Raises:
@@ -279,9 +292,9 @@ def in_units_of(model: Model, recordings: Sequence[Recording]) -> FitData:
         )
     if len(driven) < len(recordings):
         inertia = {"inertia": model.estimates["inertia"].value}
-        unit = unit_of(driven) if driven else model.torque_unit
-        recordings = [swing(own, inertia["inertia"], unit) for own in recordings]
-    unit, known, constant = unit_of(recordings), model.torque_constant, None
+        unit = find_torque_unit(driven) if driven else model.torque_unit
+        recordings = [scale_swing(own, inertia["inertia"], unit) for own in recordings]
+    unit, known, constant = find_torque_unit(recordings), model.torque_constant, None
     if unit == model.torque_unit:
         return FitData(tuple(recordings))
     if model.torque_unit != NEWTON_METRE:

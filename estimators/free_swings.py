@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.regression.equations import IdentificationError
-from estimators.weak_form.columns import depends_on_torque
+from estimators.weak_form.columns import is_torque_dependent
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env._typing import Array
@@ -29,7 +29,7 @@ from pendulum_env.words import listing
 NONE = Load(0.0, 0.0)
 
 
-def swing(recording: Recording, inertia: float, torque_unit: str) -> Recording:
+def scale_swing(recording: Recording, inertia: float, torque_unit: str) -> Recording:
     """Scale a free swing by an inertia in a unit of torque, without noise of torques; return others as they are."""
     if not recording.is_free:
         return recording
@@ -38,12 +38,12 @@ def swing(recording: Recording, inertia: float, torque_unit: str) -> Recording:
     return replace(silent, torque_unit=unit, torque_constant=None, known_inertia=inertia)
 
 
-def known_values(terms: Sequence[Term]) -> dict[str, float]:
+def find_known_values(terms: Sequence[Term]) -> dict[str, float]:
     """Return the linear parameters of some terms that are known, by name."""
     return {column.name: column.least for term in terms for column in term.columns if column.is_known}
 
 
-def known_by(model: Model, fixed: Mapping[str, float] | None) -> dict[str, float]:
+def find_scaling_values(model: Model, fixed: Mapping[str, float] | None) -> dict[str, float]:
     """Return the values that scale free swings in a refit of a model: fixed ones, and its inertia in kg m^2."""
     inertia = model.estimates.get("inertia") if model.torque_unit == NEWTON_METRE else None
     return ({"inertia": inertia.value} if inertia is not None else {}) | dict(fixed or {})
@@ -61,13 +61,14 @@ def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) ->
     names = listing([recording.name for recording in recordings])
     loads = list(dict.fromkeys(recording.load or NONE for recording in recordings))
     if len(loads) > 1:
+        advice = Blank(f"{_estimate_inertia_by_loads(recordings, loads):.4g}")
         raise IdentificationError(
             f"{names}: no torque is applied, and their known loads differ: fix the inertia of the joint without load, "
-            f"{setting('fixed', {'inertia': Blank(f'{_inertia_by_loads(recordings, loads):.4g}')})} by these loads"
+            f"{setting('fixed', {'inertia': advice})} by these loads"
         )
-    if (name := _scaling_parameter(known)) is None:
+    if (name := _find_scaling_parameter(known)) is None:
         return None
-    ratio = dict(zip((term.id for term in BASE), _ratios(recordings).tolist(), strict=True))[name]
+    ratio = dict(zip((term.id for term in BASE), _compute_ratios(recordings).tolist(), strict=True))[name]
     total = known[name] + (loads[0].gravity if name == "gravity" else 0.0)
     if total * ratio <= 0 or (inertia := total / ratio - loads[0].inertia) <= 0:
         raise IdentificationError(
@@ -77,31 +78,31 @@ def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) ->
     return inertia
 
 
-def _scaling_parameter(known: Mapping[str, float]) -> str | None:
+def _find_scaling_parameter(known: Mapping[str, float]) -> str | None:
     """Return the known parameter of the base, other than the inertia, that scales free swings; None if none does."""
     if "inertia" in known:
         return None
     return next((term.id for term in BASE if known.get(term.id)), None)
 
 
-def _inertia_by_loads(recordings: Sequence[Recording], loads: Sequence[Load]) -> float:
+def _estimate_inertia_by_loads(recordings: Sequence[Recording], loads: Sequence[Load]) -> float:
     """Return the inertia I [kg m^2] that known loads determine.
 
     Under a load of inertia dI and gravity dmgl, gravity over inertia is g = (mgl + dmgl) / (I + dI).
     """
     groups = [[recording for recording in recordings if (recording.load or NONE) == load] for load in loads]
-    g = np.array([_ratios(group)[1] for group in groups])
+    g = np.array([_compute_ratios(group)[1] for group in groups])
     y = [load.gravity - ratio * load.inertia for load, ratio in zip(loads, g.tolist(), strict=True)]
     return float(np.linalg.lstsq(np.column_stack([g, -np.ones(len(g))]), y, rcond=None)[0][0])
 
 
-def _ratios(recordings: Sequence[Recording]) -> Array:
+def _compute_ratios(recordings: Sequence[Recording]) -> Array:
     """Return the parameters of the base (4,) over the inertia, both with the known load."""
-    swings = [swing(recording, 1.0, PER_INERTIA) for recording in recordings]
-    return TorqueRows(prepare(swings)).solve(swing_terms(BASE, swings))
+    swings = [scale_swing(recording, 1.0, PER_INERTIA) for recording in recordings]
+    return TorqueRows(prepare(swings)).solve(make_swing_terms(BASE, swings))
 
 
-def fitted_inertia(recordings: Sequence[Recording]) -> float:
+def fit_inertia(recordings: Sequence[Recording]) -> float:
     """Return the inertia [kg m^2] by a fit of the base model to recordings with torque; 0 if they are too short."""
     try:
         return abs(float(TorqueRows(prepare(recordings)).solve_within_laws(BASE)[0]))
@@ -109,7 +110,7 @@ def fitted_inertia(recordings: Sequence[Recording]) -> float:
         return 0.0
 
 
-def swing_terms(terms: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term, ...]:
+def make_swing_terms(terms: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term, ...]:
     """Return terms as they are fitted to free swings, with the inertia that scales them; other terms as they are.
 
     A regression of the inertia on a small known torque would attenuate it by the noise of the acceleration. The known
@@ -118,23 +119,23 @@ def swing_terms(terms: Sequence[Term], recordings: Sequence[Recording]) -> tuple
     Raises:
         IdentificationError: if there is no inertia among the terms.
     """
-    known = known_values(terms)
+    known = find_known_values(terms)
     if "inertia" in known or not all(recording.known_inertia for recording in recordings):
         return tuple(terms)
     if "inertia" not in {term.id for term in terms}:
         raise IdentificationError("no torque is applied: a model of free swings needs the term inertia")
-    inertia, name = recordings[0].known_inertia, _scaling_parameter(known)
+    inertia, name = recordings[0].known_inertia, _find_scaling_parameter(known)
     limits = {"inertia": (inertia, inertia)} | ({name: (-np.inf, np.inf)} if name else {})
     return tuple(limited_term(term, limits) for term in terms)
 
 
 def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Recording]) -> Model:
-    """Scale a model of `swing_terms` to the known parameter of the original terms; return other models as they are.
+    """Scale a model of `make_swing_terms` to the known parameter of the original terms; return other models unchanged.
 
     Motion without torque determines all parameters theta, with the known load o, up to a factor: (theta + o) (c + o_c)
     / (theta_c + o_c) - o if c is the known value of theta_c.
     """
-    name = _scaling_parameter(known := known_values(terms))
+    name = _find_scaling_parameter(known := find_known_values(terms))
     if name is None or not all(recording.known_inertia for recording in recordings):
         return model
     load, names = recordings[0].load or NONE, list(model.estimates)
@@ -160,7 +161,7 @@ def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Reco
     return replace(model, terms=restored, estimates=estimates).correlated(names, covariance)
 
 
-def as_read(model: Model) -> Model:
+def remove_unit_inertia(model: Model) -> Model:
     """Return a model without the limit of an inertia of 1, which its unit of torque tells."""
     if model.torque_unit != PER_INERTIA:
         return model
@@ -168,6 +169,6 @@ def as_read(model: Model) -> Model:
     return replace(model, terms=tuple(bare.get(term, term) for term in model.terms))
 
 
-def needs_torque(kind: type[Term]) -> bool:
+def is_torque_needed(kind: type[Term]) -> bool:
     """Return whether an effect shows only under torque: it changes the torque of a motor, or lies behind the motor."""
-    return kind.link or depends_on_torque(kind())
+    return kind.link or is_torque_dependent(kind())

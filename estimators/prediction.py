@@ -128,12 +128,12 @@ class Prediction:
         )
 
 
-def predictions(model: Model, data: FitData) -> tuple[Prediction, ...]:
+def predict_recordings(model: Model, data: FitData) -> tuple[Prediction, ...]:
     """Predict the recordings that a result is of: those that were fitted, then those that were held out."""
     is_same = data.holdout is data.recordings  # compared, all alike
     seen = data.recordings if is_same else (*data.recordings, *data.holdout)
     paths = simulate_from_goals(model, seen)
-    found = [replace(_without_values(model, recording), is_in_loop=bool(paths)) for recording in seen]
+    found = [replace(_make_empty_prediction(model, recording), is_in_loop=bool(paths)) for recording in seen]
     if is_same:
         found = [replace(own, is_held_out=None) for own in found]
     with suppress(*[IdentificationError] * bool(paths)):  # a servo may move too little for a regression of its torque
@@ -146,7 +146,7 @@ def predictions(model: Model, data: FitData) -> tuple[Prediction, ...]:
     return tuple(found)
 
 
-def _without_values(model: Model, recording: Recording) -> Prediction:
+def _make_empty_prediction(model: Model, recording: Recording) -> Prediction:
     """A prediction that is still to be made."""
     shape = recording.position.shape
     torque, predicted, simulated = (np.full(shape, np.nan) for _ in range(3))
@@ -165,7 +165,7 @@ def _predict(model: Model, prepared: RegressionData, found: Sequence[Prediction]
         windows = [w for k, w in zip(runs, data.windows, strict=True) if k == run]
         if all(w.is_clear.any() for w in windows):
             link_states = {id: [each[run]] for id, each in data.link_states.items()}
-            dense = _at_every_sample(model, windows, link_states)
+            dense = _make_windows_at_samples(model, windows, link_states)
             _write(own, dense.windows, dense.applied_torque(), TorqueRows(dense).residual(model.terms, model.theta))
     ends = np.cumsum([len(w.centers) for w in data.windows])[:-1]
     coarse = (np.split(each, ends) for each in (data.applied_torque(), prepared.residual(model.terms, model.theta)))
@@ -173,7 +173,7 @@ def _predict(model: Model, prepared: RegressionData, found: Sequence[Prediction]
         own = found[run]
         _write(own, [w], torque, residual)
         begin, joint = _place(own, w)
-        _by_joint(own.is_counted)[begin + w.centers, joint] = True
+        _split_by_joint(own.is_counted)[begin + w.centers, joint] = True
         if own.is_held_out is not None:
             own.is_held_out[begin + w.first : begin + w.stop] |= is_held_out
     simulated = prepared.segments if model.has_known_inertia else ()
@@ -181,17 +181,19 @@ def _predict(model: Model, prepared: RegressionData, found: Sequence[Prediction]
         _simulate(model, segments, own.simulated_position)
 
 
-def _at_every_sample(
+def _make_windows_at_samples(
     model: Model, windows: Sequence[Windows], link_states: Mapping[str, Sequence[Samples]]
 ) -> TorqueWindows:
     """Equations of one recording about every sample that is clear of stick."""
     first = model.terms[0]
     if isinstance(first, Links):
-        return links.at_every_sample(windows, first, [type(term) for term in model.terms if isinstance(term, Coupling)])
+        return links.make_windows_at_samples(
+            windows, first, [type(term) for term in model.terms if isinstance(term, Coupling)]
+        )
     return replace(join_windows([w.at_every_sample() for w in windows]), link_states=link_states)
 
 
-def _by_joint(values: Array) -> Array:
+def _split_by_joint(values: Array) -> Array:
     """A view (N, n) of values (N,) or (N, n)."""
     return values.reshape(len(values), -1)
 
@@ -207,8 +209,8 @@ def _write(own: Prediction, windows: Sequence[Windows], torque: Array, residual:
     for w in windows:
         rows = slice(done, done := done + len(w.centers))
         begin, joint = _place(own, w)
-        _by_joint(own.torque)[begin + w.centers, joint] = torque[rows]
-        _by_joint(own.predicted_torque)[begin + w.centers, joint] = torque[rows] - residual[rows]
+        _split_by_joint(own.torque)[begin + w.centers, joint] = torque[rows]
+        _split_by_joint(own.predicted_torque)[begin + w.centers, joint] = torque[rows] - residual[rows]
 
 
 def _simulate(model: Model, segments: Segments, position: Array) -> None:

@@ -37,7 +37,7 @@ PEAKS = 8  # highest ones of a periodogram, from which a search starts
 ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces of tables that are tried
 
 
-def grid_over_bounds(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def make_grid_over_bounds(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     """Spread variants over the bounds of the nonlinear parameters; an instant lies within the motion."""
     sought = [
         parameter for parameter in kind.nonlinear_parameters if parameter.nominal is None and not parameter.follows
@@ -82,7 +82,7 @@ class SearchHints:
         multimodal: nonlinear parameter over which the error has many local minima, searched one by one.
     """
 
-    grid: Grid = grid_over_bounds
+    grid: Grid = make_grid_over_bounds
     n_tried: Callable[[type[Any], Samples, Array], int] | None = None
     is_possible: Callable[[Any, Samples], bool] = _always
     alternative_starts: Mapping[str, float] = field(default_factory=dict)
@@ -99,7 +99,7 @@ def set_hints(kind: type[Term], hints: SearchHints) -> None:
     _HINTS[kind] = hints
 
 
-def hints_of(kind: type[Term]) -> SearchHints:
+def find_hints(kind: type[Term]) -> SearchHints:
     """Return the hints for an effect, or those of its base class."""
     hints = next((_HINTS[base] for base in kind.__mro__ if base in _HINTS), SearchHints())
     old: Any = kind  # of an effect for an earlier release, whose hints are methods
@@ -110,7 +110,7 @@ def hints_of(kind: type[Term]) -> SearchHints:
     return replace(hints, is_possible=old.possible) if hasattr(old, "possible") else hints
 
 
-def grid(kind: type[Term], x: Samples, residual: Array) -> list[Term]:
+def make_grid(kind: type[Term], x: Samples, residual: Array) -> list[Term]:
     """List the variants of an effect from which a search starts, within the bounds of its parameters.
 
     Args:
@@ -118,36 +118,36 @@ def grid(kind: type[Term], x: Samples, residual: Array) -> list[Term]:
         x: N samples of the motion.
         residual: torque that the model leaves unexplained there (N,) [N m].
     """
-    return list(dict.fromkeys(clipped(variant) for variant in hints_of(kind).grid(kind, x, residual)))
+    return list(dict.fromkeys(clipped(variant) for variant in find_hints(kind).grid(kind, x, residual)))
 
 
-def n_tried(kind: type[Term], x: Samples, residual: Array) -> int:
-    """Count the variants among which `grid` chooses."""
-    count = hints_of(kind).n_tried
-    return len(grid(kind, x, residual)) if count is None else count(kind, x, residual)
+def count_variants(kind: type[Term], x: Samples, residual: Array) -> int:
+    """Count the variants among which `make_grid` chooses."""
+    count = find_hints(kind).n_tried
+    return len(make_grid(kind, x, residual)) if count is None else count(kind, x, residual)
 
 
 def is_possible(term: Term, x: Samples) -> bool:
     """Return whether the nonlinear parameters of a term are plausible for the motion in N samples."""
-    return hints_of(type(term)).is_possible(term, x)
+    return find_hints(type(term)).is_possible(term, x)
 
 
-def _peak(x: Samples) -> float:
+def _find_peak(x: Samples) -> float:
     return float(np.percentile(np.abs(x.torque), 99))
 
 
-def _limits_of_torque(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    peak = _peak(x)
+def _list_torque_limits(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    peak = _find_peak(x)
     corners = (1.0, 0.2) if peak > 0 else ()
     return [kind(float(limit), corner) for corner in corners for limit in np.geomspace(0.2 * peak, 12 * peak, 16)]
 
 
 def _is_saturation(term: TorqueSaturation, x: Samples) -> bool:
     """Refuse a limit far below the torque: if nearly nothing came through, nearly nothing remains to explain."""
-    return bool(term.limit >= 0.15 * _peak(x))
+    return bool(term.limit >= 0.15 * _find_peak(x))
 
 
-def _stribeck_velocities(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def _list_stribeck_velocities(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     fast = float(np.percentile(np.abs(x.velocity), 95))
     return [kind(float(vs)) for vs in np.geomspace(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
 
@@ -157,7 +157,7 @@ def _is_stribeck(term: Stribeck, x: Samples) -> bool:
     return bool(term.stribeck_velocity <= np.max(np.abs(x.velocity)))
 
 
-def _orders_of_cogging(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def _list_cogging_orders(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     """List all low orders, and the strongest of the high orders of strain-wave gears."""
     bins = 8 * FINEST  # of a turn, so fine that each wave lies within several
     turn = np.floor(np.asarray(x.position) / (2 * np.pi) * bins).astype(int) % bins
@@ -172,7 +172,7 @@ def _is_cogging(term: Cogging, x: Samples) -> bool:
     return not others or bool(np.ptp(x.position) * first >= 2 * np.pi * WAVES)
 
 
-def _stops(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def _list_stops(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     """List stops near either end of the motion, where the arm rests or reverses; a damped stop pushes most at first."""
     q = np.asarray(x.position)
     low, high = float(q.min()), float(q.max())
@@ -194,24 +194,24 @@ def _is_stop(term: HardStop, x: Samples) -> bool:
     return bool(is_met and term.lower < q[np.searchsorted(path, 0.5 * path[-1])] < term.upper)
 
 
-def _warm_up_times(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def _list_warm_up_times(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     span = float(np.max(x.time))
     return [kind(float(warm_up)) for warm_up in np.geomspace(span / 20, span * 1.5, 8)]
 
 
-def _moments(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def _list_instants(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     start, stop = float(np.min(x.time)), float(np.max(x.time))
     return [kind(float(moment)) for moment in start + (stop - start) * np.arange(0.04, 0.97, 0.02)]
 
 
-def _frequencies(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    omega, power = _periodogram(x, residual)
+def _list_frequencies(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    omega, power = _compute_periodogram(x, residual)
     peaks = np.flatnonzero((power[1:-1] >= power[2:]) & (power[1:-1] >= power[:-2])) + 1
     highest = peaks[np.argsort(power[peaks])[::-1][:PEAKS]]
     return [kind(float(w)) for w in omega[highest]]
 
 
-def _periodogram(x: Samples, residual: Array) -> tuple[Array, Array]:
+def _compute_periodogram(x: Samples, residual: Array) -> tuple[Array, Array]:
     """Compute the power of the residual at frequencies [rad/s] that are close enough for every peak."""
     time = np.asarray(x.time)
     gaps = np.diff(time)
@@ -225,7 +225,7 @@ def _periodogram(x: Samples, residual: Array) -> tuple[Array, Array]:
     return omega[usable], np.abs(np.fft.rfft(signal, length))[usable] ** 2
 
 
-def _flexible_joints(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def _list_flexible_joints(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     return [
         kind(float(w), float(c), g)
         for w in np.geomspace(6.0, 300.0, 34)
@@ -234,7 +234,7 @@ def _flexible_joints(kind: type[Any], x: Samples, residual: Array) -> list[Term]
     ]
 
 
-def _gaps(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def _list_gaps(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     return [
         kind(float(gap), float(w), c, g)
         for gap in np.geomspace(2e-3, 0.08, 6)
@@ -244,7 +244,7 @@ def _gaps(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     ]
 
 
-def _angles_of_table(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def _list_table_angles(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     extents = []
     for pieces in ANGLES:
         share = kind.outside / pieces
@@ -256,38 +256,40 @@ def _angles_of_table(kind: type[Any], x: Samples, residual: Array) -> list[Term]
     return [kind.over(extent)() for extent in extents]
 
 
-def _speeds_of_table(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def _list_table_speeds(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     fastest = float(np.max(np.abs(x.velocity)))
     return [kind.over(Extent(0.0, fastest, pieces))() for pieces in SPEEDS]
 
 
-def _times_of_table(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def _list_table_times(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     first, last = float(np.min(x.time)), float(np.max(x.time))
     pieces = min(max(2, round((last - first) / kind.length)), kind.most)
     return [kind.over(Extent(first, last, int(pieces)))()]
 
 
-def _of_values(values: Iterable[float]) -> Grid:
+def _make_value_grid(values: Iterable[float]) -> Grid:
     """Make a grid over the first nonlinear parameter with the same values for all data."""
     numbers = [float(value) for value in values]
     return lambda kind, x, residual: [kind(number) for number in numbers]
 
 
 _HINTS: dict[type[Term], SearchHints] = {
-    TorqueRipple: SearchHints(_of_values(range(1, 61))),
-    TorqueSaturation: SearchHints(_limits_of_torque, is_possible=_is_saturation, alternative_starts={"roundness": 0.4}),
-    ActuatorLag: SearchHints(_of_values(np.geomspace(1e-3, 0.2, 12))),
-    DeadTime: SearchHints(_of_values(np.geomspace(1e-3, 0.2, 14))),
-    Stribeck: SearchHints(_stribeck_velocities, is_possible=_is_stribeck, alternative_starts={"exponent": 1.4}),
+    TorqueRipple: SearchHints(_make_value_grid(range(1, 61))),
+    TorqueSaturation: SearchHints(
+        _list_torque_limits, is_possible=_is_saturation, alternative_starts={"roundness": 0.4}
+    ),
+    ActuatorLag: SearchHints(_make_value_grid(np.geomspace(1e-3, 0.2, 12))),
+    DeadTime: SearchHints(_make_value_grid(np.geomspace(1e-3, 0.2, 14))),
+    Stribeck: SearchHints(_list_stribeck_velocities, is_possible=_is_stribeck, alternative_starts={"exponent": 1.4}),
     LoadDependentFriction: SearchHints(
         lambda kind, x, residual: [kind(share * float(np.std(x.torque))) for share in (0.0, 1.0)]
     ),
     TemperatureDependentFriction: SearchHints(
         lambda kind, x, residual: [kind()] if np.ptp(x.temperature) > WARMER else []
     ),
-    Presliding: SearchHints(_of_values(np.geomspace(5e-4, 0.2, 12))),
+    Presliding: SearchHints(_make_value_grid(np.geomspace(5e-4, 0.2, 12))),
     Cogging: SearchHints(
-        _orders_of_cogging,
+        _list_cogging_orders,
         n_tried=lambda kind, x, residual: FINEST - 1,
         is_possible=_is_cogging,
         alternative_starts={f"order_{k}": 2.0 for k in range(2, 6)},
@@ -297,14 +299,18 @@ _HINTS: dict[type[Term], SearchHints] = {
         lambda kind, x, residual: [kind()] if kind.at else [kind(), kind(3.0)],
         alternative_starts={"degree": 3.0},
     ),
-    HardStop: SearchHints(_stops, is_possible=_is_stop, alternative_starts={"hysteresis": 0.05, "damping_time": 0.005}),
-    FrictionDrift: SearchHints(_warm_up_times),
-    PayloadChange: SearchHints(_moments),
-    PeriodicDisturbance: SearchHints(_frequencies, n_tried=lambda kind, x, residual: len(_periodogram(x, residual)[0])),
-    JointFlexibility: SearchHints(_flexible_joints),
-    Backlash: SearchHints(_gaps, multimodal="resonance"),
-    ByAngle: SearchHints(_angles_of_table),
-    FrictionBySpeed: SearchHints(_speeds_of_table),
-    PowerOfSpeed: SearchHints(_of_values((0.5, 1.5, 2.0, 3.0, 5.0))),
-    ByTime: SearchHints(_times_of_table),
+    HardStop: SearchHints(
+        _list_stops, is_possible=_is_stop, alternative_starts={"hysteresis": 0.05, "damping_time": 0.005}
+    ),
+    FrictionDrift: SearchHints(_list_warm_up_times),
+    PayloadChange: SearchHints(_list_instants),
+    PeriodicDisturbance: SearchHints(
+        _list_frequencies, n_tried=lambda kind, x, residual: len(_compute_periodogram(x, residual)[0])
+    ),
+    JointFlexibility: SearchHints(_list_flexible_joints),
+    Backlash: SearchHints(_list_gaps, multimodal="resonance"),
+    ByAngle: SearchHints(_list_table_angles),
+    FrictionBySpeed: SearchHints(_list_table_speeds),
+    PowerOfSpeed: SearchHints(_make_value_grid((0.5, 1.5, 2.0, 3.0, 5.0))),
+    ByTime: SearchHints(_list_table_times),
 }

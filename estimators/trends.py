@@ -64,7 +64,7 @@ def fit_trend(time: Array, value: Array, std: Array) -> Trend:
     drift, _, low, high = map(float, scipy.stats.theilslopes(x, t, CONFIDENCE))
     steps = 1 + np.flatnonzero(np.diff(t) > 0)
     steps = steps[(steps >= BESIDE) & (steps <= len(t) - BESIDE)]
-    fits = _fit_changes(t, x, 1 / (variance + scatter_variance(x, variance)), steps)
+    fits = _fit_changes(t, x, 1 / (variance + estimate_scatter_variance(x, variance)), steps)
     least = _fit_changes(t, x, 1 / variance, steps)  # scatter by standard errors alone
     best, freedom = int(np.argmax(fits.gains)), len(t) - 2
     remaining = max(1e-300, fits.chi_square - float(fits.gains[best])) / freedom
@@ -77,7 +77,7 @@ def fit_trend(time: Array, value: Array, std: Array) -> Trend:
     return Trend(drift, (low, high), jump, min(1.0, len(fits.gains) * float(p_value)))
 
 
-def scatter_variance(value: Array, variance: Array) -> float:
+def estimate_scatter_variance(value: Array, variance: Array) -> float:
     """Estimate the variance of values (N,) of a constant beyond that of their errors (N,), see `fit_trend`."""
 
     def excess(s2: float) -> float:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from estimators.data.regression_data import fit_terms
-from estimators.data.split import gather
-from estimators.signals.residual import AXES, SYMBOLS, Profile, profiles
+from estimators.data.split import split_recordings
+from estimators.signals.residual import AXES, SYMBOLS, Profile, compute_profiles
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Coulomb, Inertia, Term, Viscous, effects
@@ -41,10 +41,10 @@ def machines(folder: Path, data: Path) -> None:
 
 def left(recording: Recording, terms: Sequence[Term] = BASE, units: JointUnits = TURNING) -> list[Profile]:
     """Residual of a model, fitted to a recording, over angle (within a turn), velocity, torque and time."""
-    prepared, _ = gather([recording], [recording])
+    prepared, _ = split_recordings([recording], [recording])
     model, fit = fit_terms(prepared, terms)
     noise = prepared.data.noise(model.estimates["inertia"].value)
-    return profiles(prepared.samples, fit.residual, noise, tuple(AXES), units)
+    return compute_profiles(prepared.samples, fit.residual, noise, tuple(AXES), units)
 
 
 def picture(title: str, profiles: Sequence[Profile]) -> str:

@@ -10,11 +10,11 @@ from typing import Any, TypeVar
 
 from msgspec import Struct
 
-from estimators.arguments import model_that_moves
+from estimators.arguments import check_model
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.free_swings import known_values
+from estimators.free_swings import find_known_values
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel, Asked, load_model
@@ -115,7 +115,7 @@ def read_model(path: str, body: Mechanism = PENDULUM) -> Model:
     """
     model = load_model(path, body)
     try:
-        return model_that_moves(model)
+        return check_model(model)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
 
@@ -139,7 +139,7 @@ class Opened:
         self, terminal: Terminal, align: bool | None = None, fixed: Mapping[str, float] | None = None
     ) -> FitData:
         """Recordings in torque where known loads tell the torque constant, or fixed parameters scale free swings."""
-        known = known_values(self.model.terms) | dict(fixed or {})
+        known = find_known_values(self.model.terms) | dict(fixed or {})
         given = FitData.of(self.recordings, self.holdout, self.model.terms, known=known)
         if not self.body.can_simulate:
             align = align or None  # looking takes long, so none is warned unasked

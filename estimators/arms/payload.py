@@ -18,8 +18,8 @@ import scipy
 
 from estimators.arms.standard import nearest_link, pseudo_inertia
 from estimators.regression.equations import Equations, IdentificationError
-from estimators.regression.least_squares import Fit, least_squares, project_out, solve
-from estimators.schemes.fitting import by_joint
+from estimators.regression.least_squares import Fit, project_out, solve, solve_least_squares
+from estimators.schemes.fitting import weigh_joints
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
@@ -216,8 +216,8 @@ class PayloadRows(NamedTuple):
         """Return the mass of each recording but the first, in excess of its mass (count - 1,) [kg]."""
         known, carried, y = self._columns(range(count), None)
         phi = np.column_stack([known, *carried])
-        w = by_joint(Equations(phi, y), self.number)
-        theta = least_squares(phi * w[:, None], y * w)[known.shape[1] :]
+        w = weigh_joints(Equations(phi, y), self.number)
+        theta = solve_least_squares(phi * w[:, None], y * w)[known.shape[1] :]
         return np.asarray(theta.reshape(count - 1, -1) @ self.basis[STANDARD.index("m")])
 
     def fit(self, group: Sequence[int], model: Model | None = None) -> list[Payload]:
@@ -234,7 +234,7 @@ class PayloadRows(NamedTuple):
         if not all(own.any() for own in carried):
             raise IdentificationError("too little motion clear of reversals to tell a payload: record longer")
         clusters = np.unique(self.clusters, return_inverse=True)[1]
-        w = [by_joint(Equations(phi, y), self.number) for phi in (known, np.column_stack([known, *carried]))]
+        w = [weigh_joints(Equations(phi, y), self.number) for phi in (known, np.column_stack([known, *carried]))]
         empty = solve(Equations(known, y), w[0], clusters)
         free = solve(Equations(np.column_stack([known, *carried]), y), w[1], clusters)
         width, found, possible = self.basis.shape[1], [], y

@@ -91,8 +91,8 @@ class ChannelFits:
             IdentificationError: if too little of the motion is clear of stick.
         """
         is_arm = isinstance(body_of(beside), Body)
-        data = _of_arm(recordings, beside) if is_arm else _under_loads(recordings)
-        rows = np.flatnonzero(np.concatenate([_clear(w) for w in data.windows]))
+        data = _make_arm_windows(recordings, beside) if is_arm else _make_pendulum_windows(recordings)
+        rows = np.flatnonzero(np.concatenate([_find_clear_windows(w) for w in data.windows]))
         joints = [(data.where(at), data.part(at)) for at in data.joints]
         laws = [(here, own.columns([law])[0][0]) for here, own in joints for law in _smooth_laws(own)]
         beside = [term for term in beside if not term.fixed]
@@ -311,10 +311,10 @@ class ChannelFits:
 
 def is_brake(data: TorqueWindows) -> bool:
     """Return whether the load torque opposes the motion nearly always, as friction that is pressed by it does."""
-    return driven_share(data, -np.asarray(data.samples.load.torque)) > DRIVEN
+    return compute_driven_share(data, -np.asarray(data.samples.load.torque)) > DRIVEN
 
 
-def driven_share(data: TorqueWindows, torque: Array) -> float:
+def compute_driven_share(data: TorqueWindows, torque: Array) -> float:
     """Compute the share of samples in which a torque (N,) or () has the direction of the motion."""
     return float(np.mean(torque * data.samples.velocity > 0))
 
@@ -385,14 +385,14 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
     return alone if any(one.is_found for one in alone) else [joint] * len(each)
 
 
-def _under_loads(recordings: Sequence[Recording]) -> TorqueWindows:
+def _make_pendulum_windows(recordings: Sequence[Recording]) -> TorqueWindows:
     """Return the windows of a pendulum with known loads."""
     data = prepare(recordings)
     hung = zip(data.windows, map(load_in_newton_metres, recordings), strict=True)
     return replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
 
 
-def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term]) -> TorqueWindows:
+def _make_arm_windows(recordings: Sequence[Recording], terms: Sequence[Term]) -> TorqueWindows:
     """Return the windows of all joints of an arm, weighted by the residual of links and friction."""
     links = terms[0]
     assert isinstance(links, Links)
@@ -406,7 +406,7 @@ def _smooth_laws(data: TorqueWindows) -> tuple[Term, ...]:
     return (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction))
 
 
-def _clear(w: Windows) -> Mask:
+def _find_clear_windows(w: Windows) -> Mask:
     """Find windows with known torque under every law of the channel (R,)."""
     beyond = len(w.kernel) // 2 + int(np.ceil(SEARCH.reach * w.recording.rate)) + 2
     bounds = pairwise((*w.recording.starts, len(w.recording)))

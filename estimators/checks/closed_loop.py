@@ -13,7 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import least_squares, solve
+from estimators.regression.least_squares import solve, solve_least_squares
 from pendulum_env.recording import Recording
 
 
@@ -31,18 +31,18 @@ class FeedbackSettings:
 ANSWER = FeedbackSettings()
 
 
-def feedback(recordings: Sequence[Recording]) -> list[Finding]:
+def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
     """Find recordings in which torque answers the motion: by an unexpected change of position, sample to sample."""
     found = []
     for recording in recordings:
-        if (gain := _gain(recording)) is not None:
+        if (gain := _estimate_feedback_gain(recording)) is not None:
             kind = Kind.FEEDBACK if recording.reference is None else Kind.FEEDBACK_WITH_REFERENCE
             unit = recording.units.unit("N m/rad")
             found.append(Finding(kind, {"gain": Quantity(gain, unit=unit)}, recordings=(recording.name,)))
     return found
 
 
-def _gain(recording: Recording) -> float | None:
+def _estimate_feedback_gain(recording: Recording) -> float | None:
     """Estimate the slope of torque innovations over position innovations [N m/rad]; None unless it is negative."""
     bounds = [(a, b) for a, b in pairwise((*recording.starts, len(recording))) if b - a > 2 * ANSWER.past]
     if sum(b - a - ANSWER.past for a, b in bounds) < 20 * ANSWER.parts:
@@ -52,7 +52,7 @@ def _gain(recording: Recording) -> float | None:
         for series in (recording.position, recording.torque)
     )  # (R, ANSWER.past + 1) each: past and present
     past = np.column_stack([position[:, :-1], torque[:, :-1], np.ones(len(torque))])
-    moved, answer = (now - past @ least_squares(past, now) for now in (position[:, -1], torque[:, -1]))
+    moved, answer = (now - past @ solve_least_squares(past, now) for now in (position[:, -1], torque[:, -1]))
     usual = [ANSWER.tail * 1.4826 * float(np.median(np.abs(surprise))) for surprise in (moved, answer)]
     calm = (np.abs(moved) < usual[0]) & (np.abs(answer) < usual[1])
     moved, answer = moved[calm], answer[calm]

@@ -18,7 +18,7 @@ import scipy
 
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import information, solve
+from estimators.regression.least_squares import invert_covariance, solve
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON, Array
@@ -181,11 +181,11 @@ class Own:
         return self.known.theta - other.theta, np.maximum(np.sqrt(variance), 1e-300)
 
 
-def disagreements(fits: Sequence[Own], *, only_if_all_fit: bool = False) -> tuple[Disagreement, ...]:
+def find_disagreements(fits: Sequence[Own], *, only_if_all_fit: bool = False) -> tuple[Disagreement, ...]:
     """Find the recordings that disagree with the largest group that agrees; of two, the later one.
 
     Args:
-        fits: of recordings alone, see `own_fits`.
+        fits: of recordings alone, see `fit_each_recording`.
         only_if_all_fit: whether to say nothing unless the terms explain every single recording down to its noise, so
             that a missing effect is not taken for another plant; a negative inertia is no missing effect, and is said.
     """
@@ -198,18 +198,18 @@ def disagreements(fits: Sequence[Own], *, only_if_all_fit: bool = False) -> tupl
         # the one without whom the rest agree best; of two, the later one
         agreeing = rest[min(reversed(agreeing), key=lambda fit: spread(rest[fit.number])).number]
     others = tuple(fit.name for fit in agreeing)
-    return _differing([fit for fit in fits if fit not in agreeing], pool(agreeing), others) if agreeing else ()
+    return _select_differing([fit for fit in fits if fit not in agreeing], pool(agreeing), others) if agreeing else ()
 
 
-def disagreements_with(model: Model, fits: Sequence[Own]) -> tuple[Disagreement, ...]:
+def find_disagreements_with_model(model: Model, fits: Sequence[Own]) -> tuple[Disagreement, ...]:
     """Find the recordings that disagree with a model, without those that its terms do not explain."""
     estimates = [model.estimates[column.name] for column in (fits[0].columns if fits else ())]
     covariance = np.diag([estimate.std**2 for estimate in estimates])
     known = Known(np.array([estimate.value for estimate in estimates]), covariance, np.zeros(len(estimates)))
-    return _differing([fit for fit in fits if fit.is_explained or fit.is_turned], known, ())
+    return _select_differing([fit for fit in fits if fit.is_explained or fit.is_turned], known, ())
 
 
-def _differing(fits: Sequence[Own], known: Known, others: tuple[str, ...]) -> tuple[Disagreement, ...]:
+def _select_differing(fits: Sequence[Own], known: Known, others: tuple[str, ...]) -> tuple[Disagreement, ...]:
     """Select the fits that differ from known parameters."""
     return tuple(
         Disagreement(fit.number, fit.name, others, told, *fit.kind(known))
@@ -218,7 +218,7 @@ def _differing(fits: Sequence[Own], known: Known, others: tuple[str, ...]) -> tu
     )
 
 
-def misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
+def find_misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
     """Find the recordings that the terms do not explain, if they explain at least as many."""
     others = tuple(fit.name for fit in fits if fit.is_explained)
     poor = [fit for fit in fits if fit.times > AGREEMENT.misfits]
@@ -235,7 +235,7 @@ def misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
     )
 
 
-def own_fits(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[Own]:
+def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[Own]:
     """Fit the parameters to each recording separately, if it excites them.
 
     Not compared is what changes with time, of which each recording has a course of its own, nor what hangs behind a
@@ -292,8 +292,8 @@ def own_fits(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[O
 
 def pool(fits: Sequence[Own]) -> Known:
     """Combine several fits, weighted by information, and bound the bias of each parameter."""
-    told = [information(fit.known.covariance) for fit in fits]
-    covariance = information(np.sum(told, axis=0))
+    told = [invert_covariance(fit.known.covariance) for fit in fits]
+    covariance = invert_covariance(np.sum(told, axis=0))
     weighted = sum(part @ fit.known.theta for part, fit in zip(told, fits, strict=True))
     return Known(covariance @ weighted, covariance, np.max([fit.known.bias for fit in fits], axis=0))
 
@@ -304,4 +304,4 @@ def spread(fits: Sequence[Own]) -> float:
         return 0.0  # exactly, so that ties are ties
     pooled = pool(fits).theta
     gaps = [fit.known.theta - pooled for fit in fits]
-    return float(sum(gap @ information(fit.known.covariance) @ gap for gap, fit in zip(gaps, fits, strict=True)))
+    return float(sum(gap @ invert_covariance(fit.known.covariance) @ gap for gap, fit in zip(gaps, fits, strict=True)))

@@ -8,7 +8,7 @@ from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.findings import Finding, Kind, Quantity, Remedy
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import solve
-from estimators.selection.physical import driving_friction, is_significantly_negative, significant_sign
+from estimators.selection.physical import compute_significant_sign, find_driving_friction, is_significantly_negative
 from estimators.weak_form.torque_windows import TorqueWindows, prepare
 from pendulum_env.physics import BASE, Column, Model, Term
 from pendulum_env.physics.potential import GravityTilt
@@ -28,7 +28,9 @@ UPRIGHT_TURNS = 3.0  # that a joint makes at most, if its zero may be upright
 UPRIGHT_SHARE = 0.05  # of the RMS torque, the least gravity of a joint whose zero may be upright
 
 
-def remedies(model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = ()) -> list[Finding]:
+def find_remedies(
+    model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = ()
+) -> list[Finding]:
     """Find wrong columns by a fit, or else impossible friction.
 
     Args:
@@ -36,32 +38,32 @@ def remedies(model: Model, recordings: Sequence[Recording], ambiguous: Sequence[
         recordings: to which.
         ambiguous: groups of effects that these data cannot tell apart.
     """
-    columns = [] if any("gravity_tilt" in group for group in ambiguous) else wrong_columns(model, recordings)
-    return columns or driving_friction(model)
+    columns = [] if any("gravity_tilt" in group for group in ambiguous) else find_wrong_columns(model, recordings)
+    return columns or find_driving_friction(model)
 
 
-def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Finding]:
+def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Finding]:
     """Find a column of the recordings that has another sign, or another zero, by parameters of a fit.
 
     Known loads on the joint also show where down is.
     """
     if _is_load_torque_turned(model, recordings):
-        options = _remedies(recordings, lambda origin: origin.turned("load_torque"))
+        options = _make_remedies(recordings, lambda origin: origin.turned("load_torque"))
         return [Finding(Kind.LOAD_TORQUE_TURNED, remedies=options)]
     if is_significantly_negative(model, "inertia"):
-        options = _remedies(recordings, lambda origin: origin.turned("torque"))
+        options = _make_remedies(recordings, lambda origin: origin.turned("torque"))
         return [Finding(Kind.INERTIA_NEGATIVE, parameters=("inertia",), remedies=options)]
     gravity, tilt = (model.estimates.get(name) for name in ("gravity", "gravity_tilt"))
     carried = {0.0 if recording.load is None else recording.load.gravity for recording in recordings}
     if gravity is None or gravity.std == 0:  # where a user has fixed it, nothing is found
         return []
     down = gravity.value + max(carried, key=abs)
-    if tilt is not None and significant_sign(model, "gravity_tilt") and len(carried) == 1:
+    if tilt is not None and compute_significant_sign(model, "gravity_tilt") and len(carried) == 1:
         # g sin(q - d) = g cos d sin q - g sin d cos q
         angle = float(np.arctan2(tilt.value, down))
         error = float(np.hypot(tilt.std * down, gravity.std * tilt.value)) / (down**2 + tilt.value**2)
         digits = int(np.clip(-np.floor(np.log10(max(np.degrees(error), 1e-9))), 0, 3))
-        options = _remedies(recordings, lambda origin: origin.shifted(angle, digits))
+        options = _make_remedies(recordings, lambda origin: origin.shifted(angle, digits))
         numbers = {"angle": Quantity(angle, error, "rad")}
         return [Finding(Kind.ZERO_SHIFTED, numbers, ("gravity", "gravity_tilt"), remedies=options)]
     if is_significantly_negative(model, "gravity") and down < 0:
@@ -69,12 +71,12 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Finding
             return [Finding(Kind.GRAVITY_BESIDE_SPRING, parameters=("gravity", "spring.stiffness"))]
         if not _can_be_upright(down, recordings):
             return []
-        options = _remedies(recordings, lambda origin: origin.shifted(np.pi, 0))
+        options = _make_remedies(recordings, lambda origin: origin.shifted(np.pi, 0))
         return [Finding(Kind.ZERO_UPRIGHT, parameters=("gravity",), remedies=options)]
     return []
 
 
-def far_zero(data: TorqueWindows, terms: Sequence[Term], recordings: Sequence[Recording]) -> list[Finding]:
+def find_far_zero(data: TorqueWindows, terms: Sequence[Term], recordings: Sequence[Recording]) -> list[Finding]:
     """Find a zero that is off, by a fit with gravity about another zero that leaves much less of the residual.
 
     Under torque, an angle of more than `FAR` is asked for: a constant torque imitates a smaller one.
@@ -86,7 +88,7 @@ def far_zero(data: TorqueWindows, terms: Sequence[Term], recordings: Sequence[Re
     share, far = (0.8, 0.0) if all(recording.is_free for recording in recordings) else (0.5, FAR)
     if np.linalg.norm(fit.residual) > share * np.linalg.norm(level.residual):
         return []
-    found = wrong_columns(model, recordings)
+    found = find_wrong_columns(model, recordings)
     return [own for own in found if own.kind is Kind.ZERO_SHIFTED and abs(own.numbers["angle"].value) > far]
 
 
@@ -127,10 +129,12 @@ def find_turned_torque(model: Model, recordings: Sequence[Recording]) -> Finding
         or any(model.estimates[name].value > 0 for name in known)
     ):
         return None
-    return wrong_columns(model, recordings)[0]
+    return find_wrong_columns(model, recordings)[0]
 
 
-def _remedies(recordings: Sequence[Recording], mended: Callable[[Origin], dict[str, str] | None]) -> tuple[Remedy, ...]:
+def _make_remedies(
+    recordings: Sequence[Recording], mended: Callable[[Origin], dict[str, str] | None]
+) -> tuple[Remedy, ...]:
     """Return the columns that correct the recordings; none if their columns are unknown."""
     found: list[tuple[dict[str, str], str]] = []
     for recording in recordings:

@@ -17,10 +17,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.checks.channel import DRIVEN, NONE, ChannelFits, driven_share, is_brake
+from estimators.checks.channel import DRIVEN, NONE, ChannelFits, compute_driven_share, is_brake
 from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import as_read
+from estimators.free_swings import remove_unit_inertia
 from estimators.regression.equations import IdentificationError
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env.physics import Estimate, Model
@@ -31,7 +31,7 @@ from pendulum_env.units import is_of_torque
 LEAST = 5.0  # standard errors that the constant has to be from none
 
 
-def unit_of(recordings: Sequence[Recording]) -> str:
+def find_torque_unit(recordings: Sequence[Recording]) -> str:
     """Return the common unit of torque of recordings.
 
     Raises:
@@ -47,7 +47,7 @@ def unit_of(recordings: Sequence[Recording]) -> str:
     return units[0]
 
 
-def with_torque_constant(
+def add_torque_constant(
     model: Model, data: TorqueWindows, fit: Callable[[TorqueWindows], Model] | None = None
 ) -> Model:
     """Return a model fitted to data, in the unit of their torque, with the torque constant and its standard error.
@@ -61,7 +61,7 @@ def with_torque_constant(
     recording = data.windows[0].recording
     constant = recording.torque_constant
     if constant is None:
-        return as_read(model.per(recording.units))
+        return remove_unit_inertia(model.per(recording.units))
     fit = fit or (lambda own: fit_terms(RegressionData(own, ()), model.terms)[0])
     return widen_by_constant(model, constant, fit(data), fit(data.with_torque(1 + constant.std / constant.value)))
 
@@ -83,7 +83,7 @@ def widen_by_constant(model: Model, constant: TorqueConstant, here: Model, there
     return replace(model, estimates=estimates, torque_constant=known)
 
 
-def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | Finding:
+def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | Finding:
     """Return the torque constant from recordings of a current under known loads, or why it is unknown.
 
     A recording of which no load is known counts as one without a load.
@@ -91,29 +91,31 @@ def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | Finding
     Raises:
         IdentificationError: if the recordings hold too little motion.
     """
-    unit = unit_of(recordings)
+    unit = find_torque_unit(recordings)
     loads = [recording.load or NONE for recording in recordings]
     by_load_torque = any(recording.has_varying_load for recording in recordings)
     if len(set(loads)) < 2 and not by_load_torque:
-        return unknown_constant(Kind.LOADS_UNKNOWN if loads[0] == NONE else Kind.LOADS_EQUAL, unit)
+        return explain_unknown_constant(Kind.LOADS_UNKNOWN if loads[0] == NONE else Kind.LOADS_EQUAL, unit)
     fits = ChannelFits.of(recordings)
     if fits is None:
-        return unknown_constant(Kind.CONSTANT_TOO_SHORT, unit)
+        return explain_unknown_constant(Kind.CONSTANT_TOO_SHORT, unit)
     moved = {loads[k] for k in np.unique(fits.data.recording_of_window[fits.rows])}
     if len(moved) < 2 and not by_load_torque:
-        return unknown_constant(Kind.ONE_LOAD_MOVED, unit, loads=Quantity(len(set(loads))))
-    is_plain = driven_share(fits.data, fits.data.torque()) > DRIVEN or is_brake(fits.data)
+        return explain_unknown_constant(Kind.ONE_LOAD_MOVED, unit, loads=Quantity(len(set(loads))))
+    is_plain = compute_driven_share(fits.data, fits.data.torque()) > DRIVEN or is_brake(fits.data)
     share, std = (fits if is_plain else fits.rubbing()).delayed.gain  # 1/K
     if abs(share) <= LEAST * std:
-        return unknown_constant(Kind.CONSTANT_UNCERTAIN, unit, inverse=Quantity(share, std, f"{unit}/(N m)"))
+        return explain_unknown_constant(Kind.CONSTANT_UNCERTAIN, unit, inverse=Quantity(share, std, f"{unit}/(N m)"))
     if share < 0:
         turned = ("load_torque",) if by_load_torque else ()
         negative = Quantity(1 / share, std / share**2, f"{NEWTON_METRE}/{unit}")
-        return replace(unknown_constant(Kind.CONSTANT_NEGATIVE, unit, torque_constant=negative), parameters=turned)
+        return replace(
+            explain_unknown_constant(Kind.CONSTANT_NEGATIVE, unit, torque_constant=negative), parameters=turned
+        )
     return TorqueConstant(1 / share, std / share**2, unit, len(moved), by_load_torque)
 
 
-def unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Finding:
+def explain_unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Finding:
     """Return why the torque constant of what was logged in a unit is unknown."""
     return Finding(kind, {"torque_constant": Quantity(np.nan, unit=f"{NEWTON_METRE}/{unit}")} | numbers)
 
@@ -126,7 +128,7 @@ def find_gain_doubts(model: Model, constant: TorqueConstant, data: TorqueWindows
         constant: that was found.
         data: what it was fitted to.
     """
-    found, share = [], driven_share(data, data.torque())
+    found, share = [], compute_driven_share(data, data.torque())
     if share > DRIVEN or is_brake(data):
         kind = Kind.LOAD_BRAKES if is_brake(data) else Kind.GEAR_LOSS_UNKNOWN
         known = Quantity(constant.value, constant.std, constant.unit)

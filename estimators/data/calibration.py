@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from estimators.checks.torque_constant import torque_constant, unit_of, unknown_constant
+from estimators.checks.torque_constant import estimate_torque_constant, explain_unknown_constant, find_torque_unit
 from estimators.findings import Finding, Kind
-from estimators.free_swings import fitted_inertia, scale_swings, swing
+from estimators.free_swings import fit_inertia, scale_swing, scale_swings
 from estimators.regression.equations import IdentificationError
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
@@ -27,53 +27,53 @@ def calibrate(
     fitted, unseen = tuple(recordings), tuple(holdout)
     every = (*fitted, *unseen)
     if any(own.drive is not None and own.drive.ki and own.torque_unit != NEWTON_METRE for own in every):
-        return fitted, unseen, unknown_constant(Kind.INTEGRAL_CONTROLLER, fitted[0].torque_unit)
+        return fitted, unseen, explain_unknown_constant(Kind.INTEGRAL_CONTROLLER, fitted[0].torque_unit)
     driven = [own for own in every if not own.is_free]
     if len(driven) == len(every):
-        return _by_constant(fitted, unseen, constant)
+        return _convert_by_constant(fitted, unseen, constant)
     if all(own.is_free for own in fitted):
-        return _by_known_value(fitted, unseen, driven, known)
-    fitted, unseen = (_scaled(part, 0.0, unit_of(driven)) for part in (fitted, unseen))
-    fitted, unseen, doubt = _by_constant(fitted, unseen, constant)
-    inertia = known.get("inertia") or fitted_inertia([own for own in fitted if not own.is_free])
+        return _scale_by_known_value(fitted, unseen, driven, known)
+    fitted, unseen = (_scale_swings(part, 0.0, find_torque_unit(driven)) for part in (fitted, unseen))
+    fitted, unseen, doubt = _convert_by_constant(fitted, unseen, constant)
+    inertia = known.get("inertia") or fit_inertia([own for own in fitted if not own.is_free])
     unit = fitted[0].torque_unit
-    return _scaled(fitted, inertia, unit), _scaled(unseen, inertia, unit), doubt
+    return _scale_swings(fitted, inertia, unit), _scale_swings(unseen, inertia, unit), doubt
 
 
-def _by_known_value(
+def _scale_by_known_value(
     fitted: Recordings, unseen: Recordings, driven: Sequence[Recording], known: Mapping[str, float]
 ) -> tuple[Recordings, Recordings, Finding | None]:
     """Scale free swings by a known parameter, else by an inertia of 1; some held-out recordings may be driven."""
     inertia = scale_swings(fitted, known)
     unit = PER_INERTIA if inertia is None else NEWTON_METRE
-    if driven and unit_of(driven) != unit:
+    if driven and find_torque_unit(driven) != unit:
         raise IdentificationError(
             f"{driven[0].name}: has torque, but no recording that is fitted has any: fit one with torque, or give "
             f"the inertia, {setting('fixed', {'inertia': Blank('VALUE')})}, and torque in N m"
         )
     loaded = tuple(own.name for own in fitted if own.load is not None)
     doubt = Finding(Kind.RELATIVE_TO_INERTIA, recordings=loaded) if inertia is None else None
-    fitted, unseen = (_scaled(part, inertia or 1.0, unit) for part in (fitted, unseen))
+    fitted, unseen = (_scale_swings(part, inertia or 1.0, unit) for part in (fitted, unseen))
     return fitted, unseen, doubt
 
 
-def _by_constant(
+def _convert_by_constant(
     fitted: Recordings, unseen: Recordings, constant: TorqueConstant | None
 ) -> tuple[Recordings, Recordings, Finding | None]:
     """Convert logged currents into torque, by a torque constant that is known or that known loads determine."""
-    unit = unit_of((*fitted, *unseen))
+    unit = find_torque_unit((*fitted, *unseen))
     if unit == NEWTON_METRE:
         return fitted, unseen, None
     if constant is not None and constant.of != unit:
         raise IdentificationError(f"torque is in {unit}, but the torque constant is of {constant.of}: convert the log")
-    found = constant or torque_constant(fitted)
+    found = constant or estimate_torque_constant(fitted)
     if isinstance(found, Finding):
         return fitted, unseen, found
-    fitted, unseen = (tuple(_in_newton_metres(own, found) for own in part) for part in (fitted, unseen))
+    fitted, unseen = (tuple(_convert_to_newton_metres(own, found) for own in part) for part in (fitted, unseen))
     return fitted, unseen, None
 
 
-def _in_newton_metres(recording: Recording, constant: TorqueConstant) -> Recording:
+def _convert_to_newton_metres(recording: Recording, constant: TorqueConstant) -> Recording:
     """Return a recording in N m; the gain of its drive is the torque constant."""
     torque, drive = constant.value * recording.torque, recording.drive
     if drive is not None and drive.unit == constant.of:
@@ -81,6 +81,6 @@ def _in_newton_metres(recording: Recording, constant: TorqueConstant) -> Recordi
     return replace(recording, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant, drive=drive)
 
 
-def _scaled(recordings: Recordings, inertia: float, torque_unit: str) -> Recordings:
+def _scale_swings(recordings: Recordings, inertia: float, torque_unit: str) -> Recordings:
     """Return the recordings, with free swings scaled by an inertia."""
-    return tuple(swing(recording, inertia, torque_unit) for recording in recordings)
+    return tuple(scale_swing(recording, inertia, torque_unit) for recording in recordings)

@@ -17,9 +17,9 @@ from estimators.checks.channel import align_each
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.calibration import calibrate
 from estimators.data.regression_data import RegressionData
-from estimators.data.split import Parts, gather, split_arm, with_contacts
+from estimators.data.split import Parts, split_arm, split_recordings, with_contacts
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import known_values
+from estimators.free_swings import find_known_values
 from estimators.selection.criterion import Criterion
 from pendulum_env.arms.body import Body, LinkLoad
 from pendulum_env.arms.joints import body_of
@@ -91,7 +91,7 @@ class FitData:
         """
         if isinstance(body_of(terms), Body):
             return cls(tuple(recordings), tuple(holdout), terms=tuple(terms))
-        known = known_values([term for term in terms if isinstance(term, Term)]) if known is None else known
+        known = find_known_values([term for term in terms if isinstance(term, Term)]) if known is None else known
         data = cls(*calibrate(recordings, holdout, constant, known))
         if data.constant is None:
             return data
@@ -196,7 +196,7 @@ class FitData:
         if self.terms:
             train, holdout = split_arm(self.recordings, self.holdout)
             return RegressionData.of_arm(train, self.terms), RegressionData.of_arm(holdout, self.terms)
-        parts = gather(self.recordings, self.holdout, self.window_share)
+        parts = split_recordings(self.recordings, self.holdout, self.window_share)
         parts = parts if self.contact_terms is None else with_contacts(parts, self.contact_terms)
         if self.horizon is None:
             return parts

@@ -13,22 +13,22 @@ from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, place_columns
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import Fit, project_out
-from estimators.search_hints import grid, hints_of, n_tried
+from estimators.search_hints import count_variants, find_hints, make_grid
 from estimators.selection.errors import Errors
-from estimators.signals.residual import SYMBOLS, Region, stand_out
+from estimators.signals.residual import SYMBOLS, Region, find_regions
 from estimators.simulation.free_running import (
     Segments,
     choose_segments,
-    deviation,
-    growth,
-    periods,
-    position_rms,
+    compute_deviation,
+    compute_growth,
+    compute_position_rms,
+    count_periods,
     select,
 )
-from estimators.simulation.multiple_shooting import hidden_state, watch
+from estimators.simulation.multiple_shooting import estimate_link_state, simulate_link_motion
 from estimators.weak_form.columns import bounds_of_laws, mark_bounds
 from estimators.weak_form.links import prepare_arm
-from estimators.weak_form.nonlinear import find_edges, step_unit, with_values
+from estimators.weak_form.nonlinear import find_edges, get_step_unit, set_values
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, prepare
 from estimators.weak_form.windows import WHOLE, Part
@@ -79,7 +79,7 @@ class RegressionData:
             IdentificationError: if a recording has no stretch without a gap that is as long.
         """
         for w in self.data.windows:
-            if (known := periods(w, len(w.recording))) < round(seconds * w.recording.rate):
+            if (known := count_periods(w, len(w.recording))) < round(seconds * w.recording.rate):
                 others = ", or hold other recordings out" if w.stop - w.first < len(w.recording) else ""
                 begin, end = w.recording.time[[w.first, w.stop - 1]]
                 raise IdentificationError(
@@ -91,7 +91,7 @@ class RegressionData:
     def with_steady_segments(self, model: Model) -> tuple[RegressionData, float]:
         """Return the data without segments in which a small error grows tenfold, unless all do, and their share."""
         simulated = self.segments if model.has_known_inertia else ()
-        steady = [growth(segments, model.terms, model.theta) < GROWS for segments in simulated]
+        steady = [compute_growth(segments, model.terms, model.theta) < GROWS for segments in simulated]
         kept = tuple(select(*pair) for pair in zip(simulated, steady, strict=True) if pair[1].any())
         unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
         return replace(self, segments=kept) if kept else self, unstable
@@ -187,7 +187,7 @@ class RegressionData:
 
     def grid(self, terms: Terms, effect: type[Term]) -> list[Term]:
         """Return variants of an effect beside the terms, from which a search starts."""
-        found = grid(effect, *self._unexplained_torque(terms, effect))
+        found = make_grid(effect, *self._unexplained_torque(terms, effect))
         if not self.layout.has_fast_fits and any(not own.integer for own in effect.nonlinear_parameters):
             found = found[:: max(1, -(-len(found) // COARSE_GRID))]
         return [variant.beside(terms) if isinstance(variant, Table) else variant for variant in found]
@@ -195,7 +195,7 @@ class RegressionData:
     @memoized
     def n_tried(self, terms: Terms, effect: type[Term]) -> int:
         """Return the number of variants among which `grid` chose."""
-        return n_tried(effect, *self._unexplained_torque(terms, effect))
+        return count_variants(effect, *self._unexplained_torque(terms, effect))
 
     def _unexplained_torque(self, terms: Terms, effect: type[Term]) -> tuple[Samples, Array]:
         """Samples at the joint of an effect, and the torque there that a fit of some terms leaves (R,) [N m]."""
@@ -220,7 +220,7 @@ class RegressionData:
 
         A form is a set of free nonlinear parameters. Empty where the data offer no variant.
         """
-        if hints_of(effect).multimodal and self.layout.has_fast_fits:
+        if find_hints(effect).multimodal and self.layout.has_fast_fits:
             variants = self.grid(terms, effect)
             return [self.torque.search_basins(terms, variants)] if variants else []
         ranked = self.ranked(terms, effect)
@@ -262,7 +262,7 @@ class RegressionData:
         """Return the inertia at each joint under a base model, by the joint's name [kg m^2]."""
         first, data = base[0], self.data
         if first.id not in data.shared_columns:
-            return {at: base_inertia(self.torque.at(at)) for at in data.joints}
+            return {at: get_base_inertia(self.torque.at(at)) for at in data.joints}
         theta = self.torque.solve(base)[: len(first.columns)]
         return dict(zip(data.joints, np.abs(data.shared_columns[first.id].inertia @ theta).tolist(), strict=True))
 
@@ -278,7 +278,7 @@ class RegressionData:
     def stand_out(self, residual: Array, at: str, axes: Sequence[str] = tuple(SYMBOLS), most: int = 6) -> list[Region]:
         """Return the regions where a residual (R,) [N m] exceeds the noise at a joint, the most significant first."""
         own, least = residual[self.data.where(at)], self.data.negligible(at)
-        found = stand_out(self.data.part(at).samples, own, self.floors[at], axes, most, self.units(at))
+        found = find_regions(self.data.part(at).samples, own, self.floors[at], axes, most, self.units(at))
         return [replace(region, at=at) for region in found if abs(region.residual) > least]
 
     def with_link_states(self, model: Model) -> RegressionData:
@@ -286,9 +286,9 @@ class RegressionData:
         if not (has_link(model.terms) and self.layout.predicts_torque):
             return self
         term = link_of(model.terms)
-        link_states = [watch(windows, model) for windows in self.data.windows]
+        link_states = [simulate_link_motion(windows, model) for windows in self.data.windows]
         segments = [
-            replace(segment, hidden={term.id: hidden_state(segment, x, term)})
+            replace(segment, hidden={term.id: estimate_link_state(segment, x, term)})
             for segment, x in zip(self.segments, link_states, strict=True)
         ]
         return replace(self, data=replace(self.data, link_states={term.id: link_states}), segments=tuple(segments))
@@ -307,8 +307,8 @@ class RegressionData:
         joints, sizes = self.joint_errors(residual), self.joint_errors(self.data.torque())
         shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
         if self.segments and model.has_known_inertia:
-            position = position_rms(self.segments, model.terms, model.theta)
-            fit = _fit(position, deviation(self.segments))
+            position = compute_position_rms(self.segments, model.terms, model.theta)
+            fit = _fit(position, compute_deviation(self.segments))
         torque_fit = _fit(torque, float(np.std(self.data.applied_torque())))
         return Errors(torque, position, torque_fit, fit, joints, shares)
 
@@ -374,7 +374,7 @@ def _with_payload(data: RegressionData, jacobian: Array) -> Array | None:
     return jacobian if jacobian.size else None
 
 
-def base_inertia(rows: TorqueRows) -> float:
+def get_base_inertia(rows: TorqueRows) -> float:
     """Return the inertia of the joint by the base model, clear of contacts [kg m^2], which scales the noise."""
     data = rows.data
     if all(known := [w.recording.known_inertia for w in data.windows]):
@@ -403,9 +403,9 @@ def _std_of_edge(
         own: place of the linear parameters of the term.
     """
     value, here = term.nonlinear_values[parameter.name], data.where(term.at)
-    unit = 1.0 if parameter.instant else step_unit(parameter, value)
+    unit = 1.0 if parameter.instant else get_step_unit(parameter, value)
     steps = unit * np.geomspace(*(INSTANTS if parameter.instant else EDGES), DISPLACEMENTS)
-    variants = [with_values(term, [parameter], [value + sign * step]) for sign in (0, 1, -1) for step in steps]
+    variants = [set_values(term, [parameter], [value + sign * step]) for sign in (0, 1, -1) for step in steps]
     parts = [
         place_columns(len(fit.residual), [(here, np.column_stack([part.fixed, part.linear]))])
         for part in data.columns(variants)

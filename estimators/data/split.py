@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.data.regression_data import RegressionData, base_inertia, fit_terms
+from estimators.data.regression_data import RegressionData, fit_terms, get_base_inertia
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.simulation.free_running import choose_segments
@@ -35,7 +35,7 @@ def split_arm(
     return [first for first, _ in pairs], [last for _, last in pairs]
 
 
-def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0) -> Parts:
+def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0) -> Parts:
     """Prepare fitted and held-out data; without held-out recordings, the end of each recording is held out.
 
     Args:
@@ -52,14 +52,16 @@ def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), s
             f"{names}: torque is never applied, so that only ratios of parameters are known: take `FitData.of`"
         )
     try:
-        return _gather(recordings, holdout, shorter)
+        return _split_segments(recordings, holdout, shorter)
     except IdentificationError:
         if shorter <= SHORTEST:
             raise
-        return gather(recordings, holdout, Criterion.shorter_window * shorter)  # more windows, each with more noise
+        return split_recordings(
+            recordings, holdout, Criterion.shorter_window * shorter
+        )  # more windows, each with more noise
 
 
-def _gather(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:
+def _split_segments(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:
     widths, checks = ([shorter * choose_half_width(r) for r in part] for part in (recordings, holdout))
     if holdout:
         return RegressionData.of(recordings, widths), RegressionData.of(holdout, checks)
@@ -85,7 +87,7 @@ def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) 
         return data
     fit = fit_terms(data[0], terms)[1]
     count = len(fit.theta)
-    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(data[0].torque)
+    known = terms, fit.theta, fit.covariance[:count, :count], get_base_inertia(data[0].torque)
     lows, highs = zip(*(part.data.free_range(*known) for part in data), strict=True)
     free = min(lows), max(highs)
 

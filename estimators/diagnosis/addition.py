@@ -5,21 +5,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.arguments import HasModel, Recordings, chosen_recordings, model_that_moves, that_may_show, within_limits
+from estimators.arguments import (
+    HasModel,
+    Recordings,
+    apply_limits,
+    check_model,
+    select_recordings,
+    select_visible_effects,
+)
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.case import Trial
-from estimators.diagnosis.cases import case_of
-from estimators.diagnosis.reasons import BY_CHANCE, rejection
+from estimators.diagnosis.cases import choose_case
+from estimators.diagnosis.reasons import BY_CHANCE, explain_rejection
 from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
-from estimators.free_swings import known_by
+from estimators.free_swings import find_scaling_values
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
-from estimators.selection.candidates import best_variant, refit_nonlinear, release_parameters
+from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_parameters
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood
-from estimators.selection.physical import confirmation_gates
+from estimators.selection.physical import make_confirmation_gates
 from estimators.selection.search import SearchResult
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import kind_at
@@ -70,20 +77,20 @@ def add(
         TypeError: if something else is given than a model, an id and recordings.
     """
     check_order("add(model, id, recordings)", (model, Model), (id, Term), (recordings, Recording))
-    model = model_that_moves(model)
+    model = check_model(model)
     body = model.body
-    recordings = chosen_recordings(recordings, body=body, log_format=model.log_format)
-    holdout = chosen_recordings(holdout, empty=True, body=body, log_format=model.log_format)
+    recordings = select_recordings(recordings, body=body, log_format=model.log_format)
+    holdout = select_recordings(holdout, empty=True, body=body, log_format=model.log_format)
     if not isinstance(id, str):
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     kind = kind_at(id, body)
     model.add(kind())  # raises if it is there already
-    that_may_show({kind.id: kind}, recordings)  # raises if it needs a quantity that none has
+    select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that none has
     if all(recording.is_free for recording in recordings):
-        fixed = known_by(model, fixed)
-    terms, library = within_limits(model.terms, {kind.id: kind}, fixed, bounds)
+        fixed = find_scaling_values(model, fixed)
+    terms, library = apply_limits(model.terms, {kind.id: kind}, fixed, bounds)
     setting = Setting(terms, library, progress=progress)
-    case = case_of(terms, (*recordings, *holdout))
+    case = choose_case(terms, (*recordings, *holdout))
     progress("reading the motion", 0.0)
     data, setting = case.prepare(recordings, holdout, setting)
     data = case.reveal(data, tuple(setting.base), library[kind.id])
@@ -95,7 +102,7 @@ def add(
     start = Model.build((*refitted.model.terms, more), np.append(refitted.model.theta, np.zeros(len(more.columns))))
     found = case.refit(SearchResult(evaluator, [before, longer]), start)
     after, is_gain = found.steps[-1], evaluator.is_significant(longer.model.terms, before.model.terms)
-    objection = rejection(confirmation_gates(after, refitted, evaluator.train.motions))
+    objection = explain_rejection(make_confirmation_gates(after, refitted, evaluator.train.motions))
     if objection is None and not is_gain and not (is_hidden(more) and evaluator.train.segments):
         objection = BY_CHANCE  # the motion shows hidden states
     trial, log_format = Trial(case, data, setting, found), format_of(recordings)
@@ -120,7 +127,7 @@ def _search_effect(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, S
     evaluator.progress("fitting without it", 0.1)
     before = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
     evaluator.progress(f"searching {kind.id}", 0.3)
-    trial = best_variant(evaluator, before.model.terms, kind)
+    trial = find_best_variant(evaluator, before.model.terms, kind)
     if trial is None:
         names = ", ".join(dict.fromkeys(recording.name for recording in evaluator.train.recordings))
         raise IdentificationError(f"{names}: nothing there shows {kind.id}", kind.id)

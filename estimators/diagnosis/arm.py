@@ -11,16 +11,16 @@ from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
-from estimators.diagnosis.treatments import include_payload, time_beside_effects
-from estimators.diagnosis.unexplained import holdout_names
+from estimators.diagnosis.treatments import align_with_effects, include_payload
+from estimators.diagnosis.unexplained import list_holdout_names
 from estimators.findings import Finding, Kind
-from estimators.schemes.identifiability import unidentifiable
+from estimators.schemes.identifiability import find_undetermined_links
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.physical import driving_friction
+from estimators.selection.physical import find_driving_friction
 from estimators.selection.residuals import Terms
 from estimators.selection.search import SearchResult, search
 from estimators.selection.tables import find_explaining_law
-from estimators.signals.residual import Region, everywhere
+from estimators.signals.residual import Region, make_region_everywhere
 from estimators.weak_form.windows import concatenate_samples
 from pendulum_env.arms.joints import at_joints, links_of
 from pendulum_env.physics.table import TABLES
@@ -52,7 +52,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     body, data = links_of(trial.setting.base), trial.evaluator.train.data
     seen = (concatenate_samples([w.samples for w in data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in seen), strict=True)
-    model = last.model.withholding(unidentifiable(last.model, *map(np.column_stack, motion)))
+    model = last.model.withholding(find_undetermined_links(last.model, *map(np.column_stack, motion)))
     return replace(trial.found, steps=[*others, replace(last, model=model)]), ()
 
 
@@ -64,13 +64,15 @@ def find_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, f
     """
     sizes, regions, criterion = dict[str, float](), list[Region](), evaluator.criterion
     residuals = evaluator.train.residual(terms), evaluator.residuals.holdout_residual(terms)
-    parts = zip(evaluator.parts, residuals, ((), holdout_names(evaluator)), strict=True)
+    parts = zip(evaluator.parts, residuals, ((), list_holdout_names(evaluator)), strict=True)
     for (part, residual, names), found in zip(parts, evaluator.residuals.structures(terms), strict=True):
         for at, own in found.items():
             floor = max(evaluator.residuals.noise_floor(part, at), part.data.negligible(at))
             if at not in sizes and not criterion.is_noise(own, floor):
                 sizes[at] = own.correlated_rms if own.z_score > criterion.z_score else own.rms
-                region = next(iter(part.stand_out(residual, at, most=1)), everywhere(at=at, units=part.units(at)))
+                region = next(
+                    iter(part.stand_out(residual, at, most=1)), make_region_everywhere(at=at, units=part.units(at))
+                )
                 regions.append(replace(region, held_out=names))
     return sizes, regions
 
@@ -84,13 +86,13 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     tables = tuple(id for laws in by_law if (id := find_explaining_law(evaluator, terms, laws)) is not None)
     forbidden = Finding(Kind.NO_EFFECT_OPEN) if left else None
     if left and not joints:
-        forbidden = Finding(Kind.FIT_HELD_OUT, recordings=holdout_names(evaluator))
+        forbidden = Finding(Kind.FIT_HELD_OUT, recordings=list_holdout_names(evaluator))
     elif found.ambiguous:
         forbidden = Finding(Kind.TIED, effects=found.ambiguous[0])
     elif tables:
         forbidden = Finding(Kind.TABLE_HELPS, effects=tables)
     carried = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
-    findings = (*carried, *driving_friction(trial.unbounded(found.model)), *trial.data.corrections)
+    findings = (*carried, *find_driving_friction(trial.unbounded(found.model)), *trial.data.corrections)
     return replace(found, findings=findings, forbidden=forbidden, tables=tables, left=left)
 
 
@@ -104,5 +106,5 @@ ARM = Case(
     present=lambda trial, step: step,
     conclude=conclude,
     reveal=lambda data, base, kind: data,
-    treatments=(include_payload, time_beside_effects),
+    treatments=(include_payload, align_with_effects),
 )

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
+from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import fit_within_laws
 from estimators.diagnosis.result import Diagnosis, HorizonRefit
@@ -134,8 +134,8 @@ class Trial:
         found = {one.recording: one for one in self.data.excluded}
         named: tuple[Disagreement, ...] = ()
         if self.unexplained and not found:
-            named = disagreements(own_fits(datasets, self.setting.base), only_if_all_fit=True)
-        named = named or disagreements(own_fits(datasets, self.model.terms))
+            named = find_disagreements(fit_each_recording(datasets, self.setting.base), only_if_all_fit=True)
+        named = named or find_disagreements(fit_each_recording(datasets, self.model.terms))
         more = found | {one.recording: one for one in named}
         is_any_fitted = any(k + 1 not in more for k in range(len(whole.recordings)))
         return tuple(own for _, own in sorted((more if is_any_fitted else found).items()))

@@ -13,7 +13,7 @@ from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 
 
-def case_of(base: Sequence[Term], recordings: Sequence[Recording]) -> Case:
+def choose_case(base: Sequence[Term], recordings: Sequence[Recording]) -> Case:
     """Return the case of recordings: of an arm, of servos with their controllers, or of a joint and its torque.
 
     Raises:

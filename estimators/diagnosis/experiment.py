@@ -19,13 +19,13 @@ import numpy as np
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import known_values, swing
+from estimators.free_swings import find_known_values, scale_swing
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import least_squares
+from estimators.regression.least_squares import solve_least_squares
 from estimators.schemes.six import give
-from estimators.selection.candidates import best_variant
+from estimators.selection.candidates import find_best_variant
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.signals.residual import Region, turns
+from estimators.signals.residual import Region, makes_whole_turns
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, ArrayLike
@@ -98,7 +98,7 @@ class Limits:
             return -safe * self.angle, safe * self.angle
         position = np.concatenate([recording.position for recording in recordings])
         low, high = float(position.min()), float(position.max())
-        if turns(position):
+        if makes_whole_turns(position):
             return low - high, high - low
         return (safe * min(low, 0.0), safe * max(high, 0.0)) if -hanging < high and low < hanging else (low, high)
 
@@ -128,7 +128,7 @@ class Question:
 
     def unexplained(self, data: TorqueWindows, equations: Equations) -> float:
         """RMS torque of a simulated experiment that the rival model, with its equations, cannot explain [N m]."""
-        known = known_values(self.terms)
+        known = find_known_values(self.terms)
         given = [k for k, name in enumerate(c.name for term in self.terms for c in term.columns) if name in known]
         equations = give(equations, given, np.array(list(known.values())))
         phi, y = equations.phi, equations.y
@@ -136,10 +136,10 @@ class Question:
             term, theta = self.torque
             linear, fixed = data.columns([term])[0]
             y = linear @ theta + fixed
-        return float(np.sqrt(np.mean((y - phi @ least_squares(phi, y)) ** 2)))
+        return float(np.sqrt(np.mean((y - phi @ solve_least_squares(phi, y)) ** 2)))
 
 
-def questions(
+def list_questions(
     evaluator: ModelEvaluator,
     terms: Sequence[Term],
     groups: Sequence[tuple[str, ...]],
@@ -154,7 +154,7 @@ def questions(
     for id, instead in pairs:
         others = [term for term in terms if term.id != instead]
         if id in evaluator.library.keys() - present and len(others) < len(terms):
-            trial = best_variant(evaluator, tuple(others), evaluator.library[id])
+            trial = find_best_variant(evaluator, tuple(others), evaluator.library[id])
             if trial is not None:
                 asked.append(Question(Aim(id, instead), trial.terms))
     for candidate in candidates:
@@ -163,11 +163,11 @@ def questions(
         asked_already = candidate.effect in {question.aim.effect for question in asked}
         if candidate.verdict is Verdict.NOT_EXCITED and not out_of_reach and not asked_already:
             inertia = evaluator.train.recordings[0].known_inertia
-            asked.append(Question(Aim(candidate.effect), tuple(terms), typical_effect(kind, inertia)))
+            asked.append(Question(Aim(candidate.effect), tuple(terms), make_typical_effect(kind, inertia)))
     return asked
 
 
-def typical_effect(kind: type[Term], inertia: float = 0.0) -> tuple[Term, Array]:
+def make_typical_effect(kind: type[Term], inertia: float = 0.0) -> tuple[Term, Array]:
     """An effect as a rig might have it, and its linear parameters (P,).
 
     Of a free swing, torques are in the proportion of its inertia to that of the paper's rig.
@@ -181,7 +181,7 @@ def typical_effect(kind: type[Term], inertia: float = 0.0) -> tuple[Term, Array]
     return term, theta
 
 
-def suggest(
+def suggest_experiment(
     evaluator: ModelEvaluator,
     model: Model,
     asked: Sequence[Question],
@@ -207,18 +207,18 @@ def suggest(
     (low, high), fastest = limits.reach(evaluator.train.recordings), limits.fastest(recorded)
     is_free = evaluator.train.recordings[0].known_inertia > 0
     if is_free:
-        runs, (low, high) = rehearse_releases(evaluator, model), limits.of_release(evaluator.train.recordings)
+        runs, (low, high) = simulate_releases(evaluator, model), limits.of_release(evaluator.train.recordings)
     else:
-        runs = rehearse(evaluator, model, torque)
+        runs = simulate_candidates(evaluator, model, torque)
     allowed = [run for run in runs if low <= run.reach[0] and run.reach[1] <= high and run.peak_speed <= fastest]
     place = next((0.5 * (own.low + own.high) for own in left[:1] if own.axis == "position"), None)
-    if place is not None and not turns(recorded.position):
+    if place is not None and not makes_whole_turns(recorded.position):
         allowed = [run for run in allowed if run.reach[0] <= place <= run.reach[1]]
     suggestion, unsettled = _choose(evaluator, allowed, asked)
     if not unsettled:
         return suggestion, [], None
     if limits.usual > torque and not is_free:
-        runs = [*runs, *rehearse(evaluator, model, limits.usual)]
+        runs = [*runs, *simulate_candidates(evaluator, model, limits.usual)]
     if not runs:  # the model runs away under every torque: nobody knows
         return None, [], None
     _, hopeless = _choose(evaluator, runs, unsettled)
@@ -293,35 +293,37 @@ class Run:
         return Suggestion(self.signal, DESIGN.seconds, settled, peak, self.reach, self.peak_speed, release)
 
 
-def rehearse(evaluator: ModelEvaluator, model: Model, torque: float) -> list[Run]:
+def simulate_candidates(evaluator: ModelEvaluator, model: Model, torque: float) -> list[Run]:
     """Simulate candidate signals up to a torque [N m], sampled and windowed much as the recordings are.
 
     Motions that are far faster than any recorded are left out: a light joint with hardly any friction runs away.
     """
     seconds, shares = DESIGN.seconds, DESIGN.shares
     signals = [signal for share in shares for signal in family(np.random.default_rng(0), seconds, share * torque)]
-    time = _instants(evaluator)
-    return _simulated(evaluator, model, signals, np.column_stack([signal.signal(time) for signal in signals]), 0.0)
+    time = _make_times(evaluator)
+    return _simulate_experiments(
+        evaluator, model, signals, np.column_stack([signal.signal(time) for signal in signals]), 0.0
+    )
 
 
-def rehearse_releases(evaluator: ModelEvaluator, model: Model) -> list[Run]:
+def simulate_releases(evaluator: ModelEvaluator, model: Model) -> list[Run]:
     """Simulate free swings from several angles alike."""
     angles = np.array(DESIGN.releases)
-    still = np.zeros((len(_instants(evaluator)), len(angles)))
-    return _simulated(evaluator, model, [None] * len(angles), still, angles)
+    still = np.zeros((len(_make_times(evaluator)), len(angles)))
+    return _simulate_experiments(evaluator, model, [None] * len(angles), still, angles)
 
 
-def _instants(evaluator: ModelEvaluator) -> Array:
+def _make_times(evaluator: ModelEvaluator) -> Array:
     """Time of the samples of an experiment (N,) [s]."""
     rate = min(RATE, evaluator.train.data.windows[0].recording.rate)
     return np.arange(round(DESIGN.seconds * rate)) / rate
 
 
-def _simulated(
+def _simulate_experiments(
     evaluator: ModelEvaluator, model: Model, signals: Sequence[Excitation | None], torques: Array, position: ArrayLike
 ) -> list[Run]:
     """Simulate experiments under torques (N, K) from rest at a position (K,) [rad]."""
-    windows, time = evaluator.train.data.windows[0], _instants(evaluator)
+    windows, time = evaluator.train.data.windows[0], _make_times(evaluator)
     recorded, half_width = windows.recording, (len(windows.kernel) // 2) / windows.recording.rate
     fastest = DESIGN.fastest * float(np.abs(evaluator.train.samples.velocity).max())
     path = simulate(model.terms, model.theta, 1 / min(RATE, recorded.rate), torques, position, 0.0)
@@ -330,6 +332,6 @@ def _simulated(
     for signal, torque, angle, velocity in motions:
         if (speed := float(np.abs(velocity).max())) <= fastest:
             run = Recording(time, angle, torque, name="experiment", is_checked=True)
-            run = swing(run, recorded.known_inertia, recorded.torque_unit) if signal is None else run
+            run = scale_swing(run, recorded.known_inertia, recorded.torque_unit) if signal is None else run
             runs.append(Run(signal, run, half_width, speed))
     return runs

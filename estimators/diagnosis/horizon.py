@@ -19,10 +19,10 @@ import numpy as np
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.result import HorizonRefit
-from estimators.regression.least_squares import robust_covariance
+from estimators.regression.least_squares import compute_robust_covariance
 from estimators.selection.errors import Step
 from estimators.selection.motion import errs_by_more_than_noise
-from estimators.selection.physical import violations
+from estimators.selection.physical import find_violations
 from estimators.simulation import output_error
 from estimators.simulation.free_running import HORIZON
 from estimators.simulation.output_error import ErrorsOf, Point
@@ -58,11 +58,13 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
         is_interrupted = True
     errors_of, clusters = _rows(data[0], seconds, last.model, point)
     error, slopes = output_error.slopes_of(errors_of, point)
-    model = output_error.named(point, robust_covariance(slopes, error, clusters)).per(data[0].recordings[0].units)
+    model = output_error.make_model_with_covariance(point, compute_robust_covariance(slopes, error, clusters)).per(
+        data[0].recordings[0].units
+    )
     model = model.withholding({name for name, own in last.model.estimates.items() if own.is_unknown})
     after = _step(last, model, data)
     old, new = (step.errors["holdout"].position_rms for step in (before, after))
-    is_kept = new < old and not violations(model, trial.evaluator.train.motions)
+    is_kept = new < old and not find_violations(model, trial.evaluator.train.motions)
     return HorizonRefit(seconds, before, after, is_kept, is_interrupted)
 
 
@@ -90,11 +92,11 @@ def _rows(data: RegressionData, seconds: float, model: Model, point: Point) -> t
     """
     segments = _steady(data.with_horizon(seconds, covers=True), model).segments
     weights = np.sqrt(data.equations(point.terms).weights)
-    error, which = output_error.errors(segments, [point], from_measured=True)
-    trust = np.sqrt(output_error.trust(output_error.sizes_of(error, which)))[which]
+    error, which = output_error.compute_errors(segments, [point], from_measured=True)
+    trust = np.sqrt(output_error.weigh_segments(output_error.sizes_of(error, which)))[which]
 
     def parts_of(points: Sequence[Point]) -> tuple[Array, Array]:
-        motion = output_error.errors(segments, points, from_measured=True)[0]
+        motion = output_error.compute_errors(segments, points, from_measured=True)[0]
         torque = np.column_stack([data.residual(own.terms, own.theta) for own in points])
         return motion * trust[:, None], torque * weights[:, None]
 

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import scipy
 
-from estimators.regression.least_squares import least_squares
+from estimators.regression.least_squares import solve_least_squares
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import Array
 from pendulum_env.physics.table import Curve, Table
@@ -53,7 +53,7 @@ class Likeness:
     parameters: int
 
 
-def likenesses(table: Table, curve: Curve) -> list[Likeness]:
+def find_likenesses(table: Table, curve: Curve) -> list[Likeness]:
     """The formulas of three kinds that come nearest to a table, the nearest first; fewer where nothing comes near.
 
     They are fitted to the table where it is told best, beside what the model has of its argument. Of a formula with
@@ -64,14 +64,17 @@ def likenesses(table: Table, curve: Curve) -> list[Likeness]:
     base = np.column_stack([np.empty((len(curve.x), 0)), *(law(curve.x) for law in type(table).laws())])
     usual = max(float(np.median(curve.std)), 1e-3 * float(np.ptp(curve.value)), 1e-300)
     weights = 1.0 / np.maximum(curve.std, usual)  # no point counts for more than half of them do
-    whole, constant = _left(curve, base, weights), [np.ones_like(curve.x)] * (table.axis == "position")
+    whole, constant = (
+        _compute_residual_squares(curve, base, weights),
+        [np.ones_like(curve.x)] * (table.axis == "position"),
+    )
     found = []
-    for family in _families(table):
+    for family in _list_families(table):
 
         def left(shape: Array, formula: Formula = family.formula) -> float:
             with np.errstate(all="ignore"):
                 columns = np.column_stack([*constant, *formula(curve.x, *shape)])
-            return _left(
+            return _compute_residual_squares(
                 curve, np.column_stack([base, np.nan_to_num(columns, nan=0.0, posinf=0.0, neginf=0.0)]), weights
             )
 
@@ -101,13 +104,13 @@ def _is_enough(simple: Likeness, other: Likeness) -> bool:
     return simple.parameters < other.parameters and left < 2.0 * less
 
 
-def _left(curve: Curve, columns: Array, weights: Array) -> float:
+def _compute_residual_squares(curve: Curve, columns: Array, weights: Array) -> float:
     """Weighted sum of squares that a fit of columns (N, K) leaves."""
     scaled, target = columns * weights[:, None], weights * curve.value
-    return float(np.sum((target - scaled @ least_squares(scaled, target)) ** 2))
+    return float(np.sum((target - scaled @ solve_least_squares(scaled, target)) ** 2))
 
 
-def _families(table: Table) -> list[Family]:
+def _list_families(table: Table) -> list[Family]:
     low, high = table.extent[:2]
     if table.axis == "velocity":
         return [Family("power", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (LIKENESS.powers,))]

@@ -3,27 +3,27 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from estimators.checks.closed_loop import feedback
-from estimators.checks.remedies import find_turned_torque, remedies
-from estimators.checks.torque_constant import find_gain_doubts, with_torque_constant
+from estimators.checks.closed_loop import find_feedback
+from estimators.checks.remedies import find_remedies, find_turned_torque
+from estimators.checks.torque_constant import add_torque_constant, find_gain_doubts
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import fit_within_laws
 from estimators.diagnosis.case import Case, Trial
-from estimators.diagnosis.experiment import questions, suggest
+from estimators.diagnosis.experiment import list_questions, suggest_experiment
 from estimators.diagnosis.horizon import refit_to_horizon
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.sensitivity import detectable
+from estimators.diagnosis.sensitivity import find_detectable_effects
 from estimators.diagnosis.setting import Setting
-from estimators.diagnosis.treatments import exclude_outliers, include_contacts, narrow_windows, time_beside_effects
+from estimators.diagnosis.treatments import align_with_effects, exclude_outliers, include_contacts, narrow_windows
 from estimators.diagnosis.unexplained import find_holdout_structure, find_unexplained
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import needs_torque, restore_known, swing_terms
-from estimators.schemes.identifiability import find_unidentifiable, identifiability
+from estimators.free_swings import is_torque_needed, make_swing_terms, restore_known
+from estimators.schemes.identifiability import find_undetermined, find_unidentifiable
 from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood, refit_if_misfit
-from estimators.selection.physical import violations
+from estimators.selection.physical import find_violations
 from estimators.selection.search import SearchResult, search
 from estimators.selection.tables import find_explaining_law
 from estimators.signals.measurements import measure_segments
@@ -40,14 +40,14 @@ ENOUGH = 40  # windows; with fewer, a finding warns
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
     """Calibrate the recordings; the base model of free swings has the inertia that scales them."""
     data = FitData.of(recordings, holdout, setting.base)
-    return data, replace(setting, base=swing_terms(setting.base, data.recordings), original=setting.base)
+    return data, replace(setting, base=make_swing_terms(setting.base, data.recordings), original=setting.base)
 
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     """Make the evaluator of models; only tables that the recordings can show compete."""
     data.over(setting.horizon)  # raises an error before the search begins
     is_free = all(recording.known_inertia for recording in data.recordings)
-    return setting.evaluator(data.parts, [kind for kind in COMPETING if not (is_free and needs_torque(kind))])
+    return setting.evaluator(data.parts, [kind for kind in COMPETING if not (is_free and is_torque_needed(kind))])
 
 
 def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
@@ -76,7 +76,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
         steps = [found.evaluator.make_step(None, base), *steps[1:]]
     *others, last = steps
     measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
-    doubts = identifiability(measured, last.model.terms, last.model.units())
+    doubts = find_undetermined(measured, last.model.terms, last.model.units())
     unknown = find_unidentifiable(last.model, measured, doubts)
     model = last.model.withholding({name for doubt in unknown for name in doubt.withheld})
     return replace(found, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
@@ -93,7 +93,7 @@ def find_regions(trial: Trial) -> Sequence[Region]:
 
 def present(trial: Trial, step: Step) -> Step:
     """Return a step with the torque constant in its model, and with known values as the user gave them."""
-    model = with_torque_constant(step.model, trial.data.parts[0].data)
+    model = add_torque_constant(step.model, trial.data.parts[0].data)
     return replace(step, model=restore_known(model, trial.setting.original, trial.data.recordings))
 
 
@@ -101,7 +101,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     """Add findings on the torque channel, detectable sizes, and the experiment for open questions."""
     found = replace(found, disagreements=trial.outliers)
     channel = find_in_channel(trial, found)
-    wrong = remedies(trial.unbounded(found.model), trial.data.recordings, found.ambiguous)
+    wrong = find_remedies(trial.unbounded(found.model), trial.data.recordings, found.ambiguous)
     if (cause := find_contradiction(trial.evaluator)) is not None:
         return replace(found, findings=(*wrong, *channel), forbidden=cause)
     evaluator, model, regions, doubts = trial.final.evaluator, trial.model, found.unexplained, trial.doubts
@@ -110,11 +110,11 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         table = find_explaining_law(evaluator, model.terms, TABLES.values())
     kept = None if table is None else Finding(Kind.TABLE_HELPS, effects=(table,))
     trial.setting.progress("looking for the next experiment", 0.95)
-    asked = questions(evaluator, model.terms, found.ambiguous, found.candidates, doubts)
-    if violations(model, evaluator.train.motions) or not model.has_known_inertia:
+    asked = list_questions(evaluator, model.terms, found.ambiguous, found.candidates, doubts)
+    if find_violations(model, evaluator.train.motions) or not model.has_known_inertia:
         asked = []  # the motion under another torque is unknown
     limits = trial.setting.limits.with_trusted_torque((trial.data.whole or trial.data).recordings)
-    suggestion, hopeless, forbidden = suggest(evaluator, model, asked, limits, regions)
+    suggestion, hopeless, forbidden = suggest_experiment(evaluator, model, asked, limits, regions)
     if not model.has_known_inertia:
         forbidden = Finding(Kind.INERTIA_UNKNOWN)
     elif regions and not asked:
@@ -126,12 +126,12 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
             *wrong,
             *channel,
             *(Finding(Kind.TIED, effects=group) for group in found.ambiguous),
-            *_few_stretches(evaluator),
+            *_find_few_clusters(evaluator),
             *doubts,
-            *_untested(model, *evaluator.train.reach()),
+            *_find_untested_ranges(model, *evaluator.train.reach()),
             *([kept] if kept and kept != forbidden else []),
         ),
-        detectable=detectable(evaluator, trial.terms, evaluator.library) if is_complete else (),
+        detectable=find_detectable_effects(evaluator, trial.terms, evaluator.library) if is_complete else (),
         suggestion=suggestion,
         forbidden=forbidden,
         tables=() if table is None else (table,),
@@ -151,16 +151,16 @@ def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
         findings += whole.timing(False)
     elif found.unexplained and whole.timing(False):  # not where the effects explain the delay
         findings += whole.timed([term for term in found.model.terms if term.id in found.selected]).timing(False)
-    return [*findings, *feedback(whole.recordings)]
+    return [*findings, *find_feedback(whole.recordings)]
 
 
-def _few_stretches(evaluator: ModelEvaluator) -> list[Finding]:
+def _find_few_clusters(evaluator: ModelEvaluator) -> list[Finding]:
     """Return a finding where few stretches of motion are clear of stick."""
     count = len(evaluator.train.layout.clusters)
     return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < ENOUGH else []
 
 
-def _untested(model: Model, low: float, high: float) -> list[Finding]:
+def _find_untested_ranges(model: Model, low: float, high: float) -> list[Finding]:
     """Return findings on terms that were tested between two angles [rad] only."""
     ends = {term.id: untested_ends(term, low, high, model.units(term.at)) for term in model.terms}
     return [Finding(Kind.UNTESTED_RANGE, own, effects=(id,)) for id, own in ends.items() if own]
@@ -176,6 +176,6 @@ PENDULUM = Case(
     present=present,
     conclude=conclude,
     reveal=lambda data, base, kind: data.with_contacts(base),
-    treatments=(narrow_windows, include_contacts, exclude_outliers, time_beside_effects),
+    treatments=(narrow_windows, include_contacts, exclude_outliers, align_with_effects),
     refit_to_horizon=refit_to_horizon,
 )

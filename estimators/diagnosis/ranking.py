@@ -6,19 +6,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimators.diagnosis.reasons import about_table, error_fall, rejection
+from estimators.diagnosis.reasons import compute_error_fall, explain_rejection, explain_table
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import contains, needs_all_parts, screen_library, screen_replacements
-from estimators.selection.errors import Step, error_at
+from estimators.selection.errors import Step, get_error_at
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.gates import Gate
-from estimators.selection.moves import without
-from estimators.selection.physical import confirmation_gates
+from estimators.selection.moves import remove_term
+from estimators.selection.physical import make_confirmation_gates
 from estimators.selection.residuals import Terms
 from estimators.selection.score import Bootstrap, Gain
 from estimators.selection.search import SearchResult
-from estimators.selection.tables import without_table
+from estimators.selection.tables import remove_table
 from estimators.simulation import output_error
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.model import SIGNIFICANT
@@ -52,7 +52,7 @@ def rank_effects(
             verdicts[longer[-1].id] = _rank_other(found, longer)
     for id, (_, gates) in sorted(library.items()):
         if id not in verdicts:
-            reason = rejection(gates) or Finding(Kind.OTHERS_BETTER)
+            reason = explain_rejection(gates) or Finding(Kind.OTHERS_BETTER)
             verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason, gates=gates)
     return mark_imitators(sort_by_verdict(verdicts.values()), doubts), groups
 
@@ -83,9 +83,9 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
     evaluator = found.evaluator
     final = (*final, found.table) if found.table is not None else final  # beside it, effects that it hides show
     term = next(term for term in final if term.id == after.added)
-    others = without(final, term)
+    others = remove_term(final, term)
     # windows, in which a link is carried along, say little of hidden states: the motion has decided
-    odds = {term.id: 1.0} if is_hidden(term) else alternatives(evaluator, final, term)
+    odds = {term.id: 1.0} if is_hidden(term) else compute_alternatives(evaluator, final, term)
     share = 1.0 if evaluator.residuals.is_noise(final) else max(0.0, evaluator.residuals.explained_share(final, others))
     rivals = {rival[-1].id: rival for rival in screen_replacements(evaluator, final, term)} if len(odds) > 1 else {}
     least = evaluator.criterion.tie_probability
@@ -93,17 +93,20 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
     score = evaluator.criterion.max_score * share
     if evaluator.train.segments or before.errors["holdout"].is_in_loop:
         less, more = (step.errors["holdout"].at(term.at) for step in (after, before))
-        reason = error_fall(before, after)
+        reason = compute_error_fall(before, after)
     else:  # without a simulation, windows give the errors of the final model, as they give the score
-        less, more = (_held_out_rms(evaluator, terms, term.at) for terms in (final, others))
+        less, more = (_compute_held_out_rms(evaluator, terms, term.at) for terms in (final, others))
         reason = Finding(Kind.ERROR_FALLS_AT_JOINT, {"share": Quantity(less / more)}, joints=(term.at,))
-    gates = (*([] if is_hidden(term) else evaluator.gates(final, others)), *_confirmation(evaluator, after, before))
-    gained: tuple[Gain | None, int] = (None, 1) if is_hidden(term) else _gained(evaluator, final, others)
+    gates = (
+        *([] if is_hidden(term) else evaluator.gates(final, others)),
+        *_make_confirmation_gates(evaluator, after, before),
+    )
+    gained: tuple[Gain | None, int] = (None, 1) if is_hidden(term) else _compute_gain(evaluator, final, others)
     ratio, total = less / more, score * sum(odds[id] for id in (term.id, *tied))
     found_tied = []
     for id in tied:
         own = (*evaluator.gates(rivals[id], others), Gate("tie_probability", odds[id], least, True))
-        gain, variants = _gained(evaluator, rivals[id], others)
+        gain, variants = _compute_gain(evaluator, rivals[id], others)
         ties = Finding(Kind.TIES, effects=(term.id,))
         found_tied.append(
             Candidate(id, score * odds[id], Verdict.AMBIGUOUS, ratio, ties, gain, variants, own, rivals[id])
@@ -115,44 +118,44 @@ def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
     """Return the verdict on an effect that the final model lacks, from its best variant beside that model."""
     evaluator, (*rest, term) = found.evaluator, longer
     others = tuple(rest)
-    gain, variants = _gained(evaluator, longer, others)
-    ratio = _held_out_rms(evaluator, longer, term.at) / _held_out_rms(evaluator, others, term.at)
+    gain, variants = _compute_gain(evaluator, longer, others)
+    ratio = _compute_held_out_rms(evaluator, longer, term.at) / _compute_held_out_rms(evaluator, others, term.at)
     gates = evaluator.gates(longer, others)
     reach, units, verdict = evaluator.train.reach(term.at), evaluator.train.units(term.at), Verdict.NOT_EXCITED
     untested = untested_ends(type(term)(), *reach, units)
     if untested and not evaluator.is_significant(longer, others):
         reason = Finding(Kind.NOT_TESTED, untested, effects=(term.id,))
-    elif not (excited := gate_of_excitation(evaluator, longer)).passed:
+    elif not (excited := make_excitation_gate(evaluator, longer)).passed:
         reason, gates = Finding(Kind.NOT_EXCITED, effects=(term.id,)), [excited]
         if whole := [other.id for other in others if contains(evaluator, other, term)]:
             verdict, reason = Verdict.REJECTED, Finding(Kind.IMITATES, effects=(whole[0],))
     else:
         verdict, gates = Verdict.REJECTED, [excited, *gates]
         if all(gate.passed for gate in gates):
-            gates += _confirmation(evaluator, evaluator.fit_with_std(term.id, longer), found.steps[-1])
+            gates += _make_confirmation_gates(evaluator, evaluator.fit_with_std(term.id, longer), found.steps[-1])
         selected = [step.added for step in found.steps if step.added is not None]
-        reason = rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)
+        reason = explain_rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)
         if found.table is not None and term.kind == found.table.kind:
-            reason = about_table(Kind.IMITATES_TABLE, found.table)
+            reason = explain_table(Kind.IMITATES_TABLE, found.table)
     return Candidate(term.id, 0.5 * (1 - gain.p_value), verdict, ratio, reason, gain, variants, tuple(gates), longer)
 
 
-def _confirmation(evaluator: ModelEvaluator, after: Step, before: Step) -> list[Gate]:
-    return confirmation_gates(after, before, evaluator.train.motions)
+def _make_confirmation_gates(evaluator: ModelEvaluator, after: Step, before: Step) -> list[Gate]:
+    return make_confirmation_gates(after, before, evaluator.train.motions)
 
 
-def _gained(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tuple[Gain, int]:
+def _compute_gain(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tuple[Gain, int]:
     """Return the gain of a candidate over its absence, and the number of variants that were tried."""
     return evaluator.gain(after, before), evaluator.n_variants(after, before)
 
 
-def _held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:
+def _compute_held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:
     """Return the held-out torque error of the terms fitted to the training data [N m]."""
     error = evaluator.holdout.equations(terms, by_noise=True).error(evaluator.train.solve(terms))
-    return error_at(evaluator.holdout.joint_errors(error), at, np.nan)
+    return get_error_at(evaluator.holdout.joint_errors(error), at, np.nan)
 
 
-def alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) -> dict[str, float]:
+def compute_alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) -> dict[str, float]:
     """Return the probability of each effect in the place of one of the terms, itself first, by id.
 
     A more complex law that contains the term, as a spring contains an offset, does not compete, nor does one of which a
@@ -170,16 +173,16 @@ def alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) -> dict[st
         likely = [
             rival for rival, share in zip(open_to, odds[1:], strict=True) if share > evaluator.criterion.tie_probability
         ]
-        known |= {rival: may_replace(evaluator, rival, terms, others) for rival in likely if rival not in known}
+        known |= {rival: can_replace(evaluator, rival, terms, others) for rival in likely if rival not in known}
         refuted = [rival for rival in likely if not known[rival]]
         if not refuted:
             return dict(zip((term.id, *(rival[-1].id for rival in open_to)), odds.tolist(), strict=True))
         open_to = [rival for rival in open_to if rival not in refuted]
 
 
-def may_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: Terms) -> bool:
+def can_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: Terms) -> bool:
     """Return whether a rival lowers both errors of the others, and follows the motion about as well as the terms."""
-    rival, terms, others = (without_table(evaluator, one) for one in (rival, terms, others))
+    rival, terms, others = (remove_table(evaluator, one) for one in (rival, terms, others))
     if not evaluator.lowers_errors(rival, others):
         return False
     if has_transmission(rival) or has_transmission(terms) or not evaluator.train.segments:
@@ -187,11 +190,11 @@ def may_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: T
     first, second = (evaluator.refit_to_motion(evaluator.fit(None, one)).model for one in (terms, rival))
     if not (first.has_known_inertia and second.has_known_inertia):
         return True
-    gain, share = simulation_gain(evaluator, first, second)
+    gain, share = compute_simulation_gain(evaluator, first, second)
     return gain.p_value > evaluator.criterion.p_value or share <= evaluator.criterion.explained_share
 
 
-def simulation_gain(evaluator: ModelEvaluator, after: Model, before: Model) -> tuple[Gain, float]:
+def compute_simulation_gain(evaluator: ModelEvaluator, after: Model, before: Model) -> tuple[Gain, float]:
     """Return the gain of one model over another on all segments, and the share of squared error that it removes.
 
     The score is that of the windows. Errors within a segment are fully correlated, so the gain is the logarithm of
@@ -199,16 +202,16 @@ def simulation_gain(evaluator: ModelEvaluator, after: Model, before: Model) -> t
     """
     parts = (evaluator.train.segments, evaluator.holdout.segments)
     points = [output_error.Point.of(model) for model in (after, before)]
-    new, old = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in points)
+    new, old = (np.concatenate([output_error.compute_segment_rms(part, one) ** 2 for part in parts]) for one in points)
     counts = [sum(len(segment.first) for segment in part) for part in parts]
     owner = np.repeat(np.arange(2), counts)
-    noise = np.array([output_error.noise(part, points[1]) ** 2 for part in parts])[owner]
+    noise = np.array([output_error.compute_torque_noise_rms(part, points[1]) ** 2 for part in parts])[owner]
     gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
     had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
     return gain, (had - left) / had if had > 0 else 0.0
 
 
-def gate_of_excitation(evaluator: ModelEvaluator, longer: Terms) -> Gate:
+def make_excitation_gate(evaluator: ModelEvaluator, longer: Terms) -> Gate:
     """Return the excitation of the last of some terms by the data as a gate.
 
     It is the recorded torque over the smallest torque of the term that would be significant beside the others: N rows

@@ -10,7 +10,7 @@ from pendulum_env.physics.table import Table
 BY_CHANCE = Finding(Kind.BY_CHANCE)
 
 
-def rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Finding | None:
+def explain_rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Finding | None:
     """Return the first gate that failed as a finding; None if all gates were passed.
 
     A gain comes with its p-value, and a violated bound with all others. Limits are numbers named `limit.` and the gate.
@@ -32,13 +32,13 @@ def rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Finding | 
     return Finding(Kind.GATE_FAILED, numbers, tuple(gate.name for gate in told), tuple(selected))
 
 
-def about_table(kind: Kind, table: Table) -> Finding:
+def explain_table(kind: Kind, table: Table) -> Finding:
     """Return a finding about the law that a table stands for."""
     numbers = {name: Quantity(value) for name, value in table.nonlinear_values.items()}
     return Finding(kind, numbers, effects=(table.id,))
 
 
-def error_fall(before: Step, after: Step) -> Finding:
+def compute_error_fall(before: Step, after: Step) -> Finding:
     """Return the fall of the held-out errors from one step to the next."""
     old, new = before.errors["holdout"], after.errors["holdout"]
     numbers: dict[str, Quantity] = {}

@@ -8,13 +8,13 @@ from math import isfinite
 
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
-from estimators.comparison import floors_json, result_json
+from estimators.comparison import make_floors_json, make_result_json
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding
-from estimators.prediction import Prediction, predictions
+from estimators.prediction import Prediction, predict_recordings
 from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Step, of_one
+from estimators.selection.errors import Step, get_single
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.gates import Gate
 from estimators.selection.residuals import Terms
@@ -216,12 +216,12 @@ class Diagnosis:
         """Each recording beside what the final model predicts of it, fitted ones first; without those that disagree."""
         if self.data is None:
             raise Mistake("the diagnosis was read from a file and has no data: compare its model with the recordings")
-        return predictions(self.model, self.data)
+        return predict_recordings(self.model, self.data)
 
     @property
     def noise_floor(self) -> float:
         """Return the noise floor of a single joint; NaN for several joints."""
-        return of_one(self.floors)
+        return get_single(self.floors)
 
     @property
     def body(self) -> Mechanism:
@@ -285,7 +285,7 @@ class Diagnosis:
         """
         base = self.steps[0].model
         last = [] if self.forbidden is None or self.forbidden in self.findings else [self.forbidden]
-        return result_json(self.model, self.torque_constant, self.unexplained, self.disagreements) | {
+        return make_result_json(self.model, self.torque_constant, self.unexplained, self.disagreements) | {
             "schema": SCHEMA,
             "base": {
                 "terms": [term.id for term in base.terms],
@@ -300,7 +300,7 @@ class Diagnosis:
                 "where": "; ".join(region.kind for region in self.unexplained) or None,
                 "joints": dict(self.left),
             },
-            "noise_floor": floors_json(self.floors),
+            "noise_floor": make_floors_json(self.floors),
             "findings": [finding.json() for finding in (*self.findings, *last)],
             "treatments": [one.json() for one in self.treatments],
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
@@ -343,7 +343,7 @@ class Addition:
         """Held-out error that is left, in noise floors."""
         error = self.after.errors["holdout"]
         if self.is_in_loop:  # where what is left counts as noise up to some times the encoder's
-            return error.in_loop / (Criterion().misfit * of_one(self.floors))
+            return error.in_loop / (Criterion().misfit * get_single(self.floors))
         return max(error.joints[at] / max(floor, 1e-300) for at, floor in self.floors.items())
 
     @property

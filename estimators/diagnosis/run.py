@@ -7,19 +7,19 @@ import numpy as np
 from estimators.arguments import (
     Recordings,
     Terms,
+    apply_limits,
     check_horizon,
-    chosen_effects,
-    chosen_recordings,
-    chosen_terms,
-    that_may_show,
-    within_limits,
+    select_effects,
+    select_recordings,
+    select_terms,
+    select_visible_effects,
 )
-from estimators.diagnosis.cases import case_of
+from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.experiment import Limits
 from estimators.diagnosis.explanation import explain
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
-from estimators.diagnosis.treatments import best_treatment
+from estimators.diagnosis.treatments import choose_treatment
 from estimators.progress import Progress, forward, no_progress
 from estimators.selection.criterion import Criterion
 from pendulum_env.arguments import check_order
@@ -88,17 +88,17 @@ def diagnose(
     """
     kinds = (recordings, Recording), (holdout, Recording), (base, Term | Model)
     check_order("diagnose(recordings, holdout, base)", *kinds)
-    terms = chosen_terms(base)
+    terms = select_terms(base)
     body = body_of(terms)
-    terms, effects = within_limits(terms, chosen_effects(library, only, without, body), fixed, bounds)
-    fitted, unseen = chosen_recordings(recordings, body=body), chosen_recordings(holdout, empty=True, body=body)
-    effects, limits = that_may_show(effects, fitted), Limits(max_torque, max_angle, max_speed)
+    terms, effects = apply_limits(terms, select_effects(library, only, without, body), fixed, bounds)
+    fitted, unseen = select_recordings(recordings, body=body), select_recordings(holdout, empty=True, body=body)
+    effects, limits = select_visible_effects(effects, fitted), Limits(max_torque, max_angle, max_speed)
     rng, progress = rng or np.random.default_rng(0), forward(progress)
     setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, by_reference, horizon=horizon)
-    case = case_of(terms, (*fitted, *unseen))
+    case = choose_case(terms, (*fitted, *unseen))
     check_horizon(horizon, case.refit_to_horizon is not None)
     progress("reading the motion", 0.0)
     data, setting = case.prepare(fitted, unseen, setting)
     progress("timing the torque", 0.0)
-    best, tried = best_treatment(case, data.timed() if case.is_timed else data, setting)
+    best, tried = choose_treatment(case, data.timed() if case.is_timed else data, setting)
     return explain(best, tried)

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimators.diagnosis.experiment import typical_effect
+from estimators.diagnosis.experiment import make_typical_effect
 from estimators.diagnosis.result import Detectable
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.residuals import Terms
-from estimators.signals.residual import turns
+from estimators.signals.residual import makes_whole_turns
 from pendulum_env.physics import Term
 
 TOLD = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")  # as long as they are known
@@ -16,14 +16,14 @@ CLEAR = 2.0  # times what counts as structure: windows next to each other share 
 DOUBT = 3.0  # times the gain that chance may give, which is then found nearly always
 
 
-def detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float | None:
+def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float | None:
     """Smallest size of an effect that would have shown beside the terms, in the unit of its first parameter.
 
     An effect whose torque has a root mean square r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats
     over N windows whose noise is s; and r has to be structure, not noise, which N windows may be too few to tell. None
     if no size would do, or the data do not depend on it.
     """
-    term, theta = typical_effect(kind)
+    term, theta = make_typical_effect(kind)
     if not len(theta):
         return None
     (columns,) = evaluator.train.columns([term])
@@ -47,14 +47,16 @@ def detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -
     return float(np.linalg.norm(theta)) * least / shown
 
 
-def detectable(evaluator: ModelEvaluator, terms: Terms, library: Mapping[str, type[Term]]) -> tuple[Detectable, ...]:
+def find_detectable_effects(
+    evaluator: ModelEvaluator, terms: Terms, library: Mapping[str, type[Term]]
+) -> tuple[Detectable, ...]:
     """Find the smallest detectable size of effects in addition to the terms."""
-    sizes = {id: detectable_size(evaluator, terms, library[id]) for id in TOLD if id in library}
+    sizes = {id: find_detectable_size(evaluator, terms, library[id]) for id in TOLD if id in library}
     units = evaluator.train.units()
     found = [
-        Detectable(id, size, units.unit(typical_effect(library[id])[0].columns[0].unit))
+        Detectable(id, size, units.unit(make_typical_effect(library[id])[0].columns[0].unit))
         for id, size in sizes.items()
         if size is not None
     ]
     stop = Detectable("hard_stop", unit=units.unit("rad"), between=evaluator.train.reach())
-    return tuple(found) if turns(evaluator.train.samples.position) else (*found, stop)
+    return tuple(found) if makes_whole_turns(evaluator.train.samples.position) else (*found, stop)

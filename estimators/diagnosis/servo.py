@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.drive import find_speed_rate, find_torque_scale
-from estimators.checks.remedies import remedies
+from estimators.checks.remedies import find_remedies
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import HELD_OUT
@@ -24,17 +24,17 @@ from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.goals import read_goals, with_goals
-from estimators.in_loop.refit import fine_rows, fit_step, refit_step
+from estimators.in_loop.refit import fit_step, refine_rows, refit_step
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.progress import no_progress
 from estimators.regression.equations import IdentificationError
-from estimators.selection.errors import Step, of_one
+from estimators.selection.errors import Step, get_single
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.physical import significant_sign
+from estimators.selection.physical import compute_significant_sign
 from estimators.selection.residuals import Terms
 from estimators.selection.search import SearchResult, search
-from estimators.signals.residual import Region, everywhere
+from estimators.signals.residual import Region, make_region_everywhere
 from estimators.simulation.output_error import Point
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env.physics import Model, Term
@@ -103,7 +103,7 @@ def refit(found: SearchResult, start: Model | None = None) -> SearchResult:
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     """Refit all steps, and drop effects that do not predict better with shorter steps of the integrator."""
     found = refit(trial.found)
-    train, unseen = fine_rows(found.evaluator)
+    train, unseen = refine_rows(found.evaluator)
     evaluator, steps = replace(found.evaluator, train=train.data, holdout=unseen.data), found.steps
     fitted = {ids(step.model.terms): step.model.terms for step in steps}
     terms, named = found.terms, [step.added for step in steps[1:]]
@@ -135,7 +135,7 @@ def present(trial: Trial, step: Step) -> Step:
         return step
     rest = tuple(term for term in step.model.terms if term.id != BackEmf.id)
     start = Point.within(rest, np.array(list((theta | {"viscous": both}).values())))
-    fine_rows(trial.evaluator)[0].begin_at(start)
+    refine_rows(trial.evaluator)[0].begin_at(start)
     return fit_step(trial.evaluator, step.added, start.terms)
 
 
@@ -146,7 +146,7 @@ def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
     """
     is_pressed = LoadDependentFriction.id in ids(terms) and BackEmf.id not in ids(terms)
     finding = Finding(Kind.BACK_EMF_INCLUDED, effects=(BackEmf.id,))
-    return data.with_treatment(finding) if is_pressed and driven_by_voltage(data.recordings) else None
+    return data.with_treatment(finding) if is_pressed and select_voltage_drives(data.recordings) else None
 
 
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
@@ -160,10 +160,10 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         candidates=tuple(
             replace(own, reason=Finding(Kind.LONG_STEPS)) if own.effect in dropped else own for own in found.candidates
         ),
-        floors=fine_rows(trial.evaluator)[0].rollouts.encoder,
+        floors=refine_rows(trial.evaluator)[0].rollouts.encoder,
         findings=(
             *readings,
-            *remedies(trial.unbounded(found.model), data.recordings, found.ambiguous),
+            *find_remedies(trial.unbounded(found.model), data.recordings, found.ambiguous),
             *filter(None, doubts),
         ),
         forbidden=Finding(Kind.CHECK_DRIVE) if found.unexplained else None,
@@ -183,35 +183,35 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
 
 def has_gear_friction(step: Step) -> bool:
     """Return whether load-dependent friction is significant; it distinguishes back-EMF from viscous friction."""
-    return significant_sign(step.model, LoadDependentFriction.id) > 0
+    return compute_significant_sign(step.model, LoadDependentFriction.id) > 0
 
 
 def has_unpowered_motor(recordings: Sequence[Recording]) -> bool:
     """Return whether a motor that a voltage drives is off for a while."""
-    return not all(recording.powered.all() for recording in driven_by_voltage(recordings))
+    return not all(recording.powered.all() for recording in select_voltage_drives(recordings))
 
 
-def driven_by_voltage(recordings: Sequence[Recording]) -> list[Recording]:
+def select_voltage_drives(recordings: Sequence[Recording]) -> list[Recording]:
     """Return the recordings whose drive gives the motor a voltage, not a torque."""
     return [own for own in recordings if own.drive is not None and own.drive.output in ("duty", "voltage")]
 
 
 def find_regions(trial: Trial) -> Sequence[Region]:
     """Find the residual of the motion under the final model, and the recording with the largest share."""
-    evaluator, last, train = trial.evaluator, trial.final.steps[-1], fine_rows(trial.evaluator)[0]
+    evaluator, last, train = trial.evaluator, trial.final.steps[-1], refine_rows(trial.evaluator)[0]
     data = train.rollouts
     residual = train.residual(last.model.terms, np.asarray(last.model.theta))
     if evaluator.residuals.is_noise_in(evaluator.train, residual):
         return []
     sizes = np.array([np.mean(np.abs(residual[data.recording_of == k])) for k in range(len(data.recordings))])
     worst = int(np.argmax(sizes))
-    error, floor = float(np.mean(np.abs(residual))), of_one(data.encoder)
+    error, floor = float(np.mean(np.abs(residual))), get_single(data.encoder)
     unit = last.model.units().unit("rad")
     numbers = {"error": Quantity(error, unit=unit), "times": Quantity(error / floor)}
     if len(sizes) > 1:
         numbers["worst"] = Quantity(sizes[worst], unit=unit)
     cause = Finding(Kind.SERVO_OFF, numbers, recordings=(data.recordings[worst].name,))
-    return [everywhere(cause, evaluator.train.samples, error, floor)]
+    return [make_region_everywhere(cause, evaluator.train.samples, error, floor)]
 
 
 SERVO = Case(

@@ -6,7 +6,7 @@ from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import TriedTreatment
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.evaluator import held_out_cost
+from estimators.selection.evaluator import compute_held_out_cost
 from estimators.selection.motion import is_misfit
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import links_of
@@ -18,7 +18,7 @@ TORQUE = {Kind.TIMED_BESIDE, Kind.PAYLOAD}  # treatments that change the torque
 WINDOWS = {Kind.NARROWER_WINDOWS, Kind.IMPACTS_INCLUDED}  # treatments of the windows alone
 
 
-def best_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial, tuple[TriedTreatment, ...]]:
+def choose_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial, tuple[TriedTreatment, ...]]:
     """Search for effects in the data and under each candidate treatment, and keep the best.
 
     After a treatment is kept, all treatments are tried again.
@@ -49,8 +49,8 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     after, before = trial.found.steps[-1], best.found.steps[-1]
     if treatment.kind not in TORQUE:
         before = trial.evaluator.make_step(None, before.model)
-    ratio = held_out_cost(after) / max(held_out_cost(before), 1e-300)
-    counts = n_assumptions(trial), n_assumptions(best)
+    ratio = compute_held_out_cost(after) / max(compute_held_out_cost(before), 1e-300)
+    counts = count_assumptions(trial), count_assumptions(best)
     return TriedTreatment(treatment, ratio, *counts, is_better(ratio, *counts, trial.evaluator.criterion.error_margin))
 
 
@@ -63,7 +63,7 @@ def is_better(error_ratio: float, assumptions: int, before: int, margin: float) 
     return error_ratio < 1 - margin or (error_ratio < 1 + margin and assumptions <= before)
 
 
-def n_assumptions(trial: Trial) -> int:
+def count_assumptions(trial: Trial) -> int:
     """Return the number of effects, payloads, treatments of windows and added base terms, and one for any timing."""
     counted = (*WINDOWS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
     free = [treatment for treatment in trial.data.treatments if treatment.kind in counted]
@@ -117,7 +117,7 @@ def payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> Fin
     return Finding(Kind.PAYLOAD, sizes, recordings=names, joints=(payload.joint,))
 
 
-def time_beside_effects(trial: Trial) -> FitData | None:
+def align_with_effects(trial: Trial) -> FitData | None:
     """Time the torque under a model with the selected effects: an effect may imitate a delay, or hide one."""
     known = ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
     effects = [term for term in trial.found.terms if term.id not in known]

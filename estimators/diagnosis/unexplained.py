@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.reasons import about_table
+from estimators.diagnosis.reasons import explain_table
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import is_misfit
-from estimators.selection.physical import violations
+from estimators.selection.physical import find_violations
 from estimators.selection.search import SearchResult
 from estimators.signals.motion import SLOWEST
-from estimators.signals.residual import Region, everywhere, stand_out
+from estimators.signals.residual import Region, find_regions, make_region_everywhere
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.recording.record import NEWTON_METRE
@@ -24,26 +24,26 @@ def find_unexplained(found: SearchResult) -> list[Region]:
     """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
     evaluator, last = found.evaluator, found.steps[-1]
     units, noise_floor = last.model.units(), evaluator.residuals.noise_floor
-    wrong = violations(last.model, evaluator.train.motions)
+    wrong = find_violations(last.model, evaluator.train.motions)
     if wrong:
         numbers = {gate.name: Quantity(gate.value, unit=gate.unit) for gate in wrong}
-        return [everywhere(Finding(Kind.IMPOSSIBLE, numbers, tuple(numbers)))]
+        return [make_region_everywhere(Finding(Kind.IMPOSSIBLE, numbers, tuple(numbers)))]
     left = evaluator.train.with_link_states(last.model).residual(last.model.terms, last.model.theta)
     is_noise = found.table is None and evaluator.residuals.is_noise_in(evaluator.train, left)
-    regions = [] if is_noise else stand_out(evaluator.train.samples, left, noise_floor(), units=units)
+    regions = [] if is_noise else find_regions(evaluator.train.samples, left, noise_floor(), units=units)
     if found.table is not None:
         place = next((own for own in regions if own.axis == found.table.axis), None)
-        cause = about_table(Kind.TABLE_EXPLAINS, found.table)
+        cause = explain_table(Kind.TABLE_EXPLAINS, found.table)
         if place is None:
-            return [everywhere(cause, evaluator.train.samples), *regions]
+            return [make_region_everywhere(cause, evaluator.train.samples), *regions]
         return [replace(place, cause=cause), *(own for own in regions if own is not place)]
     if not is_noise:
-        return regions or _nowhere(evaluator, evaluator.train, left, units)
+        return regions or _find_scattered_residual(evaluator, evaluator.train, left, units)
     unseen = evaluator.residuals.holdout_residual(last.model.terms)
     if not evaluator.residuals.is_noise_in(evaluator.holdout, unseen):
-        beyond = stand_out(evaluator.holdout.samples, unseen, noise_floor(evaluator.holdout), units=units)
-        beyond = beyond or _nowhere(evaluator, evaluator.holdout, unseen, units)
-        return [replace(region, held_out=holdout_names(evaluator)) for region in beyond]
+        beyond = find_regions(evaluator.holdout.samples, unseen, noise_floor(evaluator.holdout), units=units)
+        beyond = beyond or _find_scattered_residual(evaluator, evaluator.holdout, unseen, units)
+        return [replace(region, held_out=list_holdout_names(evaluator)) for region in beyond]
     if not is_misfit(evaluator, last):
         return []
     error = last.errors["train"].position_rms
@@ -54,19 +54,21 @@ def find_unexplained(found: SearchResult) -> list[Region]:
 def find_holdout_structure(evaluator: ModelEvaluator, final: Sequence[Term]) -> Finding | None:
     """Return a finding where held-out data alone show more."""
     is_there = evaluator.residuals.is_noise_by_part(tuple(final)) == (True, False)
-    return Finding(Kind.FIT_HELD_OUT, recordings=holdout_names(evaluator)) if is_there else None
+    return Finding(Kind.FIT_HELD_OUT, recordings=list_holdout_names(evaluator)) if is_there else None
 
 
-def holdout_names(evaluator: ModelEvaluator) -> tuple[str, ...]:
+def list_holdout_names(evaluator: ModelEvaluator) -> tuple[str, ...]:
     """Names of the held-out recordings."""
     return tuple(dict.fromkeys(recording.name for recording in evaluator.holdout.recordings))
 
 
-def _nowhere(evaluator: ModelEvaluator, part: RegressionData, left: Array, units: JointUnits) -> list[Region]:
+def _find_scattered_residual(
+    evaluator: ModelEvaluator, part: RegressionData, left: Array, units: JointUnits
+) -> list[Region]:
     """Return the region of a residual (R,) that stands out nowhere, unless it may be noise."""
     size, floor = float(np.sqrt(np.mean(left**2))), evaluator.residuals.noise_floor(part)
     if size <= evaluator.criterion.misfit * floor:
         return []
     residual = Quantity(size, unit=units.unit(NEWTON_METRE))
     cause = Finding(Kind.NOWHERE, {"residual": residual, "times": Quantity(size / floor)})
-    return [everywhere(cause, part.samples, size, floor, units=units)]
+    return [make_region_everywhere(cause, part.samples, size, floor, units=units)]

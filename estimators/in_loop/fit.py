@@ -20,8 +20,8 @@ from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton
 from estimators.selection.errors import Errors
 from estimators.simulation.output_error import Point
-from estimators.weak_form.columns import bounds
-from estimators.weak_form.nonlinear import continuous_parameters
+from estimators.weak_form.columns import list_bounds
+from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
@@ -50,7 +50,7 @@ class LoopSettings:
 LOOP = LoopSettings()
 
 
-def scales(rollouts: Rollouts, errors: Array) -> Array:
+def compute_error_scales(rollouts: Rollouts, errors: Array) -> Array:
     """Return the scale (V,) of the errors (R, V) of V models [rad], at least the resolution of the encoder."""
     absolute = np.pi / 2 * np.abs(errors)
     scale = np.maximum(np.mean(absolute, axis=0), rollouts.resolution)
@@ -60,23 +60,23 @@ def scales(rollouts: Rollouts, errors: Array) -> Array:
     return np.asarray(scale)
 
 
-def likelihood(rollouts: Rollouts, errors: Array) -> Array:
+def compute_likelihood(rollouts: Rollouts, errors: Array) -> Array:
     """Return the log density (V,) of the errors (R, V) of V models with their scales, without a constant [nat]."""
-    scale = scales(rollouts, errors)
+    scale = compute_error_scales(rollouts, errors)
     relative = np.pi / 2 * np.abs(errors) / scale
     return np.asarray(-len(errors) * np.log(scale) - np.sum(relative + np.log1p(np.exp(-2 * relative)), axis=0))
 
 
 def densities(rollouts: Rollouts, error: Array) -> Array:
     """Return the log density (R,) of each error (R,) with their scale, without a constant [nat]."""
-    scale = scales(rollouts, error[:, None])[0]
+    scale = compute_error_scales(rollouts, error[:, None])[0]
     relative = np.pi / 2 * np.abs(error) / scale
     return np.asarray(-np.log(scale) - relative - np.log1p(np.exp(-2 * relative)))
 
 
 def scale_of(rollouts: Rollouts, error: Array) -> float:
     """Return the scale with the same likelihood as the errors (R,) [rad]; a smaller scale is likelier."""
-    return float(np.exp(-likelihood(rollouts, error[:, None])[0] / len(error)))
+    return float(np.exp(-compute_likelihood(rollouts, error[:, None])[0] / len(error)))
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Linear:
     weights: Array
 
 
-def sizes(point: Point, typical: Array) -> Array:
+def compute_parameter_sizes(point: Point, typical: Array) -> Array:
     """Return the size of each free parameter, relative to which it is moved (P + S,)."""
     values = np.abs(point.values)
     count = len(point.theta)
@@ -104,26 +104,26 @@ def sizes(point: Point, typical: Array) -> Array:
     return np.maximum(values, 1e-9)
 
 
-def linear(rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool) -> Linear:
+def linearise_errors(rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool) -> Linear:
     """Linearise the errors around a point by linear parameters, and by nonlinear parameters if they are free."""
-    values, size = point.values, sizes(point, typical)
+    values, size = point.values, compute_parameter_sizes(point, typical)
     count = len(values) if nonlinear else len(point.theta)
-    _, high = bounds_of(point)
+    _, high = find_bounds(point)
     steps = LOOP.difference * size[:count]
     steps = np.where(values[:count] + steps > high[:count], -steps, steps)  # into the bounds
     nearby = [point.at(values + own) for own in np.eye(count, len(values)) * steps[:, None]]
     errors = rollouts.position_errors([point, *nearby])
     slopes = (errors[:, 1:] - errors[:, :1]) / steps  # zero by known parameters, which `Point.at` keeps
-    scale = scales(rollouts, errors[:, :1])[0]
+    scale = compute_error_scales(rollouts, errors[:, :1])[0]
     relative = np.maximum(np.pi / 2 * np.abs(errors[:, 0]) / scale, 1e-6)
     weights = np.pi / 2 / scale * np.sqrt(np.tanh(relative) / relative)
     return Linear(point, errors[:, 0], slopes, weights)
 
 
-def bounds_of(point: Point) -> tuple[Array, Array]:
+def find_bounds(point: Point) -> tuple[Array, Array]:
     """Return the bounds of each free parameter, (P + S,) each."""
-    sought = [parameter for term in point.terms for parameter in continuous_parameters(term)]
-    least, most = bounds(point.terms)
+    sought = [parameter for term in point.terms for parameter in list_continuous_parameters(term)]
+    least, most = list_bounds(point.terms)
     return np.r_[least, [parameter.low for parameter in sought]], np.r_[most, [parameter.high for parameter in sought]]
 
 
@@ -142,10 +142,10 @@ def fit(
     made: list[Near[Linear]] = []
 
     def near(point: Point) -> Near[Linear]:
-        local = linear(rollouts, point, typical, nonlinear)
-        values, (low, high) = point.values, bounds_of(point)
-        count, size = local.slopes.shape[1], sizes(point, typical)
-        cost = -float(likelihood(rollouts, local.error[:, None])[0])
+        local = linearise_errors(rollouts, point, typical, nonlinear)
+        values, (low, high) = point.values, find_bounds(point)
+        count, size = local.slopes.shape[1], compute_parameter_sizes(point, typical)
+        cost = -float(compute_likelihood(rollouts, local.error[:, None])[0])
         slopes = local.weights[:, None] * local.slopes * size[:count]
         at_least, at_most = (values <= low)[:count], (values >= high)[:count]
         made.append(Near(local, cost, local.weights * local.error, slopes, at_least, at_most))
@@ -155,34 +155,38 @@ def fit(
 
     def best(near: Near[Linear], steps: list[Array]) -> tuple[Point, float]:
         moved = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps]
-        found = _likeliest_of(rollouts, near, moved, typical)
+        found = _choose_likeliest_step(rollouts, near, moved, typical)
         if found[1] > near.cost - rule.enough(made[0].cost, near.cost) and next(polls, None) is not None:
-            found = min(found, _likeliest_of(rollouts, near, _around(near.slopes), typical), key=lambda one: one[1])
+            found = min(
+                found, _choose_likeliest_step(rollouts, near, _make_steps(near.slopes), typical), key=lambda one: one[1]
+            )
         return found
 
     rule = Rule(LOOP.turns, LOOP.dampings, least=LOOP.enough, of_fall=share)
     found = gauss_newton(point, near, best, rule)
     last = made[-1].known
-    return last if last.point is found else linear(rollouts, found, typical, nonlinear)
+    return last if last.point is found else linearise_errors(rollouts, found, typical, nonlinear)
 
 
-def _likeliest_of(
+def _choose_likeliest_step(
     rollouts: Rollouts, near: Near[Linear], steps: Sequence[Array], typical: Array
 ) -> tuple[Point, float]:
     """Return the likeliest of the points at some steps (S,), in sizes of parameters, and its negative density."""
     point = near.known.point
-    values, size, rest = point.values, sizes(point, typical), len(point.values) - near.slopes.shape[1]
-    found, gain = likeliest(rollouts, [point.at(values + np.pad(step, (0, rest)) * size) for step in steps])
+    values, size, rest = point.values, compute_parameter_sizes(point, typical), len(point.values) - near.slopes.shape[1]
+    found, gain = choose_likeliest_point(
+        rollouts, [point.at(values + np.pad(step, (0, rest)) * size) for step in steps]
+    )
     return found, -gain
 
 
-def likeliest(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
+def choose_likeliest_point(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
     """Return the likeliest of some points, and its log density [nat]."""
-    found = likelihood(rollouts, rollouts.position_errors(points))
+    found = compute_likelihood(rollouts, rollouts.position_errors(points))
     return points[int(np.argmax(found))], float(found.max())
 
 
-def _around(slopes: Array) -> list[Array]:
+def _make_steps(slopes: Array) -> list[Array]:
     """Return steps (S,) of each parameter, and along the directions of least information, past a kink of the errors."""
     count = slopes.shape[1]
     directions = np.vstack([np.eye(count), np.linalg.eigh(slopes.T @ slopes)[1].T[: count // 2]])
@@ -197,7 +201,7 @@ def choose_rollouts(model: Model, recordings: Sequence[Recording]) -> tuple[Roll
         (one, one.position_errors([point]))
         for one in (Rollouts(tuple(recordings), FINE, held) for held in (True, False))
     ]
-    rollouts, missed = max(ways, key=lambda way: float(likelihood(*way)[0]))
+    rollouts, missed = max(ways, key=lambda way: float(compute_likelihood(*way)[0]))
     return rollouts, missed[:, 0]
 
 
@@ -224,7 +228,7 @@ def simulate_from_goals(model: Model, recordings: Sequence[Recording]) -> list[A
     return paths
 
 
-def with_loop_errors(model: Model, recordings: Sequence[Recording], errors: Errors) -> Errors:
+def add_loop_errors(model: Model, recordings: Sequence[Recording], errors: Errors) -> Errors:
     """Return the errors of a model with those in the loop, if the recordings have drives."""
     if not are_driven(recordings):
         return errors

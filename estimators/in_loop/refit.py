@@ -16,7 +16,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.units import is_of_torque
 
 
-def fine_rows(evaluator: ModelEvaluator) -> tuple[RolloutRows, RolloutRows]:
+def refine_rows(evaluator: ModelEvaluator) -> tuple[RolloutRows, RolloutRows]:
     """Return the rows of fitted and held-out rollouts with shorter steps of the integrator."""
     train, unseen = (part.rollouts for part in evaluator.parts)
     assert isinstance(train, RolloutRows) and isinstance(unseen, RolloutRows)
@@ -26,19 +26,21 @@ def fine_rows(evaluator: ModelEvaluator) -> tuple[RolloutRows, RolloutRows]:
 def refit_step(evaluator: ModelEvaluator, step: Step) -> Step:
     """Refit a step with shorter steps of the integrator, from where it was."""
     start = Point.within(step.model.terms, np.asarray(step.model.theta))  # where nonlinear parameters follow
-    fine_rows(evaluator)[0].begin_at(start)
+    refine_rows(evaluator)[0].begin_at(start)
     return fit_step(evaluator, step.added, start.terms)
 
 
 def fit_step(evaluator: ModelEvaluator, added: str | None, terms: Sequence[Term]) -> Step:
     """Fit a step with shorter steps of the integrator."""
-    train, unseen = fine_rows(evaluator)
+    train, unseen = refine_rows(evaluator)
     terms = train.fit(terms).terms
-    model = _in_unit(widen_by_clock(fit_terms(train.data, terms)[0], train), train.rollouts.recordings[0])
+    model = _convert_to_torque_unit(
+        widen_by_clock(fit_terms(train.data, terms)[0], train), train.rollouts.recordings[0]
+    )
     return Step(added, model, {"train": train.data.errors(model), "holdout": unseen.data.errors(model)})
 
 
-def _in_unit(model: Model, recording: Recording) -> Model:
+def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
     """Return a model in the unit of the torque, with its constant, whose error scales all parameters."""
     constant = recording.torque_constant
     if constant is None:

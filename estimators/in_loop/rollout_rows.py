@@ -15,13 +15,13 @@ import numpy as np
 
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import FittedTerms, RowLayout, ScoredTerms, Terms
-from estimators.in_loop.fit import LOOP, Linear, fit, likeliest, linear, scale_of
+from estimators.in_loop.fit import LOOP, Linear, choose_likeliest_point, fit, linearise_errors, scale_of
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.simulation.output_error import Point
-from estimators.weak_form.columns import bounds
-from estimators.weak_form.nonlinear import continuous_parameters
+from estimators.weak_form.columns import list_bounds
+from estimators.weak_form.nonlinear import list_continuous_parameters
 from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -80,7 +80,9 @@ class RolloutRows:
         key = tuple(terms)
         if key not in self._linear:
             if self.guide is not None:
-                self._linear[key] = linear(self.rollouts, self.guide.near(key).point, self.typical(key), False)
+                self._linear[key] = linearise_errors(
+                    self.rollouts, self.guide.near(key).point, self.typical(key), False
+                )
             else:
                 share = 1.0 if self._is_hopeless(key) else LOOP.roughly
                 self._keep(key, fit(self.rollouts, self._begin(key), self.typical(key), share=share))
@@ -138,7 +140,7 @@ class RolloutRows:
             self._linear, key=lambda other: (len(known ^ {term.id for term in other}), -len(set(other) & set(terms)))
         )
         if not parents:
-            return self._starts.get(terms) or likeliest(self.rollouts, [*self._first(terms)])[0]
+            return self._starts.get(terms) or choose_likeliest_point(self.rollouts, [*self._first(terms)])[0]
         parent = self._linear[parents[0]].point
         values = dict(zip((c.name for term in parent.terms for c in term.columns), parent.theta, strict=True))
         names = [column.name for term in terms for column in term.columns]
@@ -151,7 +153,7 @@ class RolloutRows:
             del starts[1:]
         if terms in self._starts:
             starts.append(self._starts[terms])
-        return starts[0] if len(starts) == 1 else likeliest(self.rollouts, starts)[0]
+        return starts[0] if len(starts) == 1 else choose_likeliest_point(self.rollouts, starts)[0]
 
     def _first(self, terms: Key) -> Iterator[Point]:
         """Yield starts of the first fit: the parameters fitted to torque, with several least sizes."""
@@ -165,7 +167,7 @@ class RolloutRows:
         near = self.near(terms)
         theta = near.point.theta
         phi = near.slopes[:, : len(theta)]
-        return Balance(phi, phi @ theta - near.error, np.zeros_like(phi), *bounds(terms), near.weights)
+        return Balance(phi, phi @ theta - near.error, np.zeros_like(phi), *list_bounds(terms), near.weights)
 
     def residual(self, terms: Terms, theta: Array) -> Array:
         """Return the measured minus the simulated positions (R,) [rad]."""
@@ -191,7 +193,7 @@ class RolloutRows:
         found = []
         for variant, own in zip(variants, self._columns(variants, near.point), strict=True):
             start = np.append(near.point.theta, np.zeros(len(variant.columns)))
-            least, most = (end - start for end in bounds((*near.point.terms, variant)))
+            least, most = (end - start for end in list_bounds((*near.point.terms, variant)))
             balance = Balance.of(-near.error, near.weights).with_columns([others, (slice(None), own)], least, most)
             step = balance.solve()
             theta = start + step
@@ -239,9 +241,9 @@ class RolloutRows:
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
         """Return derivatives (R, S) of the positions by continuous nonlinear parameters, and the names of these."""
         point = self.near(terms).point
-        names = [term.full(parameter.name) for term in terms for parameter in continuous_parameters(term)]
+        names = [term.full(parameter.name) for term in terms for parameter in list_continuous_parameters(term)]
         slopes = (
-            linear(self.rollouts, point, self.typical(terms), True).slopes
+            linearise_errors(self.rollouts, point, self.typical(terms), True).slopes
             if names
             else np.empty((len(self.rollouts.position), 0))
         )

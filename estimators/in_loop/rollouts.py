@@ -11,8 +11,8 @@ import numpy as np
 import scipy
 
 from estimators.data.rows import ResidualStructure
-from estimators.signals.differentiation import encoder_noise
-from estimators.signals.motion import known_load, warmth
+from estimators.signals.differentiation import estimate_encoder_noise
+from estimators.signals.motion import get_known_load, get_temperature
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad
@@ -78,7 +78,7 @@ class Rollouts:
         drives = tuple(part.drive for part in parts if part.drive is not None)
         goals = [part.reference for part in parts if part.reference is not None]
         ramps = [not self.is_held if own.goal is None else own.goal == "ramp" for own in drives]
-        loads = [known_load(part) for part in parts]
+        loads = [get_known_load(part) for part in parts]
         hung = KnownLoad(
             np.array([own.inertia for own in loads], dtype=float),
             np.array([own.gravity for own in loads], dtype=float),
@@ -91,10 +91,10 @@ class Rollouts:
             held([bus_voltage(part) for part in parts]),
             held([part.powered for part in parts]),
             np.array([part.position[0] for part in parts]),
-            np.array([_velocity_at_start(part) for part in parts]),
+            np.array([_estimate_initial_velocity(part) for part in parts]),
             np.array([part.time[0] for part in parts]),
             hung if any(loads) else KnownLoad(),
-            between([warmth(part) for part in parts]),
+            between([get_temperature(part) for part in parts]),
         )
 
     @cached_property
@@ -139,7 +139,7 @@ class Rollouts:
     @property
     def encoder(self) -> dict[str, float]:
         """Mean absolute error due to the encoder alone, by the joint's name [rad]."""
-        noise = np.mean([encoder_noise(recording.position) for recording in self.recordings])
+        noise = np.mean([estimate_encoder_noise(recording.position) for recording in self.recordings])
         return {"": float(np.sqrt(2 / np.pi) * noise)}
 
     @cached_property
@@ -246,13 +246,13 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
     return bool(known)
 
 
-def _velocity_at_start(recording: Recording) -> float:
+def _estimate_initial_velocity(recording: Recording) -> float:
     if recording.velocity is not None:
         return float(recording.velocity[0])
     beginning = 0.08  # [s], that tells the speed at the start, where it is a cubic for so long,
     shortest = 6  # samples that do at least
     few = min(len(recording), max(shortest, round(beginning * recording.rate)))
-    noise = encoder_noise(recording.position)
+    noise = estimate_encoder_noise(recording.position)
     while True:
         time, position = recording.time[:few] - recording.time[0], recording.position[:few]
         cubic = np.polyfit(time, position, min(3, few - 1))

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.online.clock import Clock
 from estimators.online.stream import Stream, StreamEquations
-from estimators.schemes.balance import for_arms, rows, through
+from estimators.schemes.balance import adapt_to_arms, apply_scheme, compute_balances
 from estimators.schemes.six import GUARD, Scheme
 from estimators.signals.measurements import Smoothing, measure
 from pendulum_env._typing import Array, Mask
@@ -44,7 +44,7 @@ class ArmStream:
         for one in schemes:
             if one.borrows is not None or one.drifts:
                 raise ValueError(f"{one.id} needs the whole recording of an arm: set borrows=None, and give a window")
-        self._terms, self._schemes, self._smoothing = tuple(terms), for_arms(schemes), smoothing
+        self._terms, self._schemes, self._smoothing = tuple(terms), adapt_to_arms(schemes), smoothing
         self.joints = links_of(terms).joints
         self._clock = Clock(1.0 / period)
         # samples after the current one that decide whether it is clear of stick
@@ -106,12 +106,12 @@ class ArmStream:
         # the last `after - reach` measurements wait until it is known whether they are clear of stick
         end, place = len(m[0]) - (self._after - reach), self._count - self._kept + reach  # of the first measurement
         first = end - (self._count - self._n_done) if self._n_done else 0
-        balances = {view: rows(m, self._terms, view) for view in {scheme.view for scheme in self._schemes}}
+        balances = {view: compute_balances(m, self._terms, view) for view in {scheme.view for scheme in self._schemes}}
         joints, width = len(m), balances[self._schemes[0].view][0].phi.shape[1] + 1
         equations = np.zeros((len(m[0]), joints, len(self._schemes), width))
         usable = np.zeros(equations.shape[:3], dtype=bool)
         for s, scheme in enumerate(self._schemes):
-            found = through(scheme, balances[scheme.view], m)
+            found = apply_scheme(scheme, balances[scheme.view], m)
             for j, (own, used) in enumerate(found, joints - len(found)):
                 equations[:, j, s, :-1], equations[:, j, s, -1], usable[:, j, s] = own.phi, own.y, used
         if not self._n_done:

@@ -31,7 +31,7 @@ from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE
 from estimators.regression.recursive import PRIOR
-from estimators.selection.score import log_student, weighted_squares
+from estimators.selection.score import log_student, weigh_squares
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.physics.term import one, zero
@@ -294,7 +294,7 @@ class CompetingModels:
             squares = residual**2  # (R, V)
             square = np.maximum(squares.mean(axis=0), 1e-12)
             for _ in range(ONLINE.n_scale_iterations):
-                square = np.maximum(weighted_squares(squares, square).mean(axis=0), 1e-12)
+                square = np.maximum(weigh_squares(squares, square).mean(axis=0), 1e-12)
             self.square[models] = square * len(phi) / max(1, len(phi) - len(weak) - width)
         self._count, self._running = len(phi), SquareRootLeastSquares((1, 1), len(weak))
         self._running.root = root[None, None]
@@ -352,7 +352,7 @@ class CompetingModels:
         if self._forgetting is not None:
             forgetting = self._forgetting.take(phi, slope, float(y_slope[0]), float(y[0]), float(density[0]))
             densities = np.append(densities, forgetting)
-        step = weighted_squares(residual**2 / variance_ratio, self.square) - self.square
+        step = weigh_squares(residual**2 / variance_ratio, self.square) - self.square
         self.square = np.maximum(self.square + step / min(self._count, ONLINE.scale_memory), 1e-12)
         running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
         self.of_y += error[:, None] * (gain / spread)

@@ -15,7 +15,7 @@ from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.stream import StreamEquations
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Scheme, scheme
-from estimators.signals.measurements import Smoothing, of_steps
+from estimators.signals.measurements import Smoothing, compute_encoder_noise
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
@@ -85,10 +85,10 @@ class OnlineEstimator:
         # the joint state starts from the last regression
         self._run = regressions if joint is None else (*regressions, scheme("hamiltonian"))
         shape, period, parameters = (batch, len(self._run)), 1.0 / rate, len(self.names)
-        noise = of_steps(counts) if position_noise is None and counts is not None else position_noise
+        noise = compute_encoder_noise(counts) if position_noise is None and counts is not None else position_noise
         self._noise_estimator: EncoderNoise | None = None
         if noise is None:
-            noise = of_steps(COUNTS)
+            noise = compute_encoder_noise(COUNTS)
             if smoothing is None:
                 self._noise_estimator = EncoderNoise()
         self._has_estimated_noise = False

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.balance import LEAST_SLOPE
-from estimators.selection.score import log_student, weighted_squares
+from estimators.selection.score import log_student, weigh_squares
 from pendulum_env._typing import Array
 
 LEAST_WEIGHT = -4.0  # log, relative to the largest
@@ -70,7 +70,7 @@ class ForgettingMixture:
         after = y_slope - theta @ slope
         squares = ((y - theta @ phi) / np.maximum(after, LEAST_SLOPE)) ** 2
         each = cap_density(log_student(squares, self._square * variance_ratio), after, density)
-        self._square += (weighted_squares(squares / variance_ratio, self._square) - self._square) / self._memories
+        self._square += (weigh_squares(squares / variance_ratio, self._square) - self._square) / self._memories
         self._square = np.maximum(self._square, 1e-12)
         weight = self._weight + np.concatenate([[density], each])
         mixed = float(np.logaddexp.reduce(weight) - np.logaddexp.reduce(self._weight))

@@ -12,7 +12,7 @@ from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin
 from estimators.online.competitors import ONLINE, Bins, CompetingModels, thin_variants
 from estimators.online.evidence import EProcess, ReferenceDistribution
-from estimators.search_hints import grid, is_possible
+from estimators.search_hints import is_possible, make_grid
 from estimators.selection.score import BLOCK as STRETCH
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -202,7 +202,7 @@ class ModelComparison:
                 continue
             own = bins.at == effect.at
             x, residual = bins.of_joint(effect.at).middle, (base.residual * bins.scale)[own]
-            possible = [term for term in grid(effect, x, residual) if is_possible(term, x)]
+            possible = [term for term in make_grid(effect, x, residual) if is_possible(term, x)]
             fewest = min((len(term.columns) for term in possible), default=0)
             variants = [term for term in possible if len(term.columns) == fewest]  # a batch has as many in all of it
             follows = {s.name: known[s.follows] for s in effect.nonlinear_parameters if s.follows in known}

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from estimators.online.rows import VIEWS, History
-from estimators.schemes.six import Integral, LowPass, Scheme, forgets
+from estimators.schemes.six import Integral, LowPass, Scheme, compute_decay
 from pendulum_env.physics.symbols import names
 
 
@@ -69,7 +69,7 @@ def scheme_equations(
             gate = gate * moving * before["moving"]
         row = apply_gate(views[VIEWS.index(scheme.view)], gate)
         if isinstance(scheme.operator, LowPass):
-            gain = 1.0 - forgets(scheme.operator.cutoff, period)
+            gain = 1.0 - compute_decay(scheme.operator.cutoff, period)
             for stage in range(scheme.operator.order):
                 label = f"filter.{place}.{stage}"
                 before[label] = names(label, width)

@@ -13,13 +13,13 @@ from estimators.regression.gauss_newton import Near, Rule, gauss_newton
 from estimators.regression.least_squares import (
     SOLVER,
     Fit,
-    least_squares,
-    robust_covariance,
+    compute_robust_covariance,
+    find_worst_direction,
     solve_gram,
+    solve_least_squares,
+    solve_within_bounds,
     sum_without_each,
     triangle_of,
-    within_bounds,
-    worst_direction,
 )
 from pendulum_env._typing import Array, Index, Mask
 
@@ -152,7 +152,7 @@ class Balance:
         """Fit parameters (P,) within their bounds, from a start (P,) near them if one is given."""
         free = np.ones(self.phi.shape[1], dtype=bool)
         theta = np.zeros(len(free)) if start is None else start
-        return within_bounds(_without_linear_rows(self)._solve, theta, free, self.least, self.most)[0]
+        return solve_within_bounds(_condense_linear_rows(self)._solve, theta, free, self.least, self.most)[0]
 
     def within(self, least: Array, most: Array) -> Balance:
         """Return the equations with other bounds of the parameters (P,)."""
@@ -160,7 +160,7 @@ class Balance:
 
     def least_squared(self) -> float:
         """Return the squared weighted error of the solution."""
-        small = _without_linear_rows(self)
+        small = _condense_linear_rows(self)
         return float(np.sum((small.weights * small.error(small.solve())) ** 2))
 
     @classmethod
@@ -240,10 +240,10 @@ class Balance:
         free = (theta > self.least) & (theta < self.most)
         own, extra = slopes[:, : len(theta)][:, free], slopes[:, len(theta) :]
         weighted = np.column_stack([own, extra]) * self.weights[:, None]
-        condition, worst = worst_direction(weighted[:, : own.shape[1]])
+        condition, worst = find_worst_direction(weighted[:, : own.shape[1]])
         kept = np.flatnonzero(np.append(free, np.ones(extra.shape[1], dtype=bool)))
         covariance = np.zeros((len(theta) + extra.shape[1],) * 2)
-        covariance[np.ix_(kept, kept)] = robust_covariance(weighted, error * self.weights, clusters)
+        covariance[np.ix_(kept, kept)] = compute_robust_covariance(weighted, error * self.weights, clusters)
         direction = np.zeros(len(theta))
         direction[free] = worst
         return Fit(theta, covariance, error, direction, condition)
@@ -281,7 +281,7 @@ class Balance:
             theta = np.where(plain, 0.0, theta)
             slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE) * self.torque_share
             known = (self.y - self.phi @ theta) * w / slope
-            theta[plain] = least_squares(self.phi[:, plain] * (w / slope)[:, None], known)
+            theta[plain] = solve_least_squares(self.phi[:, plain] * (w / slope)[:, None], known)
         if self.is_linear or not free.any():
             return theta
 
@@ -332,7 +332,7 @@ def condense(balance: Balance, plain: Mask, slopes: Array, target: Array) -> Bal
     return replace(kept, **both)
 
 
-def _without_linear_rows(balance: Balance) -> Balance:
+def _condense_linear_rows(balance: Balance) -> Balance:
     """Return equations with the same solutions, with many linear ones condensed: they need no iteration."""
     if balance.is_linear or np.count_nonzero(plain := find_linear_rows(balance)) <= 2 * balance.phi.shape[1]:
         return balance

@@ -17,7 +17,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from estimators.regression.least_squares import is_converged, least_squares
+from estimators.regression.least_squares import is_converged, solve_least_squares
 from pendulum_env._typing import Array, Mask
 
 Place = TypeVar("Place")
@@ -51,7 +51,7 @@ class Near(Generic[Known]):
         step, free = np.zeros(len(size)), np.ones(len(size), dtype=bool)
         while free.any():
             step[:] = 0.0
-            step[free] = least_squares(rows[:, free], target)
+            step[free] = solve_least_squares(rows[:, free], target)
             out = np.zeros(len(size), dtype=bool)
             if self.at_least is not None and self.at_most is not None:
                 out = (self.at_least & (step < 0)) | (self.at_most & (step > 0))
@@ -119,7 +119,7 @@ def gauss_newton(
     return place
 
 
-def least_of(places: Sequence[Place], costs: Sequence[float] | Array) -> tuple[Place, float]:
+def choose_least(places: Sequence[Place], costs: Sequence[float] | Array) -> tuple[Place, float]:
     """Return the place of least cost, and its cost."""
     k = int(np.argmin(costs))
     return places[k], float(costs[k])

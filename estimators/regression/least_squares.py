@@ -71,15 +71,15 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
             widen the standard errors (and appear after theta in the covariance), but are not solved for.
     """
     phi = equations.phi * weights[:, None]
-    theta = least_squares(phi, equations.y * weights)
+    theta = solve_least_squares(phi, equations.y * weights)
     residual = equations.y - equations.phi @ theta
-    condition, direction = worst_direction(phi)
+    condition, direction = find_worst_direction(phi)
     full = phi if jacobian is None else np.column_stack([phi, jacobian * weights[:, None]])
-    covariance = robust_covariance(full, residual * weights, clusters)
+    covariance = compute_robust_covariance(full, residual * weights, clusters)
     return Fit(theta, covariance, residual, direction, condition)
 
 
-def worst_direction(phi: Array) -> tuple[float, Array]:
+def find_worst_direction(phi: Array) -> tuple[float, Array]:
     """Return condition number and least determined direction (P,) of columns (R, P) scaled to equal length."""
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = 1.0
@@ -101,7 +101,7 @@ def is_converged(residual: Array, change: Array) -> bool:
     return bool(np.linalg.norm(change) * np.sqrt(len(residual)) <= SOLVER.converged * np.linalg.norm(residual))
 
 
-def robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
+def compute_robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
     """Return the covariance (P, P) of least squares with residuals (R,) that may be correlated within clusters.
 
     It is the jackknife's. A parameter that few clusters determine scatters as Student's t: its variance is widened
@@ -111,13 +111,13 @@ def robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
     """
     if len(clusters) and not clusters.any():  # one cluster has no others to be compared with: its residuals have
         clusters = np.arange(len(clusters))
-    covariance, told = jackknife(phi, residual, clusters)
+    covariance, told = compute_jackknife(phi, residual, clusters)
     freedom = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
     wider = scipy.special.stdtrit(np.maximum(freedom, 2.0), 0.975) / scipy.special.ndtri(0.975)
     return np.asarray(covariance * np.outer(wider, wider))
 
 
-def jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Array]:
+def compute_jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Array]:
     """Return the covariance (P, P) by leaving out each of C clusters, and the share of each in every parameter (C, P).
 
     A fit follows the clusters that tell it most, whose residuals then look too small. Each cluster's score is what it
@@ -131,18 +131,18 @@ def jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Arra
     parts = [(phi[rows], residual[rows]) for rows in (clusters == cluster for cluster in range(count))]
     grams = np.array([own.T @ own for own, _ in parts])
     if max(len(own) for own, _ in parts) < len(bread):  # the same by matrices as small as the clusters are
-        alone = np.array([_alone(own, left, np.asarray(bread)) for own, left in parts])
+        alone = np.array([_compute_cluster_score(own, left, np.asarray(bread)) for own, left in parts])
     else:
         scores = np.array([own.T @ left for own, left in parts])
         kept = np.eye(len(bread)) - grams @ bread
-        alone = (_inverses(kept) @ scores[:, :, None])[:, :, 0]
+        alone = (_invert_matrices(kept) @ scores[:, :, None])[:, :, 0]
     told = np.einsum("ij,kji->ki", bread, grams @ bread)
     meat = alone.T @ alone
     covariance = (count - 1) / count * bread @ meat @ bread
     return np.asarray(covariance / np.outer(size, size)), told
 
 
-def _inverses(matrices: Array) -> Array:
+def _invert_matrices(matrices: Array) -> Array:
     """Invert matrices (C, P, P); pseudo-inverses where one may be singular, which take ten times as long."""
     try:
         found = np.linalg.inv(matrices)
@@ -153,13 +153,13 @@ def _inverses(matrices: Array) -> Array:
     return np.asarray(np.linalg.pinv(matrices, rcond=1e-6))
 
 
-def _alone(phi: Array, residual: Array, bread: Array) -> Array:
+def _compute_cluster_score(phi: Array, residual: Array, bread: Array) -> Array:
     """Score (P,) of a cluster's rows (R, P) without its own pull, phi' (I - phi B phi')^-1 e."""
     kept = np.eye(len(phi)) - phi @ bread @ phi.T
     return np.asarray(phi.T @ (np.linalg.pinv(kept, rcond=1e-6, hermitian=True) @ residual))
 
 
-def within_bounds(
+def solve_within_bounds(
     solve: Callable[[Array, Mask], Array], theta: Array, free: Mask, least: Array, most: Array
 ) -> tuple[Array, Mask]:
     """Solve for parameters (P,) within bounds; return them with the mask of those that are not at a bound.
@@ -216,7 +216,7 @@ def solve_within(normal: Array, target: Array, least: Array, most: Array) -> Arr
         theta[free] = np.linalg.solve(normal[np.ix_(free, free)], (target - normal @ theta)[free])
         return theta
 
-    return within_bounds(solve, np.zeros(len(target)), np.ones(len(target), dtype=bool), least, most)[0]
+    return solve_within_bounds(solve, np.zeros(len(target)), np.ones(len(target), dtype=bool), least, most)[0]
 
 
 def weigh_recordings(squares: Array, counts: Index, least: float) -> Array:
@@ -228,7 +228,7 @@ def weigh_recordings(squares: Array, counts: Index, least: float) -> Array:
     return np.where(counts > 0, levels[counts > 0].min() / levels, 0.0)
 
 
-def information(covariance: Array) -> Array:
+def invert_covariance(covariance: Array) -> Array:
     """Return the pseudo-inverse of a covariance (P, P), zero for parameters and directions without variance.
 
     A regression that cannot tell two parameters apart says nothing of their difference.
@@ -244,7 +244,7 @@ def project_out(frame: Array, columns: Array) -> Array:
     return np.asarray(columns - frame @ (frame.T @ columns))
 
 
-def least_squares(phi: Array, y: Array) -> Array:
+def solve_least_squares(phi: Array, y: Array) -> Array:
     """Solve least squares for parameters (P,), with columns scaled to equal length; zero for a column of zeros.
 
     Normal equations lose twice as many digits as the columns are alike by, and are used where that is few.

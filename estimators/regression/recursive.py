@@ -31,12 +31,12 @@ class History(NamedTuple):
         return np.sqrt(np.einsum("kij,kij->ki", self.root, self.root))
 
 
-def evenly(count: int, points: int) -> Index:
+def choose_indices(count: int, points: int) -> Index:
     """Return about `points` evenly spaced indices into `count` equations, the last one included."""
     return np.unique(np.linspace(0, count - 1, min(points, count) + 1).round().astype(np.intp)[1:])
 
 
-def history(equations: Equations, mask: Mask, points: Index, prior: float = PRIOR) -> History:
+def compute_history(equations: Equations, mask: Mask, points: Index, prior: float = PRIOR) -> History:
     """Return the estimates of the recursion, the paper's (6), at `points`, without running it.
 
     The recursion minimises |theta|^2 / prior plus the squared errors so far. Its square root of information R,

@@ -17,7 +17,7 @@ import numpy as np
 
 from estimators.regression.equations import Equations
 from estimators.schemes import six
-from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, increments, means
+from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, average_over_samples, compute_increments
 from estimators.signals.measurements import Measurements, remember
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
@@ -28,36 +28,36 @@ from pendulum_env.physics.term import loads
 Joints = tuple[Measurements, ...]  # of n joints
 
 
-def series(joints: Joints, *names: str) -> tuple[Array, ...]:
+def stack_series(joints: Joints, *names: str) -> tuple[Array, ...]:
     """Stack measured series of all joints, (N, n) each."""
     return tuple(np.column_stack([getattr(m, name) for m in joints]) for name in names)
 
 
-def motion(joints: Joints) -> tuple[Array, ...]:
+def stack_motion(joints: Joints) -> tuple[Array, ...]:
     """Return smoothed position, velocity and acceleration of all joints, (N, n) each."""
-    return series(joints, "position", "velocity", "acceleration")
+    return stack_series(joints, "position", "velocity", "acceleration")
 
 
-def _impulse(joints: Joints, body: Body) -> Array:
-    q, v, _ = motion(joints)
-    return increments(body.momentum(q, v)) / joints[0].period + means(body.exchange(q, v))
+def _compute_impulse(joints: Joints, body: Body) -> Array:
+    q, v, _ = stack_motion(joints)
+    return compute_increments(body.momentum(q, v)) / joints[0].period + average_over_samples(body.exchange(q, v))
 
 
-def _power(joints: Joints, body: Body) -> Array:
-    q, v, _ = motion(joints)
-    return increments(body.stored(q, v))[:, None] / joints[0].period
+def _compute_power(joints: Joints, body: Body) -> Array:
+    q, v, _ = stack_motion(joints)
+    return compute_increments(body.stored(q, v))[:, None] / joints[0].period
 
 
 OF_LINKS: dict[
     str, Callable[[Joints, Body], Array]
 ] = {  # by view: regressor of base parameters (N, n, P), or (N, 1, P)
-    "torque": lambda joints, body: body.torque(*motion(joints)),
-    "impulse": _impulse,
-    "energy": _power,
+    "torque": lambda joints, body: body.torque(*stack_motion(joints)),
+    "impulse": _compute_impulse,
+    "energy": _compute_power,
 }
 
 
-def for_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
+def adapt_to_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
     """Adapt schemes to arms: energy schemes have no guard, since one of many joints is always near a reversal.
 
     Raises:
@@ -71,10 +71,10 @@ def for_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
     return tuple(chosen)
 
 
-ARM_SCHEMES = for_arms(SCHEMES)
+ARM_SCHEMES = adapt_to_arms(SCHEMES)
 
 
-def rows(joints: Joints, terms: Sequence[Term], view: str) -> list[Equations]:
+def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[Equations]:
     """Compute the balances of N samples in the parameters of terms, the links first: one per joint, or one of all."""
     links, *others = terms
     assert isinstance(links, Links)
@@ -90,7 +90,7 @@ def rows(joints: Joints, terms: Sequence[Term], view: str) -> list[Equations]:
     y = np.column_stack([supplied(m) for m in joints])
     for own in others:
         factors = {names.index(joint): factor for joint, factor in loads(own.at).items()}
-        m, place = _along(joints, factors), next(iter(factors))
+        m, place = _combine_measurements(joints, factors), next(iter(factors))
         for column in own.columns:
             values = of_column(m, column)
             for row, factor in ({0: 1.0} if view == "energy" else factors).items():
@@ -103,7 +103,7 @@ def rows(joints: Joints, terms: Sequence[Term], view: str) -> list[Equations]:
     return [Equations(phi[:, k], y[:, k]) for k in range(y.shape[1])]
 
 
-def through(scheme: Scheme, balances: Sequence[Equations], joints: Joints) -> list[Regression]:
+def apply_scheme(scheme: Scheme, balances: Sequence[Equations], joints: Joints) -> list[Regression]:
     """Apply a scheme to the balance of each joint, or to the balance of all."""
     clear = [m.clear(scheme.guard) for m in joints]
     gates = [np.all(clear, axis=0)] if scheme.adds_up else clear
@@ -112,11 +112,11 @@ def through(scheme: Scheme, balances: Sequence[Equations], joints: Joints) -> li
     return [scheme.through(own, scheme.gate(gate, moving), period) for own, gate in zip(balances, gates, strict=True)]
 
 
-def _along(joints: Joints, factors: Mapping[int, float]) -> Measurements:
+def _combine_measurements(joints: Joints, factors: Mapping[int, float]) -> Measurements:
     """Combine measurements of joints by factors; for one joint, return its measurements."""
     first = joints[next(iter(factors))]
     if len(factors) == 1:
         return first
     turns = np.array(list(factors.values()))
-    position, velocity, acceleration = (part[:, list(factors)] @ turns for part in motion(joints))
+    position, velocity, acceleration = (part[:, list(factors)] @ turns for part in stack_motion(joints))
     return replace(first, position=position, velocity=velocity, acceleration=acceleration)

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.checks.torque_constant import widen_by_constant
-from estimators.free_swings import as_read, restore_known
+from estimators.free_swings import remove_unit_inertia, restore_known
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import Fit, least_squares, solve, weigh_recordings
-from estimators.regression.recursive import evenly, history
-from estimators.schemes.balance import Joints, rows, through
+from estimators.regression.least_squares import Fit, solve, solve_least_squares, weigh_recordings
+from estimators.regression.recursive import choose_indices, compute_history
+from estimators.schemes.balance import Joints, apply_scheme, compute_balances
 from estimators.schemes.six import Regression, Regressor, Scheme, give
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.joints import Links
@@ -117,7 +117,7 @@ class Identified:
 
     def per(self, units: JointUnits) -> Identified:
         """Convert the estimates to another joint, or another unit of torque."""
-        model, unit = as_read(self.model.per(units)), units.unit
+        model, unit = remove_unit_inertia(self.model.per(units)), units.unit
         return replace(self, model=model, unit=unit(self.unit), units=tuple(map(unit, self.units)))
 
     def with_known(self, terms: Sequence[Term], recordings: Sequence[Recording]) -> Identified:
@@ -151,7 +151,7 @@ class Identified:
         }
 
 
-def regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Regression]]:
+def make_regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Regression]]:
     """Compute the regression of each joint, or of all joints; balances of an arm are memoised."""
     kept: dict[tuple[int, str], list[Equations]] = {}
 
@@ -160,8 +160,8 @@ def regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Reg
             return [scheme.regression(m, terms) for m in joints]
         key = id(joints), scheme.view
         if key not in kept:
-            kept[key] = rows(joints, terms, scheme.view)
-        return through(scheme, kept[key], joints)
+            kept[key] = compute_balances(joints, terms, scheme.view)
+        return apply_scheme(scheme, kept[key], joints)
 
     return of
 
@@ -179,15 +179,15 @@ def stack(segments: Segments, of: Callable[[Joints], list[Regression]], terms: S
         times.append(seconds + elapsed)
         seconds, first = seconds + float(elapsed[-1]), first + int(cluster[-1]) + 1
     equations = Equations(
-        np.concatenate([_in_turn([own.equations.phi for own in part]) for part in parts]),
-        np.concatenate([_in_turn([own.equations.y for own in part]) for part in parts]),
+        np.concatenate([_interleave_rows([own.equations.phi for own in part]) for part in parts]),
+        np.concatenate([_interleave_rows([own.equations.y for own in part]) for part in parts]),
     )
-    usable = np.concatenate([_in_turn([own.usable for own in part]) for part in parts])
+    usable = np.concatenate([_interleave_rows([own.usable for own in part]) for part in parts])
     recording = np.repeat(np.arange(len(segments)), [sum(len(joints[0]) for joints in own) * count for own in segments])
     joint = np.tile(np.arange(count), len(usable) // count)
     weights = np.ones(len(usable))
     if count > 1:
-        weights[usable] = by_joint(Equations(equations.phi[usable], equations.y[usable]), joint[usable])
+        weights[usable] = weigh_joints(Equations(equations.phi[usable], equations.y[usable]), joint[usable])
     elif len(segments) > 1:
         given = {j: column.least for j, column in enumerate(c for t in terms for c in t.columns) if column.is_known}
         open_to = give(equations, list(given), np.array(list(given.values())))
@@ -200,25 +200,25 @@ def stack(segments: Segments, of: Callable[[Joints], list[Regression]], terms: S
     return Stack(equations, usable, weights, joint, recording, clusters_of, time, starts)
 
 
-def _in_turn(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+def _interleave_rows(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """Interleave the rows of joints (N, ...), so that those of one instant are adjacent (n N, ...)."""
     return parts[0] if len(parts) == 1 else np.stack(parts, axis=1).reshape(-1, *parts[0].shape[1:])
 
 
-def by_joint(equations: Equations, joint: Index) -> Array:
+def weigh_joints(equations: Equations, joint: Index) -> Array:
     """Compute weights (R,) of the rows by the noise of their joints."""
     phi, y = equations.phi, equations.y
-    w = 1.0 / levels(y, joint)[joint]
-    theta = least_squares(phi * w[:, None], y * w)
-    return np.asarray(1.0 / levels(y - phi @ theta, joint)[joint])
+    w = 1.0 / compute_joint_rms(y, joint)[joint]
+    theta = solve_least_squares(phi * w[:, None], y * w)
+    return np.asarray(1.0 / compute_joint_rms(y - phi @ theta, joint)[joint])
 
 
-def levels(values: Array, joint: Index) -> Array:
+def compute_joint_rms(values: Array, joint: Index) -> Array:
     """Compute the root mean square of each joint (n,)."""
     return np.sqrt(np.maximum(np.bincount(joint, values**2) / np.maximum(np.bincount(joint), 1), 1e-24))
 
 
-def fitted(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model | None = None) -> Identified:
+def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model | None = None) -> Identified:
     """Fit the equations: batch estimate with standard errors under correlated residuals, and the recursion.
 
     Args:
@@ -228,7 +228,7 @@ def fitted(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model 
         lender: model whose inertia is given, or all that makes the momentum of an arm; None estimates it.
     """
     columns = [column for term in terms for column in term.columns]
-    loans = {j: lender.estimates[columns[j].name] for j in _of_momentum(terms)} if lender is not None else {}
+    loans = {j: lender.estimates[columns[j].name] for j in _find_momentum_columns(terms)} if lender is not None else {}
     known = {j: Estimate(column.least, 0.0, column.unit) for j, column in enumerate(columns) if column.is_known}
     loans = {j: loan for j, loan in loans.items() if j not in known}
     use = data.usable
@@ -247,35 +247,35 @@ def fitted(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model 
             break
         known |= {j: Estimate(columns[j].nearest(values[j]), 0.0, columns[j].unit) for j in left}  # stays at its bound
     if scheme.drifts:
-        fit = replace(fit, covariance=_random_walk_covariance(equations, data, fit.theta))
+        fit = replace(fit, covariance=_compute_random_walk_covariance(equations, data, fit.theta))
 
     theta, std, count = np.empty(len(columns)), np.empty(len(columns)), len(free)
     theta[free], theta[list(given)] = fit.theta, lent
     std[free], std[list(given)] = fit.std[:count], [estimate.std for estimate in given.values()]
     model = Model.build(terms, theta, std).correlated([columns[j].name for j in free], fit.covariance[:count, :count])
     each = int(data.joint.max()) + 1  # equations of an instant, which the recursion takes one after the other
-    last = (evenly(len(data.time) // each, POINTS) + 1) * each - 1
+    last = (choose_indices(len(data.time) // each, POINTS) + 1) * each - 1
     return Identified(
         scheme=scheme.id,
         model=model_of(model),
-        convergence=_converge(equations, data, fit, free, theta, std, last),
+        convergence=_compute_convergence(equations, data, fit, free, theta, std, last),
         residual_rms=fit.rms,
         unit=scheme.unit,
         condition=fit.condition,
         used=(int(use.sum()), len(use)),
-        residuals=tuple(levels(fit.residual, data.joint[use]).tolist()),
-        units=_units(scheme, terms),
+        residuals=tuple(compute_joint_rms(fit.residual, data.joint[use]).tolist()),
+        units=_list_units(scheme, terms),
     )
 
 
-def _units(scheme: Regressor, terms: Sequence[Term]) -> tuple[str, ...]:
+def _list_units(scheme: Regressor, terms: Sequence[Term]) -> tuple[str, ...]:
     """Return the units of the residuals of the joints, or of their common balance."""
     body = terms[0].mechanism
     is_sum = isinstance(scheme, Scheme) and scheme.adds_up
     return (scheme.unit,) if is_sum else tuple(body.units(at).unit(scheme.unit) for at in body.joints)
 
 
-def _of_momentum(terms: Sequence[Term]) -> list[int]:
+def _find_momentum_columns(terms: Sequence[Term]) -> list[int]:
     """Return the indices of the columns of the momentum."""
     own = [column.mass is not zero for term in terms for column in term.columns]
     if isinstance(terms[0], Links):  # whose columns `Body` has
@@ -285,7 +285,7 @@ def _of_momentum(terms: Sequence[Term]) -> list[int]:
     return np.flatnonzero(own).tolist()
 
 
-def _random_walk_covariance(equations: Equations, data: Stack, theta: Array) -> Array:
+def _compute_random_walk_covariance(equations: Equations, data: Stack, theta: Array) -> Array:
     """Compute the covariance (F, F) of a least-squares fit with errors that are sums of independent increments.
 
     theta - truth = (phi' phi)^-1 sum_k phi_k e_k with e_k = sum_{j <= k} d_j, and so = (phi' phi)^-1 sum_j d_j S_j with
@@ -306,12 +306,12 @@ def _random_walk_covariance(equations: Equations, data: Stack, theta: Array) -> 
     return covariance
 
 
-def _converge(
+def _compute_convergence(
     equations: Equations, data: Stack, fit: Fit, free: Sequence[int], theta: Array, std: Array, points: Index
 ) -> Convergence:
     """Compute the history of the recursion, with P scaled to end at the standard errors of the batch estimate."""
     weighted = Equations(equations.phi * data.weights[:, None], equations.y * data.weights)
-    course = history(weighted, data.usable, points)
+    course = compute_history(weighted, data.usable, points)
     spread = course.std  # (K, F)
     thetas, stds = np.tile(theta, (len(spread), 1)), np.tile(std, (len(spread), 1))
     thetas[:, free] = course.theta

@@ -33,7 +33,7 @@ CONSTANT = 1e-6  # of a torque, by which it may change if it is constant
 PLACES = 50  # instants at which the joints' inertia is looked at
 
 
-def identifiability(
+def find_undetermined(
     measurements: Sequence[Measurements], terms: Sequence[Term], units: JointUnits = TURNING
 ) -> tuple[Finding, ...]:
     """Find the parameters of the terms that recordings together do not determine.
@@ -70,7 +70,10 @@ def identifiability(
         unknown = [not column.is_known for term in terms for column in term.columns]
         phi, acts, names = phi[:, unknown], acts[unknown], list(compress(names, unknown))
     said = {name for doubt in doubts for name in doubt.withheld}
-    return (*doubts, *(doubt for doubt in inseparable(phi, names, acts) if not said.issuperset(doubt.withheld)))
+    return (
+        *doubts,
+        *(doubt for doubt in find_dependent_columns(phi, names, acts) if not said.issuperset(doubt.withheld)),
+    )
 
 
 def find_unidentifiable(
@@ -84,14 +87,14 @@ def find_unidentifiable(
     if not torque.any() and "inertia" in model.estimates:  # a free swing: what accelerates the inertia
         torque = model.estimates["inertia"].value * acceleration
     said = {name for doubt in doubts for name in doubt.withheld}
-    found = [name for name in unidentifiable(model, position, velocity, torque) if name not in said]
+    found = [name for name in find_undetermined_links(model, position, velocity, torque) if name not in said]
     best = ((name, model.estimates[name]) for name in found)
     return tuple(
         Finding(Kind.UNIDENTIFIABLE, {name: Quantity(own.value, own.std, own.unit)}, (name,)) for name, own in best
     )
 
 
-def unidentifiable(model: Model, position: Array, velocity: Array, torque: Array) -> list[str]:
+def find_undetermined_links(model: Model, position: Array, velocity: Array, torque: Array) -> list[str]:
     """Find parameters of links and friction that a model fitted to N samples of n joints (N, n) does not determine.
 
     An error is large if at some joint it is more torque, at the speeds that were seen and at any angle, than was
@@ -104,11 +107,11 @@ def unidentifiable(model: Model, position: Array, velocity: Array, torque: Array
         at = f"@{joint}" if joint else ""
         large |= {f"viscous{at}": most / max(fast, 1e-300), f"coulomb{at}": most}
     if isinstance(model.body, Body):
-        large |= _large_errors_of_links(model, model.body, position, largest)
+        large |= _find_large_errors(model, model.body, position, largest)
     return [name for name, own in model.estimates.items() if name in large and not is_determined(own, large[name])]
 
 
-def _large_errors_of_links(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
+def _find_large_errors(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
     """Find base parameters with large standard errors against torque and inertia of each joint (n,)."""
     seen = position[:: max(1, len(position) // PLACES)]
     units = np.eye(len(body.joints))
@@ -140,7 +143,7 @@ def has_effective_torque(m: Measurements) -> bool:
     return bool(y @ y > 1e-18 * len(y) and left @ left < TELLING.followed * (y @ y))
 
 
-def inseparable(phi: Array, names: Sequence[str], acts: Mask) -> list[Finding]:
+def find_dependent_columns(phi: Array, names: Sequence[str], acts: Mask) -> list[Finding]:
     """Find linearly dependent columns of the regressor (R, P), and columns of zeros (P,).
 
     What acts only where the joint turns round, as a stop does, acts nowhere clear of that.

@@ -10,28 +10,28 @@ from itertools import combinations
 
 import numpy as np
 
-from estimators.arguments import Recordings, Terms, chosen_recordings, chosen_terms, within_limits
-from estimators.checks.closed_loop import feedback
-from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
-from estimators.checks.remedies import far_zero, wrong_columns
-from estimators.checks.torque_constant import with_torque_constant
+from estimators.arguments import Recordings, Terms, apply_limits, select_recordings, select_terms
+from estimators.checks.closed_loop import find_feedback
+from estimators.checks.homogeneity import AGREEMENT, Own, find_disagreements, find_misfits, fit_each_recording
+from estimators.checks.remedies import find_far_zero, find_wrong_columns
+from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import restore_known, swing_terms
+from estimators.free_swings import make_swing_terms, restore_known
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.balance import Joints, for_arms, series
-from estimators.schemes.fitting import Identified, Segments, fitted, regressions, stack
+from estimators.schemes.balance import Joints, adapt_to_arms, stack_series
+from estimators.schemes.fitting import Identified, Segments, fit_equations, make_regressions, stack
 from estimators.schemes.identifiability import (
     CONSTANT,
+    find_dependent_columns,
+    find_undetermined,
+    find_undetermined_links,
     find_unidentifiable,
     has_effective_torque,
-    identifiability,
-    inseparable,
-    unidentifiable,
 )
-from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, chosen_schemes
-from estimators.selection.physical import driving_friction
+from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, select_schemes
+from estimators.selection.physical import find_driving_friction
 from estimators.signals.measurements import Measurements, measure_joints, measure_segments, remember
 from estimators.weak_form.torque_windows import TorqueWindows, prepare
 from pendulum_env._typing import JSON
@@ -104,7 +104,7 @@ class Identification(Mapping[str, Identified]):
         first, *_ = models = [one.model for one in self.schemes.values()]
         disputed = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
         recordings = [] if self.data is None else [w.recording for w in self.data.windows]
-        terms = swing_terms(first.terms, recordings) if recordings else first.terms
+        terms = make_swing_terms(first.terms, recordings) if recordings else first.terms
         unknown = {name for finding in self.findings for name in finding.withheld}
         model = self.fitted(lambda data: fit_terms(RegressionData(data), terms)[0])
         model = restore_known(model, first.terms, recordings) if recordings else model
@@ -125,7 +125,7 @@ class Identification(Mapping[str, Identified]):
                 f"{names}: too little of the motion is clear of stick: record longer or faster motion"
             )
         log_format = next(iter(self.schemes.values())).model.log_format
-        return replace(with_torque_constant(fit(self.data), self.data, fit), log_format=log_format)
+        return replace(add_torque_constant(fit(self.data), self.data, fit), log_format=log_format)
 
     def __repr__(self) -> str:
         count = len(self.recordings)
@@ -181,14 +181,14 @@ def identify(
         TypeError: if something else is given than recordings, terms and schemes.
     """
     check_order("identify(recordings, terms, schemes)", (recordings, Recording), (terms, Term | Model))
-    terms, chosen = chosen_terms(terms), chosen_schemes(schemes)
+    terms, chosen = select_terms(terms), select_schemes(schemes)
     body = body_of(terms)
-    recordings = chosen_recordings(recordings, body=body)
-    terms, _ = within_limits(terms, {}, fixed, bounds)
+    recordings = select_recordings(recordings, body=body)
+    terms, _ = apply_limits(terms, {}, fixed, bounds)
     limits = collect_limits(terms)
     if absent := [name for name in (*(fixed or ()), *(bounds or ())) if name not in limits]:
         raise LimitsError(f"the model has no parameter '{absent[0]}': add its effect to the terms, or leave it out")
-    found = (_of_links if isinstance(body, Body) else _of_one_joint)(recordings, terms, chosen)
+    found = (_identify_arm if isinstance(body, Body) else _identify_joint)(recordings, terms, chosen)
     log_format = format_of(recordings)
     return replace(
         found,
@@ -198,40 +198,40 @@ def identify(
     )
 
 
-def _of_one_joint(
+def _identify_joint(
     recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]
 ) -> Identification:
     """Identify one joint, whose torque constant may be unknown."""
     given = FitData.of(recordings, terms=terms)
     recordings, original = given.recordings, terms
-    terms = swing_terms(original, recordings)
+    terms = make_swing_terms(original, recordings)
     segments = _measure_joints(recordings, terms)
     measurements = [m for own in segments for (m,) in own]
     if not (all(own.is_free for own in recordings) or any(has_effective_torque(m) for m in measurements)):
-        raise IdentificationError(f"{_names(recordings)}: {_undriven(recordings)}")
-    chosen, slowed = _at_rate(schemes, segments)
-    doubts = (*identifiability(measurements, terms, recordings[0].units), *slowed)
-    results = _by_schemes(chosen, segments, terms, recordings, regressions(terms))
+        raise IdentificationError(f"{_join_names(recordings)}: {_describe_undriven_torque(recordings)}")
+    chosen, slowed = _limit_filters(schemes, segments)
+    doubts = (*find_undetermined(measurements, terms, recordings[0].units), *slowed)
+    results = _fit_schemes(chosen, segments, terms, recordings, make_regressions(terms))
     first = next(iter(results.values())).model
     if given.constant is not None:
         larger = 1 + given.constant.std / given.constant.value
         moved = [replace(one, torque=larger * one.torque) if one.torque_constant else one for one in recordings]
-        there = _by_schemes(chosen, _measure_joints(moved, terms), terms, recordings, regressions(terms))
+        there = _fit_schemes(chosen, _measure_joints(moved, terms), terms, recordings, make_regressions(terms))
         results = {id: own.calibrated(given.constant, there[id].model) for id, own in results.items()}
     else:
         results = {id: own.per(recordings[0].units).with_known(original, recordings) for id, own in results.items()}
-    results, doubts = _withheld(results, measurements, doubts)
-    mistakes = wrong_columns(first, recordings)
+    results, doubts = _withhold_estimates(results, measurements, doubts)
+    mistakes = find_wrong_columns(first, recordings)
     data = None
     with suppress(IdentificationError):  # windows need more motion than some schemes
         data = prepare(recordings)
-        mistakes = mistakes or far_zero(data, terms, recordings)
-    mistakes = mistakes or driving_friction(first)
+        mistakes = mistakes or find_far_zero(data, terms, recordings)
+    mistakes = mistakes or find_driving_friction(first)
     with suppress(IdentificationError):
         if data is not None:
-            mistakes = [*mistakes, *_mistakes(given, own_fits([data], terms), terms)]
+            mistakes = [*mistakes, *_check_recordings(given, fit_each_recording([data], terms), terms)]
             if not mistakes:
-                mistakes, results = _missing(results, RegressionData(data), terms)
+                mistakes, results = _check_completeness(results, RegressionData(data), terms)
     unknown = (given.doubt,) if given.doubt is not None else ()
     ends = tuple(np.cumsum([sum(len(m) * m.period for (m,) in own) for own in segments]).tolist())
     return Identification(
@@ -245,7 +245,7 @@ def _of_one_joint(
     )
 
 
-def _undriven(recordings: Sequence[Recording]) -> str:
+def _describe_undriven_torque(recordings: Sequence[Recording]) -> str:
     """Describe torque that the motion does not follow, with the option that leaves it out."""
     column = "torque" if any(own.torque.any() for own in recordings) else "load_torque"
     series = [values for own in recordings if (values := getattr(own, column)) is not None]
@@ -257,37 +257,39 @@ def _undriven(recordings: Sequence[Recording]) -> str:
     )
 
 
-def _of_links(recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]) -> Identification:
+def _identify_arm(
+    recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]
+) -> Identification:
     """Identify an arm, whose first term is its links."""
     segments = [measure_joints(recording.joints) for recording in recordings]
     measured = [joints for own in segments for joints in own]
     for k, joint in enumerate(terms[0].mechanism.joints):
         if not any(joints[k].moving.any() for joints in measured):
             raise IdentificationError(
-                f"{_names(recordings)}: joint '{joint}' never moves: record with all joints moving"
+                f"{_join_names(recordings)}: joint '{joint}' never moves: record with all joints moving"
             )
-    chosen, slowed = _at_rate(for_arms(schemes), segments)
-    of = regressions(terms)
-    results = _by_schemes(chosen, segments, terms, recordings, of)
+    chosen, slowed = _limit_filters(adapt_to_arms(schemes), segments)
+    of = make_regressions(terms)
+    results = _fit_schemes(chosen, segments, terms, recordings, of)
     first = stack(segments, partial(of, chosen[0]))
     phi, columns = first.equations.phi, [column.name for term in terms for column in term.columns]
-    doubts = [*slowed, *inseparable(phi[first.usable], columns, np.any(phi, axis=0))]
-    parts = [series(joints, "position", "velocity", "held") for joints in measured]
+    doubts = [*slowed, *find_dependent_columns(phi[first.usable], columns, np.any(phi, axis=0))]
+    parts = [stack_series(joints, "position", "velocity", "held") for joints in measured]
     seen = [np.concatenate(each) for each in zip(*parts, strict=True)]
     alike = {name for doubt in doubts for name in doubt.withheld}
-    unknown = {id: frozenset(unidentifiable(one.model, *seen)) for id, one in results.items()}
+    unknown = {id: frozenset(find_undetermined_links(one.model, *seen)) for id, one in results.items()}
     if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
         doubts.append(Finding(Kind.UNIDENTIFIABLE, parameters=tuple(alone)))
     results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
-    doubts += driving_friction(next(iter(results.values())).model)
+    doubts += find_driving_friction(next(iter(results.values())).model)
     with suppress(IdentificationError):
         prepared = RegressionData.of_arm(recordings, terms)
-        missing, results = _missing(results, prepared, terms)
+        missing, results = _check_completeness(results, prepared, terms)
         doubts += missing
     return Identification(results, tuple(doubts), tuple(recording.name for recording in recordings))
 
 
-def _names(recordings: Sequence[Recording]) -> str:
+def _join_names(recordings: Sequence[Recording]) -> str:
     return ", ".join(recording.name for recording in recordings)
 
 
@@ -296,16 +298,18 @@ def _measure_joints(recordings: Sequence[Recording], terms: Sequence[Term]) -> S
     return [[(remember(m, terms),) for m in measure_segments(recording)] for recording in recordings]
 
 
-def _at_rate(schemes: Sequence[Regressor], segments: Segments) -> tuple[tuple[Regressor, ...], tuple[Finding, ...]]:
+def _limit_filters(
+    schemes: Sequence[Regressor], segments: Segments
+) -> tuple[tuple[Regressor, ...], tuple[Finding, ...]]:
     """Limit the filters of schemes to the sampling rate, and return a finding on each limited filter."""
     rate = min(joints[0].rate for own in segments for joints in own)
-    slowed = tuple(_slowed(scheme, rate) for scheme in schemes)
+    slowed = tuple(_slow_filter(scheme, rate) for scheme in schemes)
     if slowed == tuple(schemes):
         return slowed, ()
     return slowed, (Finding(Kind.FILTER_SLOWED, {"rate": Quantity(rate, unit="Hz")}),)
 
 
-def _withheld(
+def _withhold_estimates(
     results: dict[str, Identified], measurements: Sequence[Measurements], doubts: tuple[Finding, ...]
 ) -> tuple[dict[str, Identified], tuple[Finding, ...]]:
     """Remove estimates that the recordings do not determine, and return findings on them.
@@ -320,7 +324,7 @@ def _withheld(
     return {id: replace(own, model=own.model.withholding(known | unsaid[id])) for id, own in results.items()}, doubts
 
 
-def _by_schemes(
+def _fit_schemes(
     schemes: Sequence[Regressor],
     segments: Segments,
     terms: Sequence[Term],
@@ -328,7 +332,7 @@ def _by_schemes(
     of: Callable[[Regressor, Joints], list[Regression]],
 ) -> dict[str, Identified]:
     """Fit each scheme to the segments of recordings; `of` makes regressions, see `regressions`."""
-    joints, names = terms[0].mechanism.joints, _names(recordings)
+    joints, names = terms[0].mechanism.joints, _join_names(recordings)
     results: dict[str, Identified] = {}
     for scheme in schemes:
         data = stack(segments, partial(of, scheme), terms)
@@ -346,23 +350,23 @@ def _by_schemes(
         if scheme.borrows is not None and scheme.borrows not in results:
             raise ValueError(f"{scheme.id} borrows from {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
-        results[scheme.id] = fitted(scheme, data, terms, lender)
+        results[scheme.id] = fit_equations(scheme, data, terms, lender)
     return results
 
 
-def _mistakes(given: FitData, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:
+def _check_recordings(given: FitData, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:
     """Check the recordings: timing of torque, feedback, agreement."""
     timed = given.timed()
     return [
         *timed.timing(True),
-        *feedback(given.recordings),
+        *find_feedback(given.recordings),
         *(timed.timing(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
-        *(one.finding for one in disagreements(fits, only_if_all_fit=True)),
-        *(one.finding for one in misfits(fits)),
+        *(one.finding for one in find_disagreements(fits, only_if_all_fit=True)),
+        *(one.finding for one in find_misfits(fits)),
     ]
 
 
-def _missing(
+def _check_completeness(
     results: dict[str, Identified], prepared: RegressionData, terms: Sequence[Term]
 ) -> tuple[list[Finding], dict[str, Identified]]:
     """Test whether the terms explain the recordings: by the residual, and by the agreement of the schemes.
@@ -378,7 +382,7 @@ def _missing(
     left = prepared.joint_errors(prepared.residual(terms))
     least = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in left}
     times = {at: error / max(floors[at], 1e-300) for at, error in left.items() if error > least[at]}
-    gaps = sorted(_gaps(list(results.values())))
+    gaps = sorted(_compute_scheme_differences(list(results.values())))
     disputed = {name: gap for gap, name in gaps if gap > APART}  # of each name the largest
     numbers = {"residual": Quantity(max(times.values()))} if times else {}
     numbers |= {"disagreement": Quantity(max(disputed.values()))} if disputed else {}
@@ -391,7 +395,7 @@ def _missing(
     return [Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], marked
 
 
-def _gaps(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
+def _compute_scheme_differences(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
     """Compute the largest difference of two schemes in a parameter, in standard errors, and its name."""
     for one, other in combinations(results, 2):
         for name in one.model.estimates.keys() - one.withheld - other.withheld:
@@ -401,7 +405,7 @@ def _gaps(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
                 yield gap / float(np.hypot(first.std, second.std)), name
 
 
-def _slowed(scheme: Regressor, rate: float) -> Regressor:
+def _slow_filter(scheme: Regressor, rate: float) -> Regressor:
     """Limit the filter of a scheme to one radian per sample if it is above the Nyquist frequency."""
     operator = scheme.operator if isinstance(scheme, Scheme) else None
     if isinstance(operator, LowPass) and operator.cutoff >= np.pi * rate:

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from estimators.arguments import listed
+from estimators.arguments import convert_to_tuple
 from estimators.regression.equations import Equations
 from estimators.signals.measurements import Measurements, remember
 from pendulum_env._typing import Array, Mask
@@ -75,43 +75,43 @@ class Regressor(Protocol):
 # ------------------------------------------------------------------------------------- three views of a column
 
 
-def torque_view(m: Measurements, column: Column) -> Array:
+def compute_torque_view(m: Measurements, column: Column) -> Array:
     """Compute the torque at the instants per unit of the parameter, mass q'' + force + dry sgn q' (N,)."""
     return np.broadcast_to(np.asarray(column.torque(m.samples, m.acceleration), dtype=float), m.time.shape)
 
 
-def impulse_view(m: Measurements, column: Column) -> Array:
+def compute_impulse_view(m: Measurements, column: Column) -> Array:
     """Compute the mean torque over the sample before, (mass dq' + integral of force + dry sgn q') / period (N,)."""
     x = m.samples
-    momentum = mean_over_sample(column.mass(x), m) * increments(m.velocity)
-    return momentum / m.period + mean_over_sample(column.force(x) + column.dry(x) * np.sign(m.velocity), m)
+    momentum = average_over_sample(column.mass(x), m) * compute_increments(m.velocity)
+    return momentum / m.period + average_over_sample(column.force(x) + column.dry(x) * np.sign(m.velocity), m)
 
 
-def energy_view(m: Measurements, column: Column) -> Array:
+def compute_energy_view(m: Measurements, column: Column) -> Array:
     """Compute the mean power over the sample before, (mass d(q'^2 / 2) + dU + dissipated work) / period (N,)."""
     x = m.samples
-    stored = mean_over_sample(column.mass(x), m) * increments(0.5 * m.velocity**2)
+    stored = average_over_sample(column.mass(x), m) * compute_increments(0.5 * m.velocity**2)
     if column.potential is not None:
-        stored = stored + increments(column.potential(x) * np.ones(len(m)))
-    return stored / m.period + mean_over_sample(column.power(x), m)
+        stored = stored + compute_increments(column.potential(x) * np.ones(len(m)))
+    return stored / m.period + average_over_sample(column.power(x), m)
 
 
-def supply(m: Measurements) -> Array:
+def compute_supply(m: Measurements) -> Array:
     """Compute the mean power of the held torque over the sample before each instant (N,) [W]."""
-    return m.held * increments(m.position) / m.period
+    return m.held * compute_increments(m.position) / m.period
 
 
-def increments(values: Array) -> Array:
+def compute_increments(values: Array) -> Array:
     """Compute the increments up to each sample (N, ...); the first is 0."""
     return np.diff(values, axis=0, prepend=values[:1])
 
 
-def mean_over_sample(values: Array | float, m: Measurements) -> Array:
-    """Average over the sample before each instant (N,), see `means`."""
-    return np.full(len(m), float(values)) if np.ndim(values) == 0 else means(np.asarray(values))
+def average_over_sample(values: Array | float, m: Measurements) -> Array:
+    """Average over the sample before each instant (N,), see `average_over_samples`."""
+    return np.full(len(m), float(values)) if np.ndim(values) == 0 else average_over_samples(np.asarray(values))
 
 
-def means(f: Array) -> Array:
+def average_over_samples(f: Array) -> Array:
     """Average over samples before instants (N, ...): (-f[k-2] + 13 f[k-1] + 13 f[k] - f[k+1]) / 24."""
     mean = np.empty_like(f)
     mean[2:-1] = (13 * (f[1:-2] + f[2:-1]) - (f[:-3] + f[3:])) / 24
@@ -120,9 +120,9 @@ def means(f: Array) -> Array:
 
 
 VIEWS: dict[str, tuple[View, Callable[[Measurements], Array]]] = {  # of a column, and of what the motor supplies (N,)
-    "torque": (torque_view, lambda m: m.torque),
-    "impulse": (impulse_view, lambda m: m.held),
-    "energy": (energy_view, supply),
+    "torque": (compute_torque_view, lambda m: m.torque),
+    "impulse": (compute_impulse_view, lambda m: m.held),
+    "energy": (compute_energy_view, compute_supply),
 }
 
 
@@ -132,7 +132,7 @@ def give(equations: Equations, columns: Sequence[int], theta: Array) -> Equation
     return Equations(np.delete(equations.phi, known, axis=1), equations.y - equations.phi[:, known] @ theta)
 
 
-def exponential_average(series: Array, cutoff: float, period: float, order: int = 1) -> Array:
+def apply_low_pass(series: Array, cutoff: float, period: float, order: int = 1) -> Array:
     """Apply F = (lambda / (s + lambda))^order to mean values per sample, (N,) or (N, P), from rest.
 
     F[k] = a F[k-1] + (1 - a) x[k] with a = (2 - lambda T) / (2 + lambda T): the bilinear rule, applied to the running
@@ -141,13 +141,13 @@ def exponential_average(series: Array, cutoff: float, period: float, order: int 
     Raises:
         ValueError: if lambda is beyond the Nyquist frequency.
     """
-    a = forgets(cutoff, period)
+    a = compute_decay(cutoff, period)
     for _ in range(order):
         series = lag(series, a)
     return series
 
 
-def forgets(cutoff: float, period: float) -> float:
+def compute_decay(cutoff: float, period: float) -> float:
     """Compute the decay of F over a sample.
 
     Raises:
@@ -177,7 +177,7 @@ class LowPass:
     def __call__(self, equations: Equations, gate: Mask, period: float) -> Regression:
         """The gated balance behind F."""
         both = np.column_stack([equations.phi, equations.y]) * gate[:, None]
-        both = exponential_average(both, self.cutoff, period, self.order)
+        both = apply_low_pass(both, self.cutoff, period, self.order)
         return Regression(Equations(both[:, :-1], both[:, -1]), gate)
 
 
@@ -300,7 +300,7 @@ PAPER: tuple[Scheme, ...] = (
 )
 
 
-def chosen_schemes(given: str | Sequence[str | Regressor]) -> tuple[Regressor, ...]:
+def select_schemes(given: str | Sequence[str | Regressor]) -> tuple[Regressor, ...]:
     """Return schemes by object or id; "all" for the six.
 
     Raises:
@@ -309,7 +309,7 @@ def chosen_schemes(given: str | Sequence[str | Regressor]) -> tuple[Regressor, .
     """
     if isinstance(given, str) and given == "all":
         return SCHEMES
-    chosen = tuple(scheme(item) if isinstance(item, str) else item for item in listed(given))
+    chosen = tuple(scheme(item) if isinstance(item, str) else item for item in convert_to_tuple(given))
     for item in chosen:
         if isinstance(item, type) or not hasattr(item, "regression"):
             raise TypeError(

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.data.rows import ScoredTerms
-from estimators.search_hints import hints_of, is_possible
+from estimators.search_hints import find_hints, is_possible
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.gates import Gate
 from estimators.selection.residuals import Terms
@@ -36,7 +36,7 @@ def screen_library(evaluator: ModelEvaluator, terms: Terms, excluded: Collection
     missing.sort(key=lambda effect: effect.kind == "transmission")
     found: dict[str, Screened] = {}
     for done, effect in enumerate(missing):
-        gate = _gate_of_transmission(evaluator, terms, found) if effect.kind == "transmission" else None
+        gate = _make_transmission_gate(evaluator, terms, found) if effect.kind == "transmission" else None
         if gate is not None:
             found[effect.id] = Screened(None, (gate,))
             continue
@@ -49,7 +49,7 @@ def screen_library(evaluator: ModelEvaluator, terms: Terms, excluded: Collection
     return found
 
 
-def _gate_of_transmission(evaluator: ModelEvaluator, terms: Terms, found: dict[str, Screened]) -> Gate | None:
+def _make_transmission_gate(evaluator: ModelEvaluator, terms: Terms, found: dict[str, Screened]) -> Gate | None:
     """Return the gate that keeps a transmission from being tried; None if it is tried.
 
     A joint has one transmission. In a search by torque, a transmission is the first effect, and it is not tried where
@@ -70,7 +70,7 @@ def _gate_of_transmission(evaluator: ModelEvaluator, terms: Terms, found: dict[s
 
 def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
     """Return the best variant of an effect; with little gain or share, only the best of a coarse grid."""
-    if not hints_of(effect).multimodal:
+    if not find_hints(effect).multimodal:
         ranked = evaluator.train.ranked(terms, effect)
         if not ranked:
             return None
@@ -80,10 +80,10 @@ def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -
             or evaluator.residuals.explained_share(ranked[0].terms, terms) < evaluator.criterion.coarse_share
         ):
             return ranked[0]
-    return best_variant(evaluator, terms, effect)
+    return find_best_variant(evaluator, terms, effect)
 
 
-def best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
+def find_best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
     """Return the best variant of an effect, with as few free nonlinear parameters as the data allow; None without any.
 
     A variant that needs negative gravity is replaced by the next one that does not.
@@ -97,7 +97,7 @@ def best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) ->
     }
 
     def turns_gravity(trial: ScoredTerms) -> bool:
-        return [*gravity] == ["gravity"] and gravity["gravity"] * _gravity(evaluator, trial) < 0
+        return [*gravity] == ["gravity"] and gravity["gravity"] * _get_gravity(evaluator, trial) < 0
 
     for trial in others:
         if evaluator.is_significant(trial.terms, simplest.terms) or (
@@ -107,7 +107,7 @@ def best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) ->
     return simplest
 
 
-def _gravity(evaluator: ModelEvaluator, trial: ScoredTerms) -> float:
+def _get_gravity(evaluator: ModelEvaluator, trial: ScoredTerms) -> float:
     return evaluator.model(trial.terms).estimates["gravity"].value
 
 

@@ -69,7 +69,7 @@ class Errors:
 
     def at(self, joint: str) -> float:
         """Return the torque error at a joint [N m], or the error in the loop [rad]."""
-        return self.in_loop if self.is_in_loop else error_at(self.joints, joint, self.torque_rms)
+        return self.in_loop if self.is_in_loop else get_error_at(self.joints, joint, self.torque_rms)
 
     @property
     def _totals(self) -> dict[str, float]:
@@ -83,13 +83,13 @@ class Errors:
         return {**self._totals, "joints": joints}
 
 
-def error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:
+def get_error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:
     """Return the root mean square of the errors of the joints that a term loads [N m]."""
     own = [joints[joint] for joint in loads(at) if joint in joints]
     return float(np.sqrt(np.mean(np.square(own)))) if own else otherwise
 
 
-def of_one(floors: Mapping[str, float]) -> float:
+def get_single(floors: Mapping[str, float]) -> float:
     """Return the noise floor of a single joint [N m]; NaN for several joints."""
     return next(iter(floors.values())) if len(floors) == 1 else np.nan
 

@@ -13,9 +13,9 @@ from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step
 from estimators.selection.gates import Gate
-from estimators.selection.physical import confirmation_gates, violations
-from estimators.selection.residuals import Residuals, Terms, with_time_grid
-from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_validated, predicted
+from estimators.selection.physical import find_violations, make_confirmation_gates
+from estimators.selection.residuals import Residuals, Terms, set_time_grid
+from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_validated, predict_density
 from estimators.simulation import output_error
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
@@ -60,8 +60,8 @@ class ModelEvaluator:
         known = ids(self.base)
         self.tables = [table for table in self.tables if table.id not in known]
         self.residuals = Residuals(self.train, self.holdout, self.criterion, self.base)
-        self._blocks = [_blocks(part, BLOCK) for part in self.parts]
-        self._pieces = [_blocks(part, self.criterion.drift_piece) for part in self.parts]
+        self._blocks = [_make_blocks(part, BLOCK) for part in self.parts]
+        self._pieces = [_make_blocks(part, self.criterion.drift_piece) for part in self.parts]
         self._unknown = self._find_unknown()
         self._in_motion: dict[Terms, Step] = {}
         first, second = (blocks.of_block for blocks in self._blocks)
@@ -84,7 +84,7 @@ class ModelEvaluator:
         fitted, unseen = (part.equations(terms, by_noise=True).unfiltered for part in self.parts)
         if fitted is not None and unseen is not None:
             known = replace(fitted, weights=self.train.equations(terms).weights)
-            recorded = np.concatenate([cross_validated(known, first), predicted(known.solve(), unseen, second)])
+            recorded = np.concatenate([cross_validated(known, first), predict_density(known.solve(), unseen, second)])
             for lag in (term for term in terms if term.lead):
                 without = tuple(other for other in terms if other is not lag)
                 several = any(other.lead for other in without)
@@ -111,7 +111,7 @@ class ModelEvaluator:
         return np.concatenate(
             [
                 cross_validated(self.train.equations(terms), first, absorbed[0], theta),
-                predicted(theta, self.holdout.equations(terms, by_noise=True), second, absorbed[1]),
+                predict_density(theta, self.holdout.equations(terms, by_noise=True), second, absorbed[1]),
             ]
         )
 
@@ -123,7 +123,7 @@ class ModelEvaluator:
         """
         parts = []
         for part, pieces in zip(self.parts, self._pieces, strict=True):
-            own = with_time_grid(part, terms)
+            own = set_time_grid(part, terms)
             parts.append(cross_validated(part.equations(own), pieces, part.absorbed_noise(own)))
         return np.concatenate(parts)
 
@@ -239,18 +239,18 @@ class ModelEvaluator:
             return step  # a simulation from an unknown state of the link soon diverges
         if step.model.terms not in self._in_motion:
             point = output_error.fit(self.train.segments, Point.of(step.model))
-            refined = output_error.model(self.train.segments, point)
+            refined = output_error.make_model(self.train.segments, point)
             self._in_motion[step.model.terms] = self.make_step(step.added, refined)
         return replace(self._in_motion[step.model.terms], added=step.added)
 
     def violations(self, terms: Terms) -> list[Gate]:
         """Return the physical bounds that the effects among the terms violate at their own joints."""
         where = {joint for term in terms[len(self.base) :] for joint in loads(term.at)}
-        return violations(self.model(terms), {at: x for at, x in self.train.motions.items() if at in where})
+        return find_violations(self.model(terms), {at: x for at, x in self.train.motions.items() if at in where})
 
     def is_confirmed(self, after: Step, before: Step) -> bool:
         """Return whether both held-out errors fall and the parameters are physically possible."""
-        return all(gate.passed for gate in confirmation_gates(after, before, self.train.motions))
+        return all(gate.passed for gate in make_confirmation_gates(after, before, self.train.motions))
 
     def lowers_errors(self, after: Terms, before: Terms) -> bool:
         """Return whether both held-out errors fall, with the parameters fitted to the torque or else to the motion."""
@@ -260,15 +260,15 @@ class ModelEvaluator:
     @property
     def cost_with_link(self) -> float:
         """Held-out cost of the model by which the link's state is estimated."""
-        return np.inf if self.linked is None else held_out_cost(self.linked)
+        return np.inf if self.linked is None else compute_held_out_cost(self.linked)
 
 
-def _blocks(part: RegressionData, length: float) -> Blocks:
+def _make_blocks(part: RegressionData, length: float) -> Blocks:
     """Return blocks of some data, with folds of pieces of a length [s]."""
     return Blocks(*part.layout.blocks(BLOCK), part.layout.blocks(length)[0])
 
 
-def held_out_cost(step: Step) -> float:
+def compute_held_out_cost(step: Step) -> float:
     """Return the product of both held-out errors [N m rad]; of joints the mean of the torque, in the loop its error.
 
     A model is better where one error falls by a larger factor than the other rises; the mean is geometric.

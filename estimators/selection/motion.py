@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step
-from estimators.selection.evaluator import ModelEvaluator, held_out_cost
+from estimators.selection.evaluator import ModelEvaluator, compute_held_out_cost
 from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import Segments, choose_segments
@@ -28,7 +28,7 @@ def refit_if_misfit(found: SearchResult) -> SearchResult:
     if not (is_misfit(evaluator, last) or any(has_bristles(term) for term in last.model.terms)):
         return found
     evaluator.progress("fitting the segments", 0.9)
-    refined = min(last, evaluator.refit_to_motion(last), key=held_out_cost)
+    refined = min(last, evaluator.refit_to_motion(last), key=compute_held_out_cost)
     if others and not evaluator.is_confirmed(refined, others[-1]):
         return found
     return replace(found, steps=[*others, refined])
@@ -43,13 +43,13 @@ def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
     segments, point = evaluator.train.segments, Point.of(step.model)
     if not errs_by_more_than_noise(segments, step, evaluator.criterion):
         return False
-    noise = max(_accuracy(segments, evaluator.criterion), output_error.noise(segments, point))
-    return output_error.rms(segments, point) > evaluator.criterion.misfit * noise
+    noise = max(_accuracy(segments, evaluator.criterion), output_error.compute_torque_noise_rms(segments, point))
+    return output_error.compute_rms(segments, point) > evaluator.criterion.misfit * noise
 
 
 def errs_by_more_than_noise(segments: Sequence[Segments], step: Step, criterion: Criterion) -> bool:
     """Return whether the error of fitted segments is much larger than noise of torque and initial state makes it."""
-    noise = max(_accuracy(segments, criterion), output_error.position_noise(segments, Point.of(step.model)))
+    noise = max(_accuracy(segments, criterion), output_error.compute_noise_rms(segments, Point.of(step.model)))
     return step.errors["train"].position_rms > criterion.misfit * noise
 
 
@@ -73,13 +73,13 @@ def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> 
     if has_link(last.model.terms):
         known = evaluator.linked
         if known is not None and known.model.terms == last.model.terms:
-            found = min(last, known, key=held_out_cost)
+            found = min(last, known, key=compute_held_out_cost)
         else:
-            found = _with_link(evaluator, last, start or last.model)
+            found = _refit_with_link(evaluator, last, start or last.model)
         # windows take the motion of the link for granted, which its parameters have made
-        found = replace(found, model=multiple_shooting.with_errors(evaluator.train.data.windows, found.model))
+        found = replace(found, model=multiple_shooting.add_standard_errors(evaluator.train.data.windows, found.model))
     elif evaluator.residuals.is_noise(last.model.terms):
-        found = _by_likelihood(evaluator, last)
+        found = _refit_by_likelihood(evaluator, last)
     else:
         return selection
     if others and not evaluator.is_confirmed(found, others[-1]):
@@ -87,15 +87,15 @@ def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> 
     return replace(selection, steps=[*others, found])
 
 
-def _by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:
+def _refit_by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:
     """Return the maximum-likelihood model, if its standard errors and held-out innovations are no larger."""
     start = Point.of(last.model)
     segments, checks = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in evaluator.parts)
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
-    found = evaluator.make_step(last.added, output_error.maximum_likelihood(segments, start))
-    filters = output_error.innovations(checks, start)
-    old, new = (output_error.rms(checks, point, filters=filters) for point in (start, Point.of(found.model)))
+    found = evaluator.make_step(last.added, output_error.fit_maximum_likelihood(segments, start))
+    filters = output_error.make_innovations(checks, start)
+    old, new = (output_error.compute_rms(checks, point, filters=filters) for point in (start, Point.of(found.model)))
     return found if new <= old and _has_smaller_std(found, last) else last
 
 
@@ -106,10 +106,10 @@ def _has_smaller_std(one: Step, other: Step) -> bool:
     return len(free) > 0 and float(np.mean(np.log(free[:, 0] / free[:, 1]))) < 0
 
 
-def _with_link(evaluator: ModelEvaluator, last: Step, start: Model) -> Step:
+def _refit_with_link(evaluator: ModelEvaluator, last: Step, start: Model) -> Step:
     """Refit the step together with the states of its link, if that lowers held-out errors."""
     shot = multiple_shooting.estimate(evaluator.train.data.windows, start)
     tried = [shot, *([start] if start is not last.model else [])]
     steps = [evaluator.make_step(last.added, model) for model in tried]
     no_worse = [step for step in steps if step.errors["holdout"].torque_rms <= last.errors["holdout"].torque_rms]
-    return min(last, *no_worse, key=held_out_cost) if no_worse else last
+    return min(last, *no_worse, key=compute_held_out_cost) if no_worse else last

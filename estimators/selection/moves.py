@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from estimators.selection.candidates import (
-    best_variant,
+    find_best_variant,
     parts_of,
     refine_parameters,
     refit_nonlinear,
@@ -14,7 +14,7 @@ from estimators.selection.candidates import (
     screen_effects,
     screen_replacements,
 )
-from estimators.selection.evaluator import ModelEvaluator, held_out_cost
+from estimators.selection.evaluator import ModelEvaluator, compute_held_out_cost
 from estimators.selection.residuals import Terms
 from estimators.simulation import multiple_shooting
 from estimators.weak_form.nonlinear import reset
@@ -58,7 +58,7 @@ class SearchState:
         return self.with_terms(refit_nonlinear(self.evaluator, terms))
 
 
-def without(terms: Terms, term: Term) -> Terms:
+def remove_term(terms: Terms, term: Term) -> Terms:
     """Return the terms without one of them."""
     return tuple(other for other in terms if other is not term)
 
@@ -99,7 +99,7 @@ def improves_form(evaluator: ModelEvaluator, longer: Terms, terms: Terms) -> boo
         return False
     (effect,) = (term for term in longer if term.id in changed)
     after, before = (evaluator.fit(None, one).errors["holdout"].at(effect.at) for one in (longer, terms))
-    return after < before and evaluator.lowers_errors(longer, without(longer, effect))
+    return after < before and evaluator.lowers_errors(longer, remove_term(longer, effect))
 
 
 def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
@@ -138,7 +138,9 @@ def add_link(state: SearchState, longer: Terms) -> SearchState | None:
     if found is None or found.is_noise:
         return found
     kinds = [kind for kind in evaluator.library.values() if kind.link and kind.id != longer[-1].id]
-    trials = [trial.terms for trial in (best_variant(evaluator, terms, kind) for kind in kinds) if trial is not None]
+    trials = [
+        trial.terms for trial in (find_best_variant(evaluator, terms, kind) for kind in kinds) if trial is not None
+    ]
     for alone in (longer, *trials):
         trials += [more for more in screen_effects(evaluator, alone)[:1] if evaluator.is_significant(more, alone)]
     others = [fit_link_states(state, trial) for trial in trials]
@@ -156,9 +158,9 @@ def fit_link_states(state: SearchState, longer: Terms) -> SearchState | None:
     evaluator.progress(f"fitting the states of {step.added}", 0.9)
     shot = evaluator.make_step(step.added, multiple_shooting.estimate(evaluator.train.data.windows, step.model))
     found = [one for one in (shot, step) if evaluator.is_confirmed(one, before)]
-    if not found or held_out_cost(found[0]) >= held_out_cost(evaluator.refit_to_motion(before)):
+    if not found or compute_held_out_cost(found[0]) >= compute_held_out_cost(evaluator.refit_to_motion(before)):
         return None
-    linked = min(found, key=held_out_cost)
+    linked = min(found, key=compute_held_out_cost)
     return replace(state, evaluator=evaluator.with_link(linked), terms=linked.model.terms)
 
 
@@ -184,7 +186,7 @@ def drop_effect(state: SearchState) -> SearchState | None:
         for old in state.effects
         for new in (*reset(old), *parts_of(state.evaluator, old))
     ]
-    smaller = by_score(state, [*(without(terms, effect) for effect in state.effects), *tighter])
+    smaller = sort_by_score(state, [*(remove_term(terms, effect) for effect in state.effects), *tighter])
     unneeded = (one for one in smaller if not state.evaluator.is_supported(terms, one))
     return next(map(state.with_terms, unneeded), None)
 
@@ -194,7 +196,7 @@ def swap_effect(state: SearchState) -> SearchState | None:
     if len(state.effects) < 2:
         return None  # a single effect was the best of all candidates
     evaluator = state.evaluator
-    for rest in by_score(state, [without(state.terms, effect) for effect in state.effects]):
+    for rest in sort_by_score(state, [remove_term(state.terms, effect) for effect in state.effects]):
         effect = next(term for term in state.terms if term not in rest)
         for competitor in screen_replacements(evaluator, state.terms, effect)[:1]:
             if evaluator.is_significant(competitor, state.terms):
@@ -202,6 +204,6 @@ def swap_effect(state: SearchState) -> SearchState | None:
     return None
 
 
-def by_score(state: SearchState, models: Iterable[Terms]) -> list[Terms]:
+def sort_by_score(state: SearchState, models: Iterable[Terms]) -> list[Terms]:
     """Return models in the order of their scores, the most probable first."""
     return sorted(models, key=state.evaluator.screening_score)

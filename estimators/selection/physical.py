@@ -8,7 +8,7 @@ import numpy as np
 from estimators.findings import Finding, Kind
 from estimators.selection.errors import Step
 from estimators.selection.gates import Gate
-from estimators.weak_form.nonlinear import continuous_parameters
+from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.table import Table
@@ -19,7 +19,7 @@ SELDOM = 0.1  # share of the samples at which friction may come out as negative
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
 
 
-def violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
+def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
     """Return a failed gate for each physical bound that a fitted model violates; empty if there is none.
 
     One kind of friction alone may come out negative where the others outweigh it at every recorded speed.
@@ -35,28 +35,30 @@ def violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
     ]
     found += [
         Gate(term.full(parameter.name), parameter.high, parameter.high, False, parameter.unit_at(model.units()))
-        for term, parameter in parameters_at_upper_limit(here.terms)
+        for term, parameter in find_parameters_at_limit(here.terms)
     ]
     for at, x in motions.items():
         own = replace(model, terms=tuple(term for term in model.terms if term.at == at))
-        found += _violations_at(own, x, any(at in loads(term.at) for term in model.terms if term.at != at))
+        found += _find_violations_at(own, x, any(at in loads(term.at) for term in model.terms if term.at != at))
     return found
 
 
-def _violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
+def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
     """Return the violations of the terms at one joint; where it is coupled, only the power of both joints is known."""
     found, inertia = [], model.estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
         found.append(Gate("negative_inertia", inertia.value, 0.0, False, inertia.unit))
-    friction = [(term, column, value) for term, column, value in _parts(model) if term.kind == "dissipative"]
+    friction = [(term, column, value) for term, column, value in _list_parts(model) if term.kind == "dissipative"]
     power = sum((value * column.power(x) for term, column, value in friction if not term.hides), np.zeros_like(x.time))
     share = float(np.mean(power < 0))
     if share > SELDOM and not is_coupled:
         found.append(Gate("driving_friction", share, SELDOM, False))
-    pushing = [(column, value) for term, column, value in _parts(model) if _drives_joint(term)]
+    pushing = [(column, value) for term, column, value in _list_parts(model) if _drives_joint(term)]
     pushed = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *pushing]), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - pushed).max())
-    dry = _dry_over_a_turn([(column, value) for term, column, value in friction if not column.of_torque], x).max()
+    dry = _compute_dry_friction_over_turn(
+        [(column, value) for term, column, value in friction if not column.of_torque], x
+    ).max()
     is_arm = any(term.at for term in model.terms)  # links move its joints as well
     if dry > limit and x.torque.any() and not is_arm:
         found.append(Gate("dry_friction", float(dry), limit, False, model.units().unit("N m")))
@@ -68,12 +70,12 @@ def _drives_joint(term: Term) -> bool:
     return term.kind in ("potential", "time-varying") and term.id != "hard_stop"
 
 
-def _parts(model: Model) -> list[tuple[Term, Column, float]]:
+def _list_parts(model: Model) -> list[tuple[Term, Column, float]]:
     columns = [(term, column) for term in model.terms for column in term.columns]
     return [(*own, float(value)) for own, value in zip(columns, model.theta, strict=True)]
 
 
-def _dry_over_a_turn(parts: Sequence[tuple[Column, float]], x: Samples) -> Array:
+def _compute_dry_friction_over_turn(parts: Sequence[tuple[Column, float]], x: Samples) -> Array:
     """Return dry friction at angles all around, at the median speed and time of the recording [N m]."""
     still = np.zeros_like(CIRCLE)
     speed, middle = float(np.median(np.abs(x.velocity))), float(np.median(x.time))
@@ -87,7 +89,7 @@ def bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Column, 
     return [(column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.allows(value)]
 
 
-def parameters_at_upper_limit(terms: Sequence[Term]) -> list[tuple[Term, NonlinearParameter]]:
+def find_parameters_at_limit(terms: Sequence[Term]) -> list[tuple[Term, NonlinearParameter]]:
     """Return nonlinear parameters that a fit drove to the upper end of their range: the data have another law.
 
     A lag of seconds leaves only the mean of the torque. At the lower end the effect has no size. A limit that a user
@@ -96,12 +98,12 @@ def parameters_at_upper_limit(terms: Sequence[Term]) -> list[tuple[Term, Nonline
     found = []
     for term in terms:
         sought = {parameter.name: parameter for parameter in effects().get(term.id, type(term)).nonlinear_parameters}
-        own = (sought[parameter.name] for parameter in continuous_parameters(term))
+        own = (sought[parameter.name] for parameter in list_continuous_parameters(term))
         found += [(term, parameter) for parameter in own if term.nonlinear_values[parameter.name] >= parameter.high]
     return found
 
 
-def driving_friction(model: Model) -> list[Finding]:
+def find_driving_friction(model: Model) -> list[Finding]:
     """Find dry or viscous friction that is significantly negative, whatever outweighs it.
 
     Beside a table of friction, both are only parts of friction, and have any sign.
@@ -114,10 +116,10 @@ def driving_friction(model: Model) -> list[Finding]:
 
 def is_significantly_negative(model: Model, name: str) -> bool:
     """Return whether an estimate is negative by more than 3 standard errors."""
-    return significant_sign(model, name) < 0
+    return compute_significant_sign(model, name) < 0
 
 
-def significant_sign(model: Model, name: str) -> int:
+def compute_significant_sign(model: Model, name: str) -> int:
     """Return the sign of an estimate; 0 within 3 standard errors of zero, or where it is unknown or was given."""
     estimate = model.estimates.get(name)
     if estimate is None or estimate.is_unknown or estimate.std <= 0 or not estimate.is_significant:
@@ -125,7 +127,7 @@ def significant_sign(model: Model, name: str) -> int:
     return int(np.sign(estimate.value))
 
 
-def confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]) -> list[Gate]:
+def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]) -> list[Gate]:
     """Return the gates that a larger model meets beside a smaller one, up to the first that it fails.
 
     Physical bounds come first, then the sign of gravity, then the held-out errors, which have to fall. Violated bounds
@@ -140,11 +142,11 @@ def confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]
     common = forms(after.model.terms) & forms(before.model.terms)
     others = [term for step in (after, before) for term in step.model.terms if forms([term]).isdisjoint(common)]
     changed = {joint for term in others for joint in loads(term.at)} or set(motions)
-    wrong = violations(after.model, {at: motions[at] for at in motions if at in changed})
+    wrong = find_violations(after.model, {at: motions[at] for at in motions if at in changed})
     if wrong:
         return wrong
     gates = [Gate("physical_bounds", 0, 0, True)]
-    sign = significant_sign(after.model, "gravity") * significant_sign(before.model, "gravity")
+    sign = compute_significant_sign(after.model, "gravity") * compute_significant_sign(before.model, "gravity")
     if sign and "gravity_tilt" not in after.model.estimates:  # beside a tilt, gravity alone has any sign
         gates.append(Gate("gravity_sign", sign, 0, sign > 0))
     angle = after.model.units().unit("rad")

@@ -11,8 +11,8 @@ import numpy as np
 from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.data.rows import ResidualStructure
 from estimators.memoize import memoized
-from estimators.regression.least_squares import information, least_squares, robust_covariance
-from estimators.search_hints import grid
+from estimators.regression.least_squares import compute_robust_covariance, invert_covariance, solve_least_squares
+from estimators.search_hints import make_grid
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -107,12 +107,12 @@ class Residuals:
         free = np.flatnonzero(np.diag(known.covariance))  # the others are given, or at their bounds
         slopes = balance.slopes(known.theta, self.holdout.maker.nonlinear_jacobian(terms, known.theta)[0])[:, free]
         error, weights = balance.error(known.theta), balance.weights
-        step = least_squares(slopes * weights[:, None], error * weights)
-        covariance = robust_covariance(
+        step = solve_least_squares(slopes * weights[:, None], error * weights)
+        covariance = compute_robust_covariance(
             slopes * weights[:, None], (error - slopes @ step) * weights, self.holdout.layout.clusters
         )
-        prior, own = information(known.covariance[np.ix_(free, free)]), information(covariance)
-        return np.asarray(error - slopes @ least_squares(prior + own, own @ step))
+        prior, own = invert_covariance(known.covariance[np.ix_(free, free)]), invert_covariance(covariance)
+        return np.asarray(error - slopes @ solve_least_squares(prior + own, own @ step))
 
     @memoized
     def power(self, terms: Terms) -> list[dict[str, Power]]:
@@ -120,7 +120,7 @@ class Residuals:
         found = []
         for part in self.parts:
             if any(isinstance(term, ByTime) for term in terms):
-                residual = part.residual(with_time_grid(part, terms))
+                residual = part.residual(set_time_grid(part, terms))
             else:
                 residual = part.equations(terms, by_noise=True).error(self.train.solve(terms))
             structures, powers = self._structures_in(part, residual), {}
@@ -170,6 +170,6 @@ class Residuals:
         return min(shares)
 
 
-def with_time_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:
+def set_time_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:
     """Return the terms with functions of time on a grid that covers some data."""
-    return tuple(grid(type(t), part.samples, np.empty(0))[0] if isinstance(t, ByTime) else t for t in terms)
+    return tuple(make_grid(type(t), part.samples, np.empty(0))[0] if isinstance(t, ByTime) else t for t in terms)

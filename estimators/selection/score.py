@@ -60,7 +60,7 @@ def log_student(squares: Array, scale: Array | float) -> Array:
     return np.asarray(-0.5 * np.log(scale) - (NU + 1) / 2 * np.log1p(squares / (NU * scale)))
 
 
-def weighted_squares(squares: Array, scale: Array | float) -> Array:
+def weigh_squares(squares: Array, scale: Array | float) -> Array:
     """Return squared errors with the weights of Student's t; their mean is the next squared scale."""
     return np.asarray((NU + 1) * squares / (NU + squares / scale))
 
@@ -74,15 +74,15 @@ def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = (), theta:
         hidden: torque noise that the model absorbs, which still counts as error.
         theta: parameters of the fit to all blocks (P,), if they are known.
     """
-    return _density(balance, balance.solve_without(where.fold, FOLDS, theta), where, hidden)
+    return _compute_density(balance, balance.solve_without(where.fold, FOLDS, theta), where, hidden)
 
 
-def predicted(theta: Array, balance: Balance, where: Blocks, hidden: Hidden = ()) -> Array:
+def predict_density(theta: Array, balance: Balance, where: Blocks, hidden: Hidden = ()) -> Array:
     """Return the log density of each held-out block (S,) under parameters (P,) fitted to other data [nat]."""
-    return _density(balance, theta[None], where, hidden)
+    return _compute_density(balance, theta[None], where, hidden)
 
 
-def _density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> Array:
+def _compute_density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> Array:
     """Return the log density of the torque recorded in each block, from fits without each fold (FOLDS, P).
 
     It is the density of the residual times the derivative of the residual by the recorded torque, so that a law with a
@@ -98,7 +98,7 @@ def _density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> A
     total, scales = np.zeros(len(where.of_block)), None
     for k in np.unique(fold):
         test, own = fold == k, min(k, len(left) - 1)
-        scales = _scales(left[own], where.recording, test, scales)
+        scales = _estimate_scales(left[own], where.recording, test, scales)
         square = scales[where.recording[test]]
         least = SOLVER.tiny * np.where(np.isfinite(reach[test]), reach[test], 0.0)  # no torque is known better
         square = np.maximum(square, least**2)
@@ -109,7 +109,7 @@ def _density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> A
     return total
 
 
-def _scales(errors: Array, recording: Index, test: Mask, near: Array | None) -> Array:
+def _estimate_scales(errors: Array, recording: Index, test: Mask, near: Array | None) -> Array:
     """Return the squared scale of Student's t of each recording's errors by maximum likelihood.
 
     By Newton's method for the logarithm, and by the parameter-expanded EM algorithm where that would leap (Liu, Rubin

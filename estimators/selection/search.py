@@ -12,7 +12,7 @@ from itertools import pairwise, permutations
 from estimators.selection.candidates import refit_nonlinear, screen_effects
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.moves import SearchState, add_effect, revise, without
+from estimators.selection.moves import SearchState, add_effect, remove_term, revise
 from estimators.selection.residuals import Terms
 from estimators.selection.tables import drop_unneeded, replace_by_table
 from pendulum_env.physics import Term
@@ -57,7 +57,7 @@ def search(evaluator: ModelEvaluator) -> SearchResult:
                 and state.evaluator.is_tied(first, firsts[0])
             ):
                 other = grow(state.refit(first))
-                if _is_better(other, state) and are_confirmed(other.evaluator, model_path(other)):
+                if _is_better(other, state) and are_confirmed(other.evaluator, find_model_path(other)):
                     state = other
     state = replace_by_table(drop_unneeded(state))
     return SearchResult(state.evaluator, confirm_steps(state), state.table)
@@ -80,7 +80,9 @@ def grow(state: SearchState) -> SearchState:
         revised = revise(longer)
         if forms(revised.terms) in seen:  # avoids a cycle; unneeded effects are dropped in the end
             revised = longer
-        follows = forms(revised.terms) == forms(longer.terms) or are_confirmed(revised.evaluator, model_path(revised))
+        follows = forms(revised.terms) == forms(longer.terms) or are_confirmed(
+            revised.evaluator, find_model_path(revised)
+        )
         state = revised if follows else longer
         if forms(state.terms) in seen:
             break
@@ -90,9 +92,9 @@ def grow(state: SearchState) -> SearchState:
 
 def confirm_steps(state: SearchState) -> list[Step]:
     """Return the steps to the terms of a state, or to those of them that lower both errors one after the other."""
-    steps = model_path(state)
+    steps = find_model_path(state)
     while not are_confirmed(state.evaluator, steps):
-        steps = model_path(state.with_terms(steps[-2].model.terms))
+        steps = find_model_path(state.with_terms(steps[-2].model.terms))
     return steps
 
 
@@ -101,7 +103,7 @@ def are_confirmed(evaluator: ModelEvaluator, steps: Sequence[Step]) -> bool:
     if all(evaluator.is_confirmed(after, before) for before, after in pairwise(steps)):
         return True
     base, terms = steps[0].model.terms, steps[-1].model.terms
-    smaller = [without(terms, term) for term in terms if term.id not in ids(base)]
+    smaller = [remove_term(terms, term) for term in terms if term.id not in ids(base)]
     return (
         evaluator.residuals.is_noise(terms)
         and evaluator.is_confirmed(steps[-1], steps[0])
@@ -109,7 +111,7 @@ def are_confirmed(evaluator: ModelEvaluator, steps: Sequence[Step]) -> bool:
     )
 
 
-def model_path(state: SearchState) -> list[Step]:
+def find_model_path(state: SearchState) -> list[Step]:
     """Return the steps from the start to the terms of a state, in an order in which each lowers both errors.
 
     The effect that the final model needs most comes first. Without such an order, that order is returned. With a large
@@ -119,7 +121,7 @@ def model_path(state: SearchState) -> list[Step]:
     order: list[Term] = []
     rest = terms
     while effects := rest[len(state.start) :]:
-        shorter = min((without(rest, effect) for effect in effects), key=evaluator.screening_score)
+        shorter = min((remove_term(rest, effect) for effect in effects), key=evaluator.screening_score)
         order.insert(0, next(term for term in rest if term not in shorter))
         rest = shorter
     few = len(order) <= evaluator.criterion.max_ordered

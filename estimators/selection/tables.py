@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.selection.candidates import best_variant, refit_nonlinear, screen_effects
+from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.moves import SearchState, by_score, without
+from estimators.selection.moves import SearchState, remove_term, sort_by_score
 from estimators.selection.residuals import Terms
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime, Table
@@ -24,21 +24,23 @@ def replace_by_table(state: SearchState) -> SearchState:
     """
     if not state.effects and state.is_noise:
         return state
-    totals = {terms: total for terms in table_models(state) if (total := _gain_by_table(state, terms)) is not None}
+    totals = {
+        terms: total for terms in list_table_models(state) if (total := _compute_table_gain(state, terms)) is not None
+    }
     if not totals:
         return state
     likeliest = max(totals, key=lambda terms: totals[terms])
-    same = [terms for terms in totals if table_of(state, terms).id == table_of(state, likeliest).id]
+    same = [terms for terms in totals if get_table(state, terms).id == get_table(state, likeliest).id]
     tied = [terms for terms in same if state.evaluator.is_tied(terms, likeliest)]  # a table may contain an effect
     found = add_beside_table(state.with_terms(min([likeliest, *tied], key=len)))
-    return replace(found, terms=without_table(found.evaluator, found.terms), table=table_of(found, found.terms))
+    return replace(found, terms=remove_table(found.evaluator, found.terms), table=get_table(found, found.terms))
 
 
-def _gain_by_table(state: SearchState, terms: Terms) -> float | None:
+def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
     """Return the gain of terms with a table on held-out data [nat]; None if they do not replace those of a state."""
     evaluator = state.evaluator
     # a function of time is refitted to each recording, and so are its competitors
-    is_of_time = isinstance(table_of(state, terms), ByTime)
+    is_of_time = isinstance(get_table(state, terms), ByTime)
     density = evaluator.refitted_density if is_of_time else evaluator.density
     gain = evaluator.bootstrap.gain(density(terms), density(state.terms), evaluator.penalty(terms, state.terms))
     probability = evaluator.bootstrap.probabilities([density(terms), density(state.terms)])[0]
@@ -52,7 +54,7 @@ def _gain_by_table(state: SearchState, terms: Terms) -> float | None:
     return float(np.sum((density(terms) - density(state.terms))[evaluator.held_out])) if replaces else None
 
 
-def table_models(state: SearchState) -> Iterator[Terms]:
+def list_table_models(state: SearchState) -> Iterator[Terms]:
     """Yield models with each table: instead of all effects, or beside those still needed."""
     evaluator = state.evaluator
     unexplained = {at for at in evaluator.residuals.joints if not evaluator.residuals.is_noise_at(at, state.terms)}
@@ -61,7 +63,7 @@ def table_models(state: SearchState) -> Iterator[Terms]:
         if table.at and table.at not in joints:
             continue
         for others in dict.fromkeys((state.start, state.terms)):
-            trial = best_variant(evaluator, others, table)
+            trial = find_best_variant(evaluator, others, table)
             if trial is not None:
                 yield drop_unneeded(state.with_terms(trial.terms)).terms
 
@@ -78,20 +80,22 @@ def add_beside_table(state: SearchState) -> SearchState:
         longer = next((one for one in tried if evaluator.is_needed(one, terms)), None)
         if longer is None:
             break
-        others = [best_variant(evaluator, terms, table) for table in evaluator.tables if table.id not in ids(terms)]
+        others = [
+            find_best_variant(evaluator, terms, table) for table in evaluator.tables if table.id not in ids(terms)
+        ]
         if any(trial is not None and evaluator.is_significant(trial.terms, longer) for trial in others):
             break
-        if any(evaluator.is_tied(finer, longer) for finer in other_table_forms(state)):
+        if any(evaluator.is_tied(finer, longer) for finer in list_table_forms(state)):
             break
         state = state.refit(longer)
     return state
 
 
-def other_table_forms(state: SearchState) -> list[Terms]:
+def list_table_forms(state: SearchState) -> list[Terms]:
     """Return the terms with each other form of their table, with more or fewer pieces."""
-    table = table_of(state, state.terms)
+    table = get_table(state, state.terms)
     kind = next(kind for kind in state.evaluator.tables if kind.id == table.id)
-    trials = state.evaluator.train.variants(without(state.terms, table), kind)
+    trials = state.evaluator.train.variants(remove_term(state.terms, table), kind)
     return [trial.terms for trial in trials if trial.terms[-1] != table]
 
 
@@ -99,30 +103,30 @@ def drop_unneeded(state: SearchState) -> SearchState:
     """Drop effects that explain less than remains unexplained, or that their table makes unnecessary."""
     evaluator = state.evaluator
     while True:
-        effects = without_table(evaluator, state.terms)[len(state.start) :]
+        effects = remove_table(evaluator, state.terms)[len(state.start) :]
         if len(effects) == len(state.effects) and state.is_noise:
             return state
-        smaller = [refit_nonlinear(evaluator, without(state.terms, effect)) for effect in effects]
+        smaller = [refit_nonlinear(evaluator, remove_term(state.terms, effect)) for effect in effects]
         unneeded = [one for one in smaller if not evaluator.is_needed(state.terms, one)]
         if not unneeded:
             return state
-        state = state.with_terms(by_score(state, unneeded)[0])
+        state = state.with_terms(sort_by_score(state, unneeded)[0])
 
 
-def without_table(evaluator: ModelEvaluator, terms: Terms) -> Terms:
+def remove_table(evaluator: ModelEvaluator, terms: Terms) -> Terms:
     """Return the terms without a table that competes with effects."""
     competing = {table.id for table in evaluator.tables}
     return tuple(term for term in terms if term.id not in competing)
 
 
-def table_of(state: SearchState, terms: Terms) -> Table:
+def get_table(state: SearchState, terms: Terms) -> Table:
     """Return the table among the terms that competes with effects."""
     return next(term for term in terms[len(state.start) :] if isinstance(term, Table))
 
 
 def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
     """Return the id of the law that best predicts held-out data; None if none is supported and lowers their errors."""
-    trials = [best_variant(evaluator, terms, law) for law in laws if law.id not in ids(terms)]
+    trials = [find_best_variant(evaluator, terms, law) for law in laws if law.id not in ids(terms)]
     found = [
         trial.terms
         for trial in trials

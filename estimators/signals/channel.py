@@ -50,12 +50,12 @@ class Channel:
         """
         torque = self.unfiltered(torque, period)
         if self.is_sampled:
-            return _sampled(torque, self.delay / period)
+            return _hold_sampled_torque(torque, self.delay / period)
         whole, share = divmod(self.delay / period, 1.0)
         if share <= 0.5:
-            acting = _unmixed(torque, share)
+            acting = _unmix_series(torque, share)
         else:
-            whole, acting = whole + 1, _unmixed(torque[::-1], 1 - share)[::-1]
+            whole, acting = whole + 1, _unmix_series(torque[::-1], 1 - share)[::-1]
         return acting[np.clip(np.arange(len(torque)) + int(whole), 0, len(torque) - 1)]
 
     def around(self, x: Samples, torque: Array, period: float) -> Array:
@@ -64,11 +64,11 @@ class Channel:
             return ActuatorLag(-self.lag).trace(x, torque, period)[0]
         torque, delay = self.unfiltered(torque, period), self.delay
         if self.is_sampled:
-            torque, delay = _sampled(torque, delay / period), 0.0
+            torque, delay = _hold_sampled_torque(torque, delay / period), 0.0
         return DeadTime(-delay).trace(x, torque, period)[0]
 
 
-def _sampled(torque: Array, late: float) -> Array:
+def _hold_sampled_torque(torque: Array, late: float) -> Array:
     """Compute the held torque (N,) with the effect of a smooth torque, sampled and logged late by some samples.
 
     That is the cubic through four samples, and of this the averages between samples less what holding them blunts:
@@ -82,7 +82,7 @@ def _sampled(torque: Array, late: float) -> Array:
     return np.asarray(torque[np.clip(place, 0, len(torque) - 1)] @ weights)
 
 
-def _unmixed(mixed: Array, share: float) -> Array:
+def _unmix_series(mixed: Array, share: float) -> Array:
     """Recover a series u (N,) from its mixture (1 - share) u[k] + share u[k - 1], with a share of at most 0.5."""
     echo = min(share / (1 - share), ECHO)
     clear = lag(mixed, -echo, mixed[0])

@@ -16,7 +16,7 @@ from pendulum_env.recording import Recording
 STILL = 1e-9  # [rad] or any unit, change of a signal from sample to sample that is rounding alone
 
 
-def scatter(series: Array, where: Mask | slice = np.s_[:]) -> float:
+def estimate_scatter(series: Array, where: Mask | slice = np.s_[:]) -> float:
     """Estimate the standard deviation of white noise on a signal that is mostly smooth or constant.
 
     Args:
@@ -26,12 +26,12 @@ def scatter(series: Array, where: Mask | slice = np.s_[:]) -> float:
     return float(np.median(np.abs(np.diff(series, 4))[where]) / 0.6745 / np.sqrt(comb(8, 4)))
 
 
-def white_noise(series: Array) -> float:
+def estimate_white_noise(series: Array) -> float:
     """Estimate the standard deviation of the white part of a smooth signal, including rounding."""
-    return max(scatter(series), rounding(series) / np.sqrt(12))
+    return max(estimate_scatter(series), find_rounding(series) / np.sqrt(12))
 
 
-def rounding(series: Array) -> float:
+def find_rounding(series: Array) -> float:
     """Find the step to whose multiples a signal was rounded; 0 without rounding.
 
     A command that is held has a least change, too, and was not rounded to that: at rest for three quarters of the time,
@@ -47,14 +47,18 @@ def rounding(series: Array) -> float:
     return 0.0 if is_held or len(values) <= 3 else step
 
 
-def encoder_noise(position: Array) -> float:
+def estimate_encoder_noise(position: Array) -> float:
     """Estimate the standard deviation of encoder noise [rad]; samples at rest are left out."""
     moved = np.abs(np.diff(position)) > STILL
     near = np.asarray(sliding_window_view(moved, 4).any(axis=1))  # of each difference of four steps
-    return max(white_noise(position), scatter(position, near)) if near.any() else white_noise(position)
+    return (
+        max(estimate_white_noise(position), estimate_scatter(position, near))
+        if near.any()
+        else estimate_white_noise(position)
+    )
 
 
-def near_turns(velocity: Array, moving: Mask, distance: int) -> Mask:
+def find_near_reversals(velocity: Array, moving: Mask, distance: int) -> Mask:
     """Find samples near stick, where the velocity has no sign, or near a reversal (N,)."""
     halted = ~moving
     halted[1:] |= np.sign(velocity[1:]) != np.sign(velocity[:-1])
@@ -63,7 +67,7 @@ def near_turns(velocity: Array, moving: Mask, distance: int) -> Mask:
     return np.asarray(so_far[stop] > so_far[first])
 
 
-def shared(weights: Array, lag: int) -> float:
+def correlate_averages(weights: Array, lag: int) -> float:
     """Compute the correlation of two averages of white noise with equal weights (K,) at a lag."""
     return float(weights[lag:] @ weights[: len(weights) - lag]) / float(weights @ weights)
 
@@ -100,20 +104,20 @@ class Motion:
     noise_weights: Array
 
 
-def from_position(recording: Recording, window: Array, half_width: int) -> Motion:
+def differentiate_position(recording: Recording, window: Array, half_width: int) -> Motion:
     """Compute the motion by differentiation of the position; the acceleration will be averaged over `window`."""
     period = 1.0 / recording.rate
     q, v = smooth_motion(recording, recording.position, half_width)
     a = np.zeros_like(q)
     a[1:-1] = np.diff(recording.position, 2) / period**2
-    noise = encoder_noise(recording.position)
+    noise = estimate_encoder_noise(recording.position)
     # slope of the cubic fit: variance 28.1 / (2 s)^3 per unit of position noise, for large s
     slope = noise * np.sqrt(28.1 / (2 * half_width) ** 3) / period
     curvature = np.convolve(window, [1.0, -2.0, 1.0]) / period**2
     return Motion(q, v, a, slope, noise * float(np.linalg.norm(curvature)), curvature)
 
 
-def from_velocity(recording: Recording, window: Array, half_width: int) -> Motion | None:
+def differentiate_velocity(recording: Recording, window: Array, half_width: int) -> Motion | None:
     """Compute the motion from a measured velocity; None if it disagrees with the position."""
     if recording.velocity is None:
         return None
@@ -126,7 +130,7 @@ def from_velocity(recording: Recording, window: Array, half_width: int) -> Motio
         return None
     a = np.zeros_like(q)
     a[1:-1] = (recording.velocity[2:] - recording.velocity[:-2]) / (2 * period)
-    noise = white_noise(recording.velocity)
+    noise = estimate_white_noise(recording.velocity)
     slope_of_window = np.convolve(window, [0.5, 0.0, -0.5]) / period
     of_acceleration = noise * float(np.linalg.norm(slope_of_window))
     return Motion(q, v, a, noise * 1.5 / np.sqrt(2 * half_width), of_acceleration, slope_of_window)

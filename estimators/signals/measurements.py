@@ -18,8 +18,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.regression.equations import IdentificationError
-from estimators.signals.differentiation import encoder_noise, near_turns, scatter
-from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, known_load, warmth
+from estimators.signals.differentiation import estimate_encoder_noise, estimate_scatter, find_near_reversals
+from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, get_known_load, get_temperature
 from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.term import ROOM, UNLOADED, Memory
@@ -93,13 +93,13 @@ class Measurements:
         """
         clear = np.ones(len(self), dtype=bool)
         if guard is not None:
-            clear = ~near_turns(self.velocity, self.moving, max(self.reach, round(guard / self.period)))
+            clear = ~find_near_reversals(self.velocity, self.moving, max(self.reach, round(guard / self.period)))
         if self.memory:
             clear[: round(LEAD_IN / self.period)] = False
         return clear
 
 
-def window(half_width: int) -> Array:
+def make_window(half_width: int) -> Array:
     """Compute smooth weights over 2 half_width + 1 samples with sum one and zero second moment."""
     s = np.arange(-half_width, half_width + 1) / (half_width + 1)
     bump = (1.0 - s**2) ** 3
@@ -124,7 +124,7 @@ class Smoothing:
     @classmethod
     def of_encoder(cls, counts: int, rate: float) -> Smoothing:
         """Choose the window for the resolution of an encoder, see `of_noise`."""
-        return cls.of_noise(of_steps(counts), rate)
+        return cls.of_noise(compute_encoder_noise(counts), rate)
 
     @classmethod
     def of_noise(cls, noise: float, rate: float) -> Smoothing:
@@ -134,26 +134,29 @@ class Smoothing:
         """
         widths = [m for m in range(2, max(3, round(HALF_WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
         for m in widths:
-            if noise * rate**2 * _length(np.convolve(window(m), CURVATURE)) <= CLEAN * TYPICAL_ACCELERATION:
+            if (
+                noise * rate**2 * _compute_noise_gain(np.convolve(make_window(m), CURVATURE))
+                <= CLEAN * TYPICAL_ACCELERATION
+            ):
                 break
-        return cls(m, max(SLOWEST, 5 * noise * rate * _length(np.convolve(window(m), SLOPE))))
+        return cls(m, max(SLOWEST, 5 * noise * rate * _compute_noise_gain(np.convolve(make_window(m), SLOPE))))
 
     def of_position(self) -> Array:
         """Return weights (2 reach + 1,) of positions, newest first, for the position."""
-        return np.convolve(window(self.half_width), VALUE)
+        return np.convolve(make_window(self.half_width), VALUE)
 
     def of_steps(self, period: float) -> Array:
         """Return weights (2, 2 reach) of position steps, newest first, for velocity and acceleration.
 
         Steps rather than positions: while the encoder stands still, velocity is then 0 and not what rounding leaves.
         """
-        w = window(self.half_width)
+        w = make_window(self.half_width)
         kernels = np.array([np.convolve(w, SLOPE) / period, np.convolve(w, CURVATURE) / period**2])
         return np.cumsum(kernels, axis=1)[:, :-1]
 
     def of_torque(self) -> Array:
         """Return weights (2, 2 reach + 1), newest first, for the torque at the instant and over the sample before."""
-        w = window(self.half_width)
+        w = make_window(self.half_width)
         return np.array([np.convolve(w, AT_INSTANT), np.convolve(w, BEFORE)])
 
     @property
@@ -162,7 +165,7 @@ class Smoothing:
         return self.half_width + SIDES
 
 
-def of_steps(counts: int) -> float:
+def compute_encoder_noise(counts: int) -> float:
     """Return the standard deviation of the position noise of an encoder [rad]; 0 counts measure exactly."""
     return float(2 * np.pi / counts / np.sqrt(12)) if counts else 0.0
 
@@ -188,7 +191,7 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
     slope, curvature = smoothing.of_steps(period)
     at_instant, before = smoothing.of_torque()
     steps = np.diff(recording.position)
-    load = known_load(recording)
+    load = get_known_load(recording)
     if np.ndim(load.torque):
         load = load._replace(torque=np.convolve(load.along(recording.time), smoothing.of_position(), "valid"))
     velocity = np.convolve(steps, slope, "valid")
@@ -201,10 +204,10 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
         held=np.convolve(recording.torque, before, "valid"),
         moving=np.abs(velocity) > smoothing.slowest,
         period=period,
-        torque_noise=scatter(recording.torque) * _length(before),
+        torque_noise=estimate_scatter(recording.torque) * _compute_noise_gain(before),
         reach=smoothing.reach + 1,
         load=load,
-        temperature=warmth(recording)[smoothing.reach : -smoothing.reach],
+        temperature=get_temperature(recording)[smoothing.reach : -smoothing.reach],
     )
 
 
@@ -253,18 +256,20 @@ def choose_smoothing(recording: Recording) -> Smoothing:
     Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
     is all noise, which falls with the window's length to the power -2.5.
     """
-    noise, clean = encoder_noise(recording.position), CLEAN_SWING if recording.known_inertia else CLEAN
+    noise, clean = estimate_encoder_noise(recording.position), CLEAN_SWING if recording.known_inertia else CLEAN
     longest = (len(recording) - SPARE) // 2
     widths = sorted({min(longest, max(2, round(width * recording.rate))) for width in HALF_WIDTHS})
     for m in widths:
-        curvature = np.convolve(window(m), CURVATURE)
+        curvature = np.convolve(make_window(m), CURVATURE)
         total = float(np.mean(np.convolve(recording.position, curvature, "valid") ** 2))
-        encoder = (noise * _length(curvature)) ** 2
+        encoder = (noise * _compute_noise_gain(curvature)) ** 2
         if encoder <= clean**2 * max(0.0, total - encoder):
             break
-    return Smoothing(m, max(SLOWEST, 5 * noise * recording.rate * _length(np.convolve(window(m), SLOPE))))
+    return Smoothing(
+        m, max(SLOWEST, 5 * noise * recording.rate * _compute_noise_gain(np.convolve(make_window(m), SLOPE)))
+    )
 
 
-def _length(kernel: Array) -> float:
+def _compute_noise_gain(kernel: Array) -> float:
     """Compute the gain of a kernel for white noise."""
     return float(np.sqrt(kernel @ kernel))

@@ -15,7 +15,7 @@ LEAD_IN = 0.3  # [s] at the start, in which effects with memory still depend on 
 SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity has no sign
 
 
-def warmth(recording: Recording) -> Array:
+def get_temperature(recording: Recording) -> Array:
     """Return the temperature along a recording (N,) [deg C]; room temperature without a measurement.
 
     A thermometer shows it in steps. Where it shows another value, the temperature is between both; where it turns
@@ -33,7 +33,7 @@ def warmth(recording: Recording) -> Array:
     return np.interp(time, at[order], value[order])
 
 
-def known_load(recording: Recording) -> KnownLoad:
+def get_known_load(recording: Recording) -> KnownLoad:
     """Return the known load of samples of a recording; none if the torque is not in N m."""
     return UNLOADED if recording.torque_unit != NEWTON_METRE else load_in_newton_metres(recording)
 

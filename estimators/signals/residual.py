@@ -105,7 +105,7 @@ class Region:
         }
 
 
-def everywhere(
+def make_region_everywhere(
     cause: Finding | None = None,
     x: Samples | None = None,
     size: float = 0.0,
@@ -120,12 +120,12 @@ def everywhere(
     )
 
 
-def turns(position: Array) -> bool:
+def makes_whole_turns(position: Array) -> bool:
     """Return whether a joint makes whole turns, so that its angle (R,) [rad] is taken within a turn."""
     return bool(np.ptp(position) > REGIONS.turns * 2 * np.pi)
 
 
-def wrapped(position: Array) -> Array:
+def wrap_angles(position: Array) -> Array:
     """Wrap angles (N,) to one turn [rad]."""
     return (np.asarray(position) + np.pi) % (2 * np.pi) - np.pi
 
@@ -135,21 +135,21 @@ def profile(axis: str, values: Array, residual: Array, noise: float) -> Profile:
 
     The angle of a joint that turns is taken within a turn.
     """
-    around = axis == "position" and turns(values)
-    values, unit = (wrapped(values), WITHIN) if around else (np.asarray(values), AXES[axis])
+    around = axis == "position" and makes_whole_turns(values)
+    values, unit = (wrap_angles(values), WITHIN) if around else (np.asarray(values), AXES[axis])
     count = max(2, min(REGIONS.bins * (REGIONS.fine if around else 1), len(values) // 8))
     edges = np.quantile(values, np.linspace(0, 1, count + 1))
-    which = _bins(values, edges)
+    which = _make_bins(values, edges)
     number = np.maximum(np.bincount(which, minlength=count), 1)
     mean = np.bincount(which, weights=residual, minlength=count) / number
     return Profile(axis, unit, edges, mean, noise / np.sqrt(number))
 
 
-def _bins(values: Array, edges: Array) -> Array:
+def _make_bins(values: Array, edges: Array) -> Array:
     return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
 
 
-def spectrum(time: Array, residual: Array, noise: float) -> Profile:
+def compute_spectrum(time: Array, residual: Array, noise: float) -> Profile:
     """Compute the amplitude of the residual (R,) [N m] over frequency [Hz] by Lomb-Scargle, as windows may be missing.
 
     Source: Scargle, Astrophysical Journal 263, 1982.
@@ -174,12 +174,12 @@ def _fit_amplitude(time: Array, residual: Array, omega: float) -> float:
     return float(2 * np.sqrt(share.real**2 / (1 + size) + share.imag**2 / max(1 - size, np.finfo(float).eps)))
 
 
-def profiles(
+def compute_profiles(
     x: Samples, residual: Array, noise: float, axes: Sequence[str] = tuple(SYMBOLS), units: JointUnits = TURNING
 ) -> list[Profile]:
     """Compute profiles over position, velocity, torque and time, and the spectrum, or some of these."""
     found = [
-        spectrum(np.asarray(x.time), residual, noise)
+        compute_spectrum(np.asarray(x.time), residual, noise)
         if axis == "frequency"
         else profile(axis, np.asarray(getattr(x, axis)), residual, noise)
         for axis in axes
@@ -188,7 +188,7 @@ def profiles(
     return [replace(own, unit=units.unit(own.unit), units=units) for own in found]
 
 
-def stand_out(
+def find_regions(
     x: Samples,
     residual: Array,
     noise: float,
@@ -206,25 +206,27 @@ def stand_out(
     left, first = np.asarray(residual, dtype=float), 0.0
     for _ in range(len(axes) + 1):
         laws = [
-            law for law in (_constant(x, left, noise, units), *profiles(x, left, noise, axes, units)) if _regions(law)
+            law
+            for law in (_make_constant_profile(x, left, noise, units), *compute_profiles(x, left, noise, axes, units))
+            if _find_profile_regions(law)
         ]
-        law = max(laws, key=weight, default=None)
-        if law is None or weight(law) < REGIONS.share * first:
+        law = max(laws, key=compute_significance, default=None)
+        if law is None or compute_significance(law) < REGIONS.share * first:
             break
-        place, *others = _regions(law)
-        places, more, first = [*places, place], [*more, *others], first or weight(law)
-        left = left - _of(law, x, left)
+        place, *others = _find_profile_regions(law)
+        places, more, first = [*places, place], [*more, *others], first or compute_significance(law)
+        left = left - _evaluate_profile(law, x, left)
     return [*places, *more][:most]
 
 
-def _constant(x: Samples, residual: Array, noise: float, units: JointUnits) -> Profile:
+def _make_constant_profile(x: Samples, residual: Array, noise: float, units: JointUnits) -> Profile:
     """Compute the mean as a profile with one bin over all times."""
     edges = np.array([np.min(x.time), np.max(x.time)], dtype=float)
     mean, error = np.array([residual.mean()]), np.array([noise / np.sqrt(len(residual))])
     return Profile("time", "s", edges, mean, error, units)
 
 
-def weight(law: Profile) -> float:
+def compute_significance(law: Profile) -> float:
     """Compute the significance of a profile: its sum of squares relative to the noise, minus two per parameter."""
     squares = (law.mean / np.maximum(law.error, 1e-12)) ** 2
     if law.axis == "frequency":  # one tone, the largest of many
@@ -232,7 +234,7 @@ def weight(law: Profile) -> float:
     return float(squares.sum() - 2 * len(squares))
 
 
-def _of(law: Profile, x: Samples, residual: Array) -> Array:
+def _evaluate_profile(law: Profile, x: Samples, residual: Array) -> Array:
     """Evaluate a profile at each row of the residual (R,) [N m]."""
     if law.axis == "frequency":
         peak = int(np.argmax(law.mean))
@@ -240,10 +242,10 @@ def _of(law: Profile, x: Samples, residual: Array) -> Array:
         tone = np.column_stack([np.cos(phase), np.sin(phase)])
         return np.asarray(tone @ np.linalg.lstsq(tone, residual, rcond=None)[0])
     values = np.asarray(getattr(x, law.axis))
-    return np.asarray(law.mean[_bins(wrapped(values) if law.unit == WITHIN else values, law.edges)])
+    return np.asarray(law.mean[_make_bins(wrap_angles(values) if law.unit == WITHIN else values, law.edges)])
 
 
-def _regions(item: Profile) -> list[Region]:
+def _find_profile_regions(item: Profile) -> list[Region]:
     """Find significant intervals of a profile, the most significant first; of a spectrum, its peak."""
     score = np.abs(item.mean) / np.maximum(item.error, 1e-12)
     signs = np.sign(item.mean) * (score > REGIONS.stands_out)

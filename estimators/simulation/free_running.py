@@ -66,14 +66,14 @@ def choose_segments(windows: Windows, seconds: float = HORIZON, covers: bool = F
     With `covers`, a last segment covers what would remain at the end, and overlaps the one before.
     """
     recording = windows.recording
-    length = periods(windows, seconds)
+    length = count_periods(windows, seconds)
     clear = scipy.ndimage.distance_transform_cdt(
         np.r_[False, np.diff(np.sign(windows.samples.velocity)) == 0] & windows.moving
     )
     clear = np.minimum(clear, len(windows.kernel))
     reach = round(0.2 * seconds * recording.rate)
     first = []
-    for earliest, stop in spans(windows):
+    for earliest, stop in list_spans(windows):
         latest = stop - length - 1
         begins = np.arange(earliest, latest + 1, length)
         for nominal in np.union1d(begins, [latest]) if covers and len(begins) else begins:
@@ -82,16 +82,16 @@ def choose_segments(windows: Windows, seconds: float = HORIZON, covers: bool = F
     return cut_segments(windows, np.array(first), length)
 
 
-def spans(windows: Windows) -> list[tuple[int, int]]:
+def list_spans(windows: Windows) -> list[tuple[int, int]]:
     """Return first sample and end of every segment, within the part of the recording that windows cover."""
     bounds = pairwise((*windows.recording.starts, len(windows.recording)))
     cut_off = ((max(begin, windows.first), min(end, windows.stop)) for begin, end in bounds)
     return [(begin, end) for begin, end in cut_off if end - begin > 1]
 
 
-def periods(windows: Windows, seconds: float) -> int:
+def count_periods(windows: Windows, seconds: float) -> int:
     """Return the periods in a segment of some length [s], at most those of the usual segment."""
-    usual = int(np.median([end - begin for begin, end in spans(windows)])) - 1
+    usual = int(np.median([end - begin for begin, end in list_spans(windows)])) - 1
     return min(max(1, round(seconds * windows.recording.rate)), usual)
 
 
@@ -139,13 +139,13 @@ def simulate_all(
         perturbed = np.repeat(perturbations.T, sum(counts), axis=1)  # (2, V B)
         position = np.tile(np.concatenate([own.position[0] for own in together]), len(models)) + perturbed[0]
         velocity = np.tile(np.concatenate([own.velocity for own in together]), len(models)) + perturbed[1]
-        path = simulated(together, models, position, velocity).position
+        path = simulate_segments(together, models, position, velocity).position
         parts = np.split(path.reshape(len(path), len(models), -1), np.cumsum(counts)[:-1], axis=2)
         results.update(zip(numbers, parts, strict=True))
     return [results[k] for k in range(len(segments))]
 
 
-def simulated(
+def simulate_segments(
     segments: Sequence[Segments],
     models: Sequence[Parametrised],
     position: Array,
@@ -174,7 +174,7 @@ def simulated(
         return np.tile(np.concatenate(series), len(models))
 
     loads = [segment.load for segment in segments]
-    terms, theta = _stacked(models, sum(len(segment.first) for segment in segments))
+    terms, theta = _stack_models(models, sum(len(segment.first) for segment in segments))
     delays = [sum(term.delay for term in own) for own, _ in models]
     return simulate(
         terms,
@@ -195,7 +195,7 @@ def simulated(
     )
 
 
-def _stacked(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Array]:
+def _stack_models(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Array]:
     """Terms and theta (P, V count) that simulate `count` pendulums of each of V models, all of them in a row.
 
     Terms that delay the command are left out: `Segments.command` does that.
@@ -231,19 +231,19 @@ def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict
     return states
 
 
-def position_rms(segments: Sequence[Segments], terms: Sequence[Term], theta: Array) -> float:
+def compute_position_rms(segments: Sequence[Segments], terms: Sequence[Term], theta: Array) -> float:
     """Return the root mean square of the position error over all segments [rad]."""
     paths = simulate_all(segments, [(terms, theta)])
     errors = [(path[:, 0] - segment.position)[1:].ravel() for path, segment in zip(paths, segments, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
-def deviation(segments: Sequence[Segments]) -> float:
+def compute_deviation(segments: Sequence[Segments]) -> float:
     """Return the root mean square deviation of the position from its mean in each window [rad]."""
     return float(np.sqrt(np.mean(np.concatenate([segment.position.var(axis=0) for segment in segments]))))
 
 
-def growth(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
+def compute_growth(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
     """Return the largest growth factor of a small error of the initial position in each segment (B,).
 
     Near the upright equilibrium it grows without bound, and a free-running error carries no information on the model.

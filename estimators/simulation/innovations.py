@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.signals.differentiation import encoder_noise
+from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.simulation.free_running import Segments
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
@@ -48,13 +48,13 @@ class Innovations:
         recording = segments.windows.recording
         index = segments.first + every * np.arange((len(segments.position) - 1) // every + 1)[:, None]  # (N + 1, B)
         interval = every / recording.rate
-        transition, inertia, turns = _linearised(segments, index, terms, theta, interval)
+        transition, inertia, turns = _linearise_motion(segments, index, terms, theta, interval)
         # torque noise is independent between periods: over the interval its mean acts on the velocity
         perturbed = (segments.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / every
         perturbed *= np.where(turns, TURNING, 1.0)
         moved = interval**2 * (1 / 3 - 1 / (12 * every**2))  # held over each period, not white in between
         process = perturbed[:, :, None, None] * np.array([[moved, interval / 2], [interval / 2, 1.0]])
-        measured = max(encoder_noise(recording.position), INTEGRATED) ** 2
+        measured = max(estimate_encoder_noise(recording.position), INTEGRATED) ** 2
         gain, spread = np.empty(transition.shape[:3]), np.empty(transition.shape[:2])
         covariance = np.zeros((index.shape[1], 2, 2))  # the initial state is fitted
         for k, step in enumerate(transition):
@@ -76,7 +76,7 @@ class Innovations:
         return new
 
 
-def _linearised(
+def _linearise_motion(
     segments: Segments, index: Index, terms: Sequence[Term], theta: Array, interval: float
 ) -> tuple[Array, Array, Mask]:
     """Return the transition of an error of position and velocity over each of N intervals (N, B, 2, 2).

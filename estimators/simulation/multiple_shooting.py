@@ -14,12 +14,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
-from estimators.regression.least_squares import robust_covariance
-from estimators.search_hints import hints_of
-from estimators.simulation.free_running import Segments, cut_segments, periods, simulated, spans, start_memory
-from estimators.simulation.output_error import OUTPUT_ERROR, Point, grain_of, named, trust
-from estimators.weak_form.nonlinear import with_values
+from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
+from estimators.regression.least_squares import compute_robust_covariance
+from estimators.search_hints import find_hints
+from estimators.simulation.free_running import (
+    Segments,
+    count_periods,
+    cut_segments,
+    list_spans,
+    simulate_segments,
+    start_memory,
+)
+from estimators.simulation.output_error import (
+    OUTPUT_ERROR,
+    Point,
+    choose_grain,
+    make_model_with_covariance,
+    weigh_segments,
+)
+from estimators.weak_form.nonlinear import set_values
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory
@@ -72,7 +85,7 @@ class Shooting:
     @property
     def measured(self) -> Array:
         """Positions to compare with (N, B) [rad]."""
-        grain = grain_of(self.segments)
+        grain = choose_grain(self.segments)
         return self.segments.position[grain::grain]
 
     def simulate(
@@ -82,47 +95,47 @@ class Shooting:
         q, v, *hidden = (row.ravel() for row in np.swapaxes(states, 0, 1))
         models = [(point.terms, point.theta) for point in points]
         link = {link_of(points[0].terms).id: tuple(hidden)}
-        return simulated([self.segments], models, q, v, link, self.step, observe)
+        return simulate_segments([self.segments], models, q, v, link, self.step, observe)
 
     def errors(self, points: Sequence[Point], states: Array) -> Array:
         """Return position errors of V points from V sets of states (V, S, B), each (V, B, N) [rad]."""
-        grain = grain_of(self.segments)
+        grain = choose_grain(self.segments)
         path = self.simulate(points, states).position[grain::grain]
         return np.moveaxis(path.reshape(len(path), len(points), -1) - self.measured[:, None], 0, 2)
 
 
-def each(points: Sequence[Point], times: int) -> list[Point]:
+def repeat_points(points: Sequence[Point], times: int) -> list[Point]:
     """Repeat every point several times."""
     return [point for point in points for _ in range(times)]
 
 
 def cut(windows: Windows, point: Point, first: Index) -> Shooting:
     """Cut segments from given samples on, with initial states from the measured motion."""
-    segments, link = cut_segments(windows, first, periods(windows, SHOOTING.length)), link_of(point.terms)
+    segments, link = cut_segments(windows, first, count_periods(windows, SHOOTING.length)), link_of(point.terms)
     hidden = start_memory([segments], [link])[link.id]
     return Shooting(
         segments, np.array([segments.position[0], segments.velocity, *hidden]), np.full(len(first), DAMPING[0])
     )
 
 
-def consecutive(windows: Windows) -> Index:
+def list_adjacent_segments(windows: Windows) -> Index:
     """Return the first samples of adjacent segments along a part of a recording."""
-    length = periods(windows, SHOOTING.length)
-    ends = [(begin, end - length - 1) for begin, end in spans(windows)]
+    length = count_periods(windows, SHOOTING.length)
+    ends = [(begin, end - length - 1) for begin, end in list_spans(windows)]
     return np.concatenate([np.unique(np.append(np.arange(b, last, length), last)) for b, last in ends if last >= b])
 
 
-def slopes_by_state(shooting: Shooting, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
+def compute_state_slopes(shooting: Shooting, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
     """Return errors (V, B, N) of V points from V sets of states (V, S, B), and slopes by states (V, B, N, S)."""
     count, size, segments = states.shape
-    moves = PERTURBATION * (1.0 if hints_of(type(link_of(points[0].terms))).multimodal else SMOOTH)
+    moves = PERTURBATION * (1.0 if find_hints(type(link_of(points[0].terms))).multimodal else SMOOTH)
     perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(moves)])[None, :, :, None]
-    errors = shooting.errors(each(points, size + 1), perturbed.reshape(-1, size, segments))
+    errors = shooting.errors(repeat_points(points, size + 1), perturbed.reshape(-1, size, segments))
     errors = errors.reshape(count, size + 1, segments, -1)
     return errors[:, 0], np.moveaxis((errors[:, 1:] - errors[:, :1]) / moves[:, None, None], 1, 3)
 
 
-def state_steps(error: Array, slopes: Array, damping: Array) -> Array:
+def compute_state_steps(error: Array, slopes: Array, damping: Array) -> Array:
     """Return Levenberg-Marquardt steps of states (F, S, B) from errors (B, N), for F factors on the damping."""
     square = np.swapaxes(slopes, 1, 2) @ slopes
     own = np.einsum("bss->bs", square)[:, :, None] * np.eye(slopes.shape[2])
@@ -139,18 +152,20 @@ def refine_states(
 ) -> tuple[Array, Array, Array]:
     """Fit states (V, S, B) at each of V points; return them, their damping (V, B) and squared errors (V, B)."""
     for _ in range(turns):
-        error, slopes = slopes_by_state(shooting, points, states)
+        error, slopes = compute_state_slopes(shooting, points, states)
         before = np.sum(error**2, axis=2)
         tried = np.array(
-            [s + state_steps(*one) for s, *one in zip(states, error, slopes, damping, strict=True)]
+            [s + compute_state_steps(*one) for s, *one in zip(states, error, slopes, damping, strict=True)]
         )  # (V, F, S, B)
         flat = tried.reshape(-1, *states.shape[1:])
-        after = np.sum(shooting.errors(each(points, len(DAMPING)), flat) ** 2, axis=2)
-        states, damping, squares = _best(tried, after.reshape(*tried.shape[:2], -1), states, before, damping)
+        after = np.sum(shooting.errors(repeat_points(points, len(DAMPING)), flat) ** 2, axis=2)
+        states, damping, squares = _choose_best(tried, after.reshape(*tried.shape[:2], -1), states, before, damping)
     return states, damping, squares
 
 
-def _best(tried: Array, after: Array, states: Array, before: Array, damping: Array) -> tuple[Array, Array, Array]:
+def _choose_best(
+    tried: Array, after: Array, states: Array, before: Array, damping: Array
+) -> tuple[Array, Array, Array]:
     """Return the best of F states tried for each segment (V, F, S, B), or the old ones where none is better."""
     best = np.argmin(after, axis=1)[:, None]  # (V, 1, B)
     squares = np.take_along_axis(after, best, 1)[:, 0]
@@ -164,7 +179,7 @@ def _best(tried: Array, after: Array, states: Array, before: Array, damping: Arr
     )
 
 
-def initialise(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
+def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
     """Return the segments with the best initial states for a point, and their squared errors (B,).
 
     The starts are the present states, those from the measured motion, and a link on either side of the play.
@@ -185,11 +200,11 @@ def initialise(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
     return replace(shooting, states=states[0], damping=start[0]), squares[0]
 
 
-def watch(windows: Windows, model: Model) -> Samples:
+def simulate_link_motion(windows: Windows, model: Model) -> Samples:
     """Simulate the motion of motor and link in adjacent segments, and return the samples of the recording."""
     point, term = Point.of(model), link_of(model.terms)
     x = windows.trace([term])[0]
-    shooting, _ = initialise(cut(windows, point, consecutive(windows)), point)
+    shooting, _ = initialise_states(cut(windows, point, list_adjacent_segments(windows)), point)
     seen: list[Memory] = []
     path = shooting.simulate([point], shooting.states[None], lambda state: seen.append(state.memory[term.id]))
     index = shooting.segments.first + np.arange(len(path.position))[:, None]
@@ -205,7 +220,7 @@ def watch(windows: Windows, model: Model) -> Samples:
     return replace(x, position=q, velocity=v, memory={term.id: link})
 
 
-def hidden_state(segments: Segments, x: Samples, term: Term) -> Memory:
+def estimate_link_state(segments: Segments, x: Samples, term: Term) -> Memory:
     """Return the state of a link at the start of segments, at its estimated offset from the motor."""
     position, velocity = (series[segments.first] for series in x.memory[term.id])
     q, v = np.asarray(x.position)[segments.first], np.asarray(x.velocity)[segments.first]
@@ -240,7 +255,7 @@ def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
     nearby = [point.at(values + SHOOTING.difference * size * direction) for direction in np.eye(len(values))]
     parts = []
     for shooting in every:
-        (error,), (by_state,) = slopes_by_state(shooting, [point], shooting.states[None])
+        (error,), (by_state,) = compute_state_slopes(shooting, [point], shooting.states[None])
         near = shooting.errors(nearby, np.repeat(shooting.states[None], len(nearby), axis=0))
         parts.append((error, np.moveaxis((near - error) / SHOOTING.difference, 0, 2), by_state))
     free = [_project(*move) for move in parts]
@@ -248,7 +263,7 @@ def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
     limit = SHOOTING.steep * np.median(np.concatenate(steep), axis=0)
     steady = [(limit / (np.maximum(own, limit) + 1e-300)).min(axis=1) for own in steep]
     size = np.concatenate([np.sqrt(np.mean(error**2, axis=1)) for error, _, _ in parts]) + 1e-12
-    weights = tuple(np.split(trust(size), np.cumsum([len(error) for error, _, _ in parts])[:-1]))
+    weights = tuple(np.split(weigh_segments(size), np.cumsum([len(error) for error, _, _ in parts])[:-1]))
     root = [np.sqrt(w) * s for w, s in zip(weights, steady, strict=True)]
     counts = np.concatenate([np.full(len(error), error.shape[1]) for error, _, _ in parts])
     return Slopes(
@@ -294,13 +309,13 @@ def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) ->
         points = [place.point.at(values + share * step * size) for share in SHOOTING.shares]
         tried = [_follow(own, points, step, move) for own, move in zip(place.every, slopes.parts, strict=True)]
         costs = np.sum([w @ own.T for (_, _, own), w in zip(tried, slopes.weights, strict=True)], axis=0)
-        k, cost = least_of(range(len(points)), costs)
+        k, cost = choose_least(range(len(points)), costs)
         every = [
             replace(own, states=states[k], damping=damped[k])
             for own, (states, damped, _) in zip(place.every, tried, strict=True)
         ]
         if cost > near.cost * (1 - SHOOTING.gain):
-            anew = [initialise(own, points[k]) for own in every]
+            anew = [initialise_states(own, points[k]) for own in every]
             every = [own for own, _ in anew]
             cost = sum(float(w @ own) for w, (_, own) in zip(slopes.weights, anew, strict=True))
         return Fitted(points[k], tuple(every), cost), cost
@@ -316,9 +331,11 @@ def _follow(
     error, by_parameter, by_state = move
     expected = [error + share * (by_parameter @ step) for share in SHOOTING.shares]
     stay = np.repeat(shooting.states[None], len(points), axis=0)
-    tried = np.array([shooting.states + state_steps(one, by_state, shooting.damping) for one in expected])
+    tried = np.array([shooting.states + compute_state_steps(one, by_state, shooting.damping) for one in expected])
     tried = np.concatenate([tried, stay[:, None]], axis=1)
-    squares = np.sum(shooting.errors(each(points, tried.shape[1]), tried.reshape(-1, *stay.shape[1:])) ** 2, axis=2)
+    squares = np.sum(
+        shooting.errors(repeat_points(points, tried.shape[1]), tried.reshape(-1, *stay.shape[1:])) ** 2, axis=2
+    )
     best = np.argmin(squares.reshape(*tried.shape[:2], -1), axis=1)[:, None]
     states = np.take_along_axis(tried, best[:, :, None], 1)[:, 0]
     factors = np.append(DAMPING, DAMPING[-1])[best[:, 0]]
@@ -332,57 +349,65 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
         every: recording's windows.
         model: initial guess; one of its terms has a link. It is returned unchanged if segments are too few.
     """
-    point, multimodal = Point.of(model), hints_of(type(link_of(model.terms))).multimodal
+    point, multimodal = Point.of(model), find_hints(type(link_of(model.terms))).multimodal
     if _are_few(every, point):
         return model
     if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
 
         def tried(starts: Sequence[Point]) -> Fitted:
-            fits = (fit(initialised(every, start, 3), start, SHOOTING.trial_turns) for start in starts)
+            fits = (fit(prepare_segments(every, start, 3), start, SHOOTING.trial_turns) for start in starts)
             return min(fits, key=lambda one: one.cost)
 
-        found = tried([changed(start, {multimodal: f}) for start in (point, hung(point)) for f in SHOOTING.stiffer])
+        found = tried(
+            [
+                change_point(start, {multimodal: f})
+                for start in (point, add_link_gravity(point))
+                for f in SHOOTING.stiffer
+            ]
+        )
         for _ in range(SHOOTING.climbs):
-            other = tried([changed(found.point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
+            other = tried([change_point(found.point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
             if other.cost > found.cost * SHOOTING.climb:
                 break
             found = other
         point = found.point
-    found = fit(initialised(every, point), point)
+    found = fit(prepare_segments(every, point), point)
     if multimodal:
         found = fit([replace(one, step=SHOOTING.fine) for one in found.every], found.point, SHOOTING.fine_turns)
-    return _told(found)
+    return _make_model(found)
 
 
-def with_errors(every: Sequence[Windows], model: Model) -> Model:
+def add_standard_errors(every: Sequence[Windows], model: Model) -> Model:
     """Return the model with standard errors from the spread of the segments; without, if these are too few."""
     point = Point.of(model)
-    return model if _are_few(every, point) else _told(Fitted(point, initialised(every, point)))
+    return model if _are_few(every, point) else _make_model(Fitted(point, prepare_segments(every, point)))
 
 
-def initialised(every: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:
+def prepare_segments(every: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:
     """Return segments of recordings with the best initial states for a point, one in `share` of those of a fit."""
-    first = [consecutive(windows) for windows in every]
+    first = [list_adjacent_segments(windows) for windows in every]
     step = share * -(-sum(len(one) for one in first) // SHOOTING.most)
-    return tuple(initialise(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True))
+    return tuple(initialise_states(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True))
 
 
 def _are_few(every: Sequence[Windows], point: Point) -> bool:
-    return sum(len(consecutive(windows)) for windows in every) < SHOOTING.fewest * len(point.values)
+    return sum(len(list_adjacent_segments(windows)) for windows in every) < SHOOTING.fewest * len(point.values)
 
 
-def _told(place: Fitted) -> Model:
+def _make_model(place: Fitted) -> Model:
     slopes = _linearise(place.every, place.point)
-    return named(place.point, robust_covariance(slopes.by_parameter, slopes.error, slopes.segment))
+    return make_model_with_covariance(
+        place.point, compute_robust_covariance(slopes.by_parameter, slopes.error, slopes.segment)
+    )
 
 
-def changed(point: Point, factors: Mapping[str, float]) -> Point:
+def change_point(point: Point, factors: Mapping[str, float]) -> Point:
     """Return the point with nonlinear parameters of the link's term changed by factors."""
 
     def other(term: Term) -> Term:
         sought = [parameter for parameter in term.nonlinear_parameters if parameter.name in factors]
         return (
-            with_values(term, sought, [factors[s.name] * term.nonlinear_values[s.name] for s in sought])
+            set_values(term, sought, [factors[s.name] * term.nonlinear_values[s.name] for s in sought])
             if term.link
             else term
         )
@@ -390,7 +415,7 @@ def changed(point: Point, factors: Mapping[str, float]) -> Point:
     return replace(point, terms=tuple(other(term) for term in point.terms))
 
 
-def hung(point: Point) -> Point:
+def add_link_gravity(point: Point) -> Point:
     """Return the point with the gravity of the link."""
     names = [column.name for term in point.terms for column in term.columns]
     term = link_of(point.terms)

@@ -17,12 +17,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
-from estimators.regression.least_squares import robust_covariance
+from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
+from estimators.regression.least_squares import compute_robust_covariance
 from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
-from estimators.weak_form.columns import bounds, mark_bounds
-from estimators.weak_form.nonlinear import continuous_parameters, with_values
+from estimators.weak_form.columns import list_bounds, mark_bounds
+from estimators.weak_form.nonlinear import list_continuous_parameters, set_values
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model, Term
 
@@ -53,7 +53,9 @@ class Point:
     def values(self) -> Array:
         """All free parameters: the linear ones, then the continuous nonlinear parameters."""
         nonlinear = [
-            term.nonlinear_values[parameter.name] for term in self.terms for parameter in continuous_parameters(term)
+            term.nonlinear_values[parameter.name]
+            for term in self.terms
+            for parameter in list_continuous_parameters(term)
         ]
         return np.concatenate([self.theta, nonlinear])
 
@@ -73,16 +75,16 @@ class Point:
         rest = list(values[len(self.theta) :])
         terms = []
         for term in self.terms:
-            sought = continuous_parameters(term)
+            sought = list_continuous_parameters(term)
             own, rest = np.array(rest[: len(sought)]), rest[len(sought) :]
-            term = with_values(term, sought, own) if sought else term
+            term = set_values(term, sought, own) if sought else term
             following = {
                 parameter.name: self._named(values, parameter.follows)
                 for parameter in term.nonlinear_parameters
                 if parameter.follows
             }
             terms.append(replace(term, **following))
-        return Point(tuple(terms), np.clip(values[: len(self.theta)], *bounds(terms)))
+        return Point(tuple(terms), np.clip(values[: len(self.theta)], *list_bounds(terms)))
 
     def _named(self, values: Array, name: str) -> float:
         names = [column.name for term in self.terms for column in term.columns]
@@ -93,7 +95,7 @@ PERTURBATION = np.array([1e-4, 1e-3])  # of the initial position [rad] and veloc
 Filters = Sequence[Innovations]  # of each recording's segments; none for unfiltered errors
 
 
-def errors(
+def compute_errors(
     segments: Sequence[Segments], points: Sequence[Point], filters: Filters = (), from_measured: bool = False
 ) -> tuple[Array, Index]:
     """Return position errors of V points (M, V) without the part of the initial state, and their segments (M,).
@@ -106,14 +108,16 @@ def errors(
     perturbations[-2:] = np.diag(PERTURBATION)
     paths = simulate_all(segments, everyone, perturbations)
     each: Sequence[Innovations | None] = filters or [None] * len(paths)
-    parts = [_errors(*parts, from_measured) for parts in zip(segments, paths, each, strict=True)]  # (B, N, V) each
+    parts = [
+        _compute_errors(*parts, from_measured) for parts in zip(segments, paths, each, strict=True)
+    ]  # (B, N, V) each
     counts = np.concatenate([np.full(len(part), part.shape[1]) for part in parts])
     return np.concatenate([part.reshape(-1, len(points)) for part in parts]), np.repeat(np.arange(len(counts)), counts)
 
 
-def _errors(segments: Segments, path: Array, filter: Innovations | None, from_measured: bool) -> Array:
+def _compute_errors(segments: Segments, path: Array, filter: Innovations | None, from_measured: bool) -> Array:
     """Return errors (B, N, V) of positions (N + 1, V + 2, B), the last two from perturbed initial states."""
-    grain = grain_of(segments)
+    grain = choose_grain(segments)
     path, measured = path[grain::grain], segments.position[grain::grain]
     sensitivity = np.moveaxis((path[:, -2:] - path[:, :1]) / PERTURBATION[:, None], 2, 0)  # (B, N, 2)
     error = np.moveaxis(path[:, :-2] - measured[:, None], 2, 0)  # (B, N, V)
@@ -125,19 +129,19 @@ def _errors(segments: Segments, path: Array, filter: Innovations | None, from_me
     return np.asarray(error - frames @ (np.swapaxes(frames, 1, 2) @ error))
 
 
-def grain_of(segments: Segments) -> int:
+def choose_grain(segments: Segments) -> int:
     """Return the samples from one compared position to the next."""
     return max(1, round(OUTPUT_ERROR.grain * segments.windows.recording.rate))
 
 
-def innovations(segments: Sequence[Segments], point: Point) -> list[Innovations]:
+def make_innovations(segments: Sequence[Segments], point: Point) -> list[Innovations]:
     """Make the filters of the errors around a point."""
-    return [Innovations.of(segment, point.terms, point.theta, grain_of(segment)) for segment in segments]
+    return [Innovations.of(segment, point.terms, point.theta, choose_grain(segment)) for segment in segments]
 
 
-def sizes(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Array:
+def compute_segment_rms(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Array:
     """Return the root mean square error of each segment, of all recordings in a row [rad]."""
-    return sizes_of(*errors(segments, [point], filters))
+    return sizes_of(*compute_errors(segments, [point], filters))
 
 
 def sizes_of(error: Array, which: Index) -> Array:
@@ -145,7 +149,7 @@ def sizes_of(error: Array, which: Index) -> Array:
     return np.asarray(np.sqrt(np.bincount(which, error[:, 0] ** 2) / np.bincount(which)) + 1e-12)
 
 
-def trust(sizes: Array) -> Array:
+def weigh_segments(sizes: Array) -> Array:
     """Return the weight of each segment (B,) from its error, small for one that diverges at the top."""
     return np.asarray(1 / (1 + (sizes / (3 * float(np.median(sizes)))) ** 2))
 
@@ -164,10 +168,10 @@ def slopes_of(errors_of: ErrorsOf, point: Point) -> tuple[Array, Array]:
 
 def _trusted(segments: Sequence[Segments], point: Point, filters: Filters) -> ErrorsOf:
     """Errors of the segments with free initial states, weighted by their size at a point."""
-    weights = np.sqrt(trust(sizes(segments, point, filters)))
+    weights = np.sqrt(weigh_segments(compute_segment_rms(segments, point, filters)))
 
     def errors_of(points: Sequence[Point]) -> Array:
-        error, which = errors(segments, points, filters)
+        error, which = compute_errors(segments, points, filters)
         return np.asarray(error * weights[which, None])
 
     return errors_of
@@ -192,21 +196,23 @@ def minimise(errors_of: ErrorsOf, start: Point, turns: int = 12) -> Point:
         longest = np.where(size > smallest, 0.5, OUTPUT_ERROR.leap / smallest)
         step = np.clip(steps[0], -longest, longest) * size
         tried = [near.known.at(values + share * step) for share in OUTPUT_ERROR.shares]
-        return least_of(tried, np.sum(errors_of(tried) ** 2, axis=0))
+        return choose_least(tried, np.sum(errors_of(tried) ** 2, axis=0))
 
     return gauss_newton(start, near, best, Rule(turns, (OUTPUT_ERROR.damping,), by_offset=True))
 
 
-def maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
+def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
     """Fit the maximum-likelihood model near a point, if its residual is noise.
 
     Segments should be about half a second long: the errors of longer ones grow nonlinearly.
     """
-    filters = innovations(segments, start)
-    return model(segments, fit(segments, start, filters=filters), filters)
+    filters = make_innovations(segments, start)
+    return make_model(segments, fit(segments, start, filters=filters), filters)
 
 
-def rms(segments: Sequence[Segments], point: Point, weights: Array | None = None, filters: Filters = ()) -> float:
+def compute_rms(
+    segments: Sequence[Segments], point: Point, weights: Array | None = None, filters: Filters = ()
+) -> float:
     """Return the root mean square error of the segments with free initial states [rad], or innovation.
 
     Args:
@@ -215,12 +221,12 @@ def rms(segments: Sequence[Segments], point: Point, weights: Array | None = None
         weights: of the segments (B,); all alike if not given.
         filters: of their errors.
     """
-    error, which = errors(segments, [point], filters)
+    error, which = compute_errors(segments, [point], filters)
     each = None if weights is None else weights[which]
     return float(np.sqrt(np.average(error[:, 0] ** 2, weights=each)))
 
 
-def noise(segments: Sequence[Segments], point: Point) -> float:
+def compute_torque_noise_rms(segments: Sequence[Segments], point: Point) -> float:
     """Return the root mean square error due to torque noise alone, with free initial states [rad].
 
     The simulated motion takes the place of the measured one.
@@ -228,19 +234,19 @@ def noise(segments: Sequence[Segments], point: Point) -> float:
     rng = np.random.default_rng(0)
     paths = simulate_all(segments, [(point.terms, point.theta)])
     perturbed = [
-        replace(segment, torque=torque_again(segment, rng), position=path[:, 0])
+        replace(segment, torque=redraw_torque(segment, rng), position=path[:, 0])
         for segment, path in zip(segments, paths, strict=True)
     ]
-    return rms(perturbed, point)
+    return compute_rms(perturbed, point)
 
 
-def position_noise(segments: Sequence[Segments], point: Point) -> float:
+def compute_noise_rms(segments: Sequence[Segments], point: Point) -> float:
     """Return the root mean square position error due to noise of torque and initial state [rad]."""
     rng = np.random.default_rng(0)
     perturbed = [
         replace(
             segment,
-            torque=torque_again(segment, rng),
+            torque=redraw_torque(segment, rng),
             velocity=segment.velocity + segment.windows.velocity_noise * rng.standard_normal(segment.velocity.shape),
         )
         for segment in segments
@@ -250,7 +256,7 @@ def position_noise(segments: Sequence[Segments], point: Point) -> float:
     return float(np.sqrt(np.mean(np.concatenate([(one - other)[1:].ravel() for one, other in pairs]) ** 2)))
 
 
-def torque_again(segment: Segments, rng: np.random.Generator) -> Array:
+def redraw_torque(segment: Segments, rng: np.random.Generator) -> Array:
     """Draw the held torque of another log of the same motion (N, B) [N m].
 
     Beside its white noise, a torque that was moved in time by parts of a sample changed somewhere within the sample.
@@ -262,17 +268,17 @@ def torque_again(segment: Segments, rng: np.random.Generator) -> Array:
     return np.asarray(segment.torque + std * rng.standard_normal(segment.torque.shape))
 
 
-def model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Model:
+def make_model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Model:
     """Return the model at a point, with standard errors from the spread of the segments (jackknife's sandwich)."""
     error, slopes = slopes_of(_trusted(segments, point, filters), point)
-    _, which = errors(segments, [point], filters)
-    return named(point, robust_covariance(slopes, error, which))
+    _, which = compute_errors(segments, [point], filters)
+    return make_model_with_covariance(point, compute_robust_covariance(slopes, error, which))
 
 
-def named(point: Point, relative: Array) -> Model:
+def make_model_with_covariance(point: Point, relative: Array) -> Model:
     """Return the model at a point, given the covariance of its parameters relative to them (P + S, P + S)."""
     std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), OUTPUT_ERROR.smallest)
-    names = [term.full(parameter.name) for term in point.terms for parameter in continuous_parameters(term)]
+    names = [term.full(parameter.name) for term in point.terms for parameter in list_continuous_parameters(term)]
     count = len(point.theta)
     model = Model.build(point.terms, point.theta, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))
     return mark_bounds(model).correlated([*(column.name for column in model.columns), *names], relative)

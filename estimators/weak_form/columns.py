@@ -13,7 +13,7 @@ from pendulum_env.physics.term import loads
 NOT_NEGATIVE = ("inertia", "viscous", "coulomb")  # parameters of any body; gravity may have either sign
 
 
-def depends_on_torque(*terms: Term) -> bool:
+def is_torque_dependent(*terms: Term) -> bool:
     """Return whether the torque of one of the terms depends on the commanded torque."""
     return any(term.fixed or any(column.of_torque for column in term.columns) for term in terms)
 
@@ -23,7 +23,7 @@ def is_known(*terms: Term) -> bool:
     return any(column.is_known for term in terms for column in term.columns)
 
 
-def bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
+def list_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     """Return lower and upper bounds of the linear parameters of a model with some terms, (P,) each.
 
     Every fit of every candidate keeps them: those of each law, and those of a body, whose inertia and friction are not
@@ -54,7 +54,7 @@ def mark_bounds(model: Model) -> Model:
     Estimates at the bounds of laws are marked already.
     """
     estimates = dict(model.estimates)
-    for column, low, high in zip(model.columns, *bounds(model.terms), strict=True):
+    for column, low, high in zip(model.columns, *list_bounds(model.terms), strict=True):
         own = estimates[column.name]
         if low == high:
             estimates[column.name] = replace(own, std=0.0)

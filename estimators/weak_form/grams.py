@@ -9,7 +9,7 @@ from estimators.regression.least_squares import RIDGE, solve_within
 from pendulum_env._typing import Array
 
 
-def grams_of_variants(near: Tangent, parts: Sequence[Columns], weights: Array, here: slice) -> Array:
+def compute_variant_grams(near: Tangent, parts: Sequence[Columns], weights: Array, here: slice) -> Array:
     """Return Gram matrices (V, P + 1, P + 1) of fits with each of V variants of an effect, to first order.
 
     The left-hand side comes last, the parameters of the variant before it.
@@ -50,7 +50,7 @@ def _grams_with_fixed(shared: Array, weights: Array, scale: Array, parts: Sequen
     return np.array(grams)
 
 
-def squared_errors(grams: Array, least: Array, most: Array) -> Array:
+def compute_squared_errors(grams: Array, least: Array, most: Array) -> Array:
     """Return squared errors (V,) of V fits within bounds (P,), from their Gram matrices (V, P + 1, P + 1).
 
     The equations' left-hand side y comes last.

@@ -18,8 +18,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.regression.equations import IdentificationError
-from estimators.regression.least_squares import within_bounds
-from estimators.weak_form.columns import bounds, mark_bounds
+from estimators.regression.least_squares import solve_within_bounds
+from estimators.weak_form.columns import list_bounds, mark_bounds
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, Mask
@@ -45,7 +45,7 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
     for term in terms:
         if term.hides or term.fixed or any(column.of_torque for column in term.columns):
             raise IdentificationError(f"{term.id} depends on more than the motion: instruments cannot estimate it")
-    followed = [_followed(w.recording) for w in data.windows]
+    followed = [_replace_by_reference(w.recording) for w in data.windows]
     along = [
         replace(cut(own, (len(w.kernel) // 2) / own.rate), centers=w.centers)
         for w, own in zip(data.windows, followed, strict=True)
@@ -53,25 +53,27 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
     equations, weights = data.equations(terms), data.weights[:, None]
     z = join_windows(along).equations(terms).phi * weights  # (R, P)
     phi, y = equations.phi * weights, equations.y * weights[:, 0]
-    least, most = bounds(terms)
+    least, most = list_bounds(terms)
 
     def solved(theta: Array, free: Mask) -> Array:
         theta = theta.copy()
         if free.any():
-            theta[free] = _bread(z[:, free], phi[:, free]) @ (z[:, free].T @ (y - phi[:, ~free] @ theta[~free]))
+            theta[free] = _invert_product(z[:, free], phi[:, free]) @ (
+                z[:, free].T @ (y - phi[:, ~free] @ theta[~free])
+            )
         return theta
 
-    theta, free = within_bounds(solved, np.clip(np.zeros(len(least)), least, most), least < most, least, most)
+    theta, free = solve_within_bounds(solved, np.clip(np.zeros(len(least)), least, most), least < most, least, most)
     std = np.zeros(len(least))
     if free.any():
-        bread = _bread(z[:, free], phi[:, free])
+        bread = _invert_product(z[:, free], phi[:, free])
         scores = np.zeros((int(data.clusters.max()) + 1, len(bread)))
         np.add.at(scores, data.clusters, z[:, free] * (y - phi @ theta)[:, None])
         std[free] = np.sqrt(np.diag(bread @ (scores.T @ scores) @ bread.T))
     return mark_bounds(Model.build(terms, theta, std))
 
 
-def _bread(z: Array, phi: Array) -> Array:
+def _invert_product(z: Array, phi: Array) -> Array:
     """Inverse (P, P) of the product of instruments (R, P) and regressor (R, P)."""
     size = [np.maximum(np.linalg.norm(x, axis=0), 1e-300) for x in (z, phi)]  # scaled to equal columns
     if np.linalg.cond(z.T @ phi / np.outer(*size)) > HOPELESS:
@@ -79,7 +81,7 @@ def _bread(z: Array, phi: Array) -> Array:
     return np.asarray(np.linalg.inv(z.T @ phi))
 
 
-def _followed(recording: Recording) -> Recording:
+def _replace_by_reference(recording: Recording) -> Recording:
     """The recording as if the joint had followed the reference."""
     if recording.reference is None:
         raise IdentificationError(

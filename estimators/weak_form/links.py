@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.regression.equations import IdentificationError
-from estimators.regression.least_squares import least_squares
+from estimators.regression.least_squares import solve_least_squares
 from estimators.weak_form.torque_windows import (
     PayloadColumns,
     TermColumns,
@@ -57,20 +57,22 @@ def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[
                 f"{names}: joint '{name}' is hardly ever clear of stick and reversals: record longer, faster or wider "
                 "motion"
             )
-    parts = [_columns(own, links.body) for own in entries]
+    parts = [_compute_link_columns(own, links.body) for own in entries]
     calibrated = [
-        [_calibrated(own, k, part) for k in range(len(own))] for own, part in zip(entries, parts, strict=True)
+        [_calibrate_windows(own, k, part) for k in range(len(own))] for own, part in zip(entries, parts, strict=True)
     ]
-    return _joined(calibrated, parts, links, shared)
+    return _join_joints(calibrated, parts, links, shared)
 
 
-def at_every_sample(windows: Sequence[Windows], links: Links, shared: Sequence[type[Coupling]] = ()) -> TorqueWindows:
+def make_windows_at_samples(
+    windows: Sequence[Windows], links: Links, shared: Sequence[type[Coupling]] = ()
+) -> TorqueWindows:
     """Return windows about every sample of an arm's recording that is clear of stick, from windows of each joint."""
     entries = [w.at_every_sample() for w in windows]
-    return _joined([entries], [_columns(entries, links.body)], links, shared)
+    return _join_joints([entries], [_compute_link_columns(entries, links.body)], links, shared)
 
 
-def _joined(
+def _join_joints(
     entries: Sequence[Sequence[Windows]], parts: Sequence[_Columns], links: Links, shared: Sequence[type[Coupling]]
 ) -> TorqueWindows:
     """Equations of recordings from the windows of each joint and the links' columns there."""
@@ -83,7 +85,10 @@ def _joined(
     data = join_windows([own[k] for k in joints for own in entries], {links.id: TermColumns(linear, rates, inertia)})
     return replace(
         data,
-        shared_columns={**data.shared_columns, **{kind.id: _coupled(entries, kind) for kind in shared}},
+        shared_columns={
+            **data.shared_columns,
+            **{kind.id: _compute_coupling_columns(entries, kind) for kind in shared},
+        },
         payload=_payload_columns(data, linear, links.body),
     )
 
@@ -100,26 +105,26 @@ def _payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadC
     return PayloadColumns(np.asarray(torque), np.column_stack(columns))
 
 
-def _coupled(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> TermColumns:
+def _compute_coupling_columns(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> TermColumns:
     """Columns of a motor coupled to two joints, on the rows of all joints."""
-    parts = [_shared(own[k], own, kind()) for k in range(len(entries[0])) for own in entries]
+    parts = [_compute_shared_columns(own[k], own, kind()) for k in range(len(entries[0])) for own in entries]
     linear, rates = (np.concatenate(each) for each in zip(*parts, strict=True))
     return TermColumns(linear, rates, np.zeros((len(entries[0]), linear.shape[1])))
 
 
-def _shared(w: Windows, entries: Sequence[Windows], term: Term) -> tuple[Array, Array]:
+def _compute_shared_columns(w: Windows, entries: Sequence[Windows], term: Term) -> tuple[Array, Array]:
     """Columns (R, P) on the rows of a joint, and their time derivatives, of a motor coupled to several joints."""
     factors = loads(term.at)
     if w.at not in factors:
         return (np.zeros((len(w.centers), len(term.columns))),) * 2
     turns = np.array([factors.get(own.at, 0.0) for own in entries])
-    position, velocity, acceleration = (series @ turns for series in _motion(entries))
+    position, velocity, acceleration = (series @ turns for series in _stack_motion(entries))
     w = replace(w, samples=replace(w.samples, position=position, velocity=velocity), acceleration=acceleration)
     rates = np.column_stack([w.rates.column(column, w.samples) for column in term.columns])
     return factors[w.at] * w.columns([term])[0][0], factors[w.at] * rates
 
 
-def _motion(entries: Sequence[Windows]) -> tuple[Array, Array, Array]:
+def _stack_motion(entries: Sequence[Windows]) -> tuple[Array, Array, Array]:
     """Position, velocity and acceleration of all joints (N, n) each."""
     parts = ((w.samples.position, w.samples.velocity, w.acceleration) for w in entries)
     q, v, a = (np.column_stack(series) for series in zip(*parts, strict=True))
@@ -135,8 +140,8 @@ class _Columns:
     masses: Array  # M_kj at some places, by each parameter (S, P, n, n)
 
 
-def _columns(entries: Sequence[Windows], body: Body) -> _Columns:
-    q, v, a = _motion(entries)
+def _compute_link_columns(entries: Sequence[Windows], body: Body) -> _Columns:
+    q, v, a = _stack_motion(entries)
     smooth, heavy = body.torque(q, v, np.zeros_like(v)), body.momentum(q, a)  # (N, n, P)
 
     def averaged(rows: WindowAverages, k: int) -> Array:
@@ -151,7 +156,7 @@ def _columns(entries: Sequence[Windows], body: Body) -> _Columns:
     )
 
 
-def _calibrated(entries: Sequence[Windows], k: int, columns: _Columns) -> Windows:
+def _calibrate_windows(entries: Sequence[Windows], k: int, columns: _Columns) -> Windows:
     """Windows of joint k whose noise estimate is at most the residual of links and all smooth laws of the joint.
 
     The equation of a joint contains the accelerations of all joints, and so the noise of their encoders.
@@ -159,7 +164,7 @@ def _calibrated(entries: Sequence[Windows], k: int, columns: _Columns) -> Window
     w = entries[k]
     laws = [law for law in smooth_laws(w) if law.id not in ("inertia", "gravity")]
     phi = np.column_stack([columns.linear[k], *(w.columns([law])[0][0] for law in laws)])
-    theta = least_squares(phi, w.net_torque())[: columns.masses.shape[1]]
+    theta = solve_least_squares(phi, w.net_torque())[: columns.masses.shape[1]]
     felt = np.sqrt(np.mean(np.einsum("p,spj->sj", theta, columns.masses[:, :, k]) ** 2, axis=0))  # |M_kj| (n,)
     noise = float(np.linalg.norm(felt * [own.acceleration_noise for own in entries]))
     w = replace(w, acceleration_noise=noise / max(float(felt[k]), 1e-300))

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
+from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import SOLVER
-from estimators.search_hints import hints_of
+from estimators.search_hints import find_hints
 from pendulum_env._typing import Array
 from pendulum_env.physics import NonlinearParameter, Samples, Term
 
@@ -39,12 +39,12 @@ class NonlinearSettings:
 NONLINEAR = NonlinearSettings()
 
 
-def with_values(term: Term, sought: Sequence[NonlinearParameter], values: Sequence[float] | Array) -> Term:
+def set_values(term: Term, sought: Sequence[NonlinearParameter], values: Sequence[float] | Array) -> Term:
     """Return the term with new values of some nonlinear parameters, kept inside their limits."""
     return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(sought, values, strict=True)})
 
 
-def continuous_parameters(term: Term) -> list[NonlinearParameter]:
+def list_continuous_parameters(term: Term) -> list[NonlinearParameter]:
     """List the free nonlinear parameters that are continuous and follow no other parameter."""
     return [parameter for parameter in term.free if not parameter.integer and not parameter.follows]
 
@@ -54,28 +54,28 @@ def release(term: Term) -> list[list[Term]]:
 
     An integer takes each of its values; only the first integer is released, since others are similar.
     """
-    found, is_whole, starts = [], False, hints_of(type(term)).alternative_starts
+    found, is_whole, starts = [], False, find_hints(type(term)).alternative_starts
     for parameter in term.nonlinear_parameters:
         start = starts.get(parameter.name)
         if start is None or parameter in term.free or (is_whole and parameter.integer):
             continue
         is_whole |= parameter.integer
         values = range(int(start), int(parameter.high) + 1) if parameter.integer else [start]
-        variants = [with_values(term, [parameter], [value]) for value in values]
+        variants = [set_values(term, [parameter], [value]) for value in values]
         found.append([variant for variant in variants if not variant.fault])
     return found
 
 
 def reset(term: Term) -> list[Term]:
     """List variants of the term, each with one released nonlinear parameter back at its nominal value."""
-    starts = hints_of(type(term)).alternative_starts
+    starts = find_hints(type(term)).alternative_starts
     released = [parameter for parameter in term.free if parameter.name in starts]
     return [
-        with_values(term, [parameter], [parameter.nominal]) for parameter in released if parameter.nominal is not None
+        set_values(term, [parameter], [parameter.nominal]) for parameter in released if parameter.nominal is not None
     ]
 
 
-def nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]]) -> dict[str, Array]:
+def compute_nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]]) -> dict[str, Array]:
     """Return derivatives (R,) of a term's torque by its continuous nonlinear parameters, by `id.parameter`.
 
     Args:
@@ -83,7 +83,7 @@ def nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Ar
         torques: torque (R,) of each variant of it [N m].
     """
     slopes = {}
-    for parameter in continuous_parameters(term):
+    for parameter in list_continuous_parameters(term):
         value = term.nonlinear_values[parameter.name]
         # symmetric difference over a step that is small against the value and safe against rounding
         step = NONLINEAR.difference * max(abs(value), 1e-6)
@@ -99,7 +99,7 @@ def refine_nonlinear(term: Term, residuals: Residuals, edges: Sequence[Nonlinear
     lengths, are judged as one batch. Parameters with a positive lower limit move by factors.
     Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
     """
-    sought = [parameter for parameter in continuous_parameters(term) if parameter not in edges]
+    sought = [parameter for parameter in list_continuous_parameters(term) if parameter not in edges]
     if not sought:
         return term
     factor = np.array([parameter.low > 0 for parameter in sought])
@@ -108,13 +108,15 @@ def refine_nonlinear(term: Term, residuals: Residuals, edges: Sequence[Nonlinear
     def at(term: Term) -> tuple[Array, Array]:
         """Return the values of the nonlinear parameters and the units of their steps."""
         values = np.array([term.nonlinear_values[parameter.name] for parameter in sought])
-        return values, np.array([step_unit(parameter, value) for parameter, value in zip(sought, values, strict=True)])
+        return values, np.array(
+            [get_step_unit(parameter, value) for parameter, value in zip(sought, values, strict=True)]
+        )
 
     def near(term: Term) -> Near[Term]:
         values, unit = at(term)
         error = known[term] if term in known else residuals([term])[0]
         steps = NONLINEAR.difference * unit * np.eye(len(sought))
-        nearby = [with_values(term, sought, values + step) for step in steps]
+        nearby = [set_values(term, sought, values + step) for step in steps]
         slopes = (np.column_stack(residuals(nearby)) - error[:, None]) / NONLINEAR.difference  # (R, S)
         return Near(term, float(error @ error), error, slopes)
 
@@ -122,12 +124,12 @@ def refine_nonlinear(term: Term, residuals: Residuals, edges: Sequence[Nonlinear
         values, unit = at(near.known)
         step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / NONLINEAR.leap)
         tried = [
-            with_values(term, sought, np.where(factor, values * np.exp(share * step), values + share * step * unit))
+            set_values(term, sought, np.where(factor, values * np.exp(share * step), values + share * step * unit))
             for share in NONLINEAR.shares
         ]
         known.clear()
         known.update(zip(tried, residuals(tried), strict=True))
-        return least_of(tried, [float(known[term] @ known[term]) for term in tried])
+        return choose_least(tried, [float(known[term] @ known[term]) for term in tried])
 
     return gauss_newton(term, near, best, Rule(NONLINEAR.turns, (NONLINEAR.damping,), by_offset=True))
 
@@ -140,16 +142,18 @@ def find_edges(term: Term, x: Samples) -> list[NonlinearParameter]:
     slopes by its stop, also where the law jumps by damping.
     """
     smooth = term.has_state() or term.has_impacts
-    return [own for own in continuous_parameters(term) if own.instant or (not smooth and _jumps(term, own, x))]
+    return [own for own in list_continuous_parameters(term) if own.instant or (not smooth and _has_jumps(term, own, x))]
 
 
-def _jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
+def _has_jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
     """Return whether the laws of a term jump at some samples while a parameter moves."""
     value = term.nonlinear_values[parameter.name]
-    unit = step_unit(parameter, value)
+    unit = get_step_unit(parameter, value)
 
     def change(share: float) -> float:
-        ends = [_laws(with_values(term, [parameter], [value + step]), x) for step in (-share * unit, share * unit)]
+        ends = [
+            _evaluate_laws(set_values(term, [parameter], [value + step]), x) for step in (-share * unit, share * unit)
+        ]
         return float(np.max(np.abs(ends[1] - ends[0])))
 
     far, near, close = map(change, (NONLINEAR.leap, NONLINEAR.difference, 0.01 * NONLINEAR.difference))
@@ -157,12 +161,12 @@ def _jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
     return far > 0 and (near <= least or close <= least or close > NONLINEAR.jump * near)
 
 
-def step_unit(parameter: NonlinearParameter, value: float) -> float:
+def get_step_unit(parameter: NonlinearParameter, value: float) -> float:
     """Return the unit in which a parameter moves: its size, also near zero where it may be zero."""
     return abs(value) if parameter.low > 0 else max(abs(value), 0.1)
 
 
-def _laws(term: Term, x: Samples) -> Array:
+def _evaluate_laws(term: Term, x: Samples) -> Array:
     """Return the laws of all columns of a term at N samples (3 P, N)."""
     laws = [law(x) for column in (*term.columns, *term.fixed) for law in (column.mass, column.force, column.dry)]
     return np.array([np.broadcast_to(law, np.shape(x.velocity)) for law in laws])
@@ -173,9 +177,9 @@ def scan_edges(term: Term, residuals: Residuals, edges: Sequence[NonlinearParame
     for parameter in edges:
         for width in NONLINEAR.widths:
             value = term.nonlinear_values[parameter.name]
-            step = width * (reach if parameter.instant else NONLINEAR.leap * step_unit(parameter, value))
+            step = width * (reach if parameter.instant else NONLINEAR.leap * get_step_unit(parameter, value))
             values = value + step * np.linspace(-1.0, 1.0, NONLINEAR.scanned)
-            tried = [with_values(term, [parameter], [value]) for value in values]
+            tried = [set_values(term, [parameter], [value]) for value in values]
             term = tried[int(np.argmin([float(residual @ residual) for residual in residuals(tried)]))]
     return term
 
@@ -197,7 +201,7 @@ def cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
         elite = np.log([[term.nonlinear_values[parameter.name] for parameter in sought] for _, term in ranked])
         spread = 1.2 * elite.std(axis=0) + 0.02
         draws = np.exp(elite.mean(axis=0) + spread * rng.standard_normal((NONLINEAR.draws, len(sought))))
-        drawn = [with_values(variants[0], sought, draw) for draw in draws]
+        drawn = [set_values(variants[0], sought, draw) for draw in draws]
         ranked += zip(errors(drawn), drawn, strict=True)
         ranked = sorted(ranked, key=lambda pair: pair[0])[: NONLINEAR.elite]
     return ranked[0][1]

@@ -17,15 +17,15 @@ from estimators.data.rows import FittedTerms, RowLayout, ScoredTerms, Terms
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, Tangent, condense, place_columns
 from estimators.regression.least_squares import weigh_recordings
-from estimators.search_hints import hints_of, is_possible
-from estimators.weak_form.columns import bounds, bounds_of_laws, depends_on_torque, is_known
-from estimators.weak_form.grams import grams_of_variants, squared_errors
+from estimators.search_hints import find_hints, is_possible
+from estimators.weak_form.columns import bounds_of_laws, is_known, is_torque_dependent, list_bounds
+from estimators.weak_form.grams import compute_squared_errors, compute_variant_grams
 from estimators.weak_form.nonlinear import (
     Residuals,
-    continuous_parameters,
+    compute_nonlinear_slopes,
     cross_entropy,
     find_edges,
-    nonlinear_slopes,
+    list_continuous_parameters,
     refine_nonlinear,
     scan_edges,
 )
@@ -102,7 +102,7 @@ class TorqueRows:
         if (own := self.at(variants[0].at)) is not self:
             return own.make_columns(variants)
         plain, kind, torque = self.data.columns(variants), variants[0], self.data.torque()
-        if not depends_on_torque(kind):
+        if not is_torque_dependent(kind):
             return [Columns(own, fixed, np.zeros_like(own)) for own, fixed in plain]
         step = PERTURBATION * self._largest_torque
         pairs = zip(plain, self._perturbed.columns(variants), strict=True)
@@ -173,7 +173,7 @@ class TorqueRows:
         """Return the rows of some terms from the columns of each and weights (R,)."""
         rows = [self.data.where(term.at) for term in terms]
         balance = Balance.of(self._torque, weights).with_columns(
-            list(zip(rows, parts, strict=True)), *bounds(terms), self.perturbations
+            list(zip(rows, parts, strict=True)), *list_bounds(terms), self.perturbations
         )
         if not any(term.lead for term in terms):
             return balance
@@ -205,7 +205,7 @@ class TorqueRows:
             wide = np.tile(perturbations.max(axis=0), (len(first.y) - len(own_rows), 1))
             here, perturbations = slice(0, len(own_rows)), np.concatenate([own_rows, wide])
         return lambda variant, own: first.with_columns(
-            [(here, self._with_change(variant, own))], *bounds((*terms, variant)), perturbations
+            [(here, self._with_change(variant, own))], *list_bounds((*terms, variant)), perturbations
         )
 
     def weights(self, terms: Terms) -> Array:
@@ -226,7 +226,7 @@ class TorqueRows:
         """Fit the terms with the weights of noise alone, near the fit without the last if that is not linear."""
         *others, last = terms
         start = None
-        if depends_on_torque(*others):
+        if is_torque_dependent(*others):
             start = np.append(self._solve_by_noise(tuple(others)), np.zeros(len(last.columns)))
         return self.equations(terms, by_noise=True).solve(start)
 
@@ -287,7 +287,7 @@ class TorqueRows:
             def torques(variants: Terms, own: Array = own) -> list[Array]:
                 return [linear @ own + fixed for linear, fixed in self.data.columns(variants)]
 
-            for name, slope in nonlinear_slopes(term, torques).items():
+            for name, slope in compute_nonlinear_slopes(term, torques).items():
                 slopes[name] = whole = np.zeros(len(self.data.weights))
                 whole[self.data.where(term.at)] = slope
         return np.column_stack([np.empty((len(self.data.weights), 0)), *slopes.values()]), list(slopes)
@@ -306,9 +306,9 @@ class TorqueRows:
         else:
             near = self.tangent(terms)
             start = np.append(near.theta, np.zeros(len(variants[0].columns)))
-            limits = [end - start for end in bounds((*terms, variants[0]))]
-            squares = squared_errors(grams_of_variants(near, parts, w, here), *limits)
-            if depends_on_torque(variants[0]):
+            limits = [end - start for end in list_bounds((*terms, variants[0]))]
+            squares = compute_squared_errors(compute_variant_grams(near, parts, w, here), *limits)
+            if is_torque_dependent(variants[0]):
                 squares = self._refit_exactly(near, list(zip(variants, parts, strict=True)), squares, exact, w, limits)
         absorbed = [self._mean_absorbed((*terms, variant), w) for variant in variants]
         return np.sqrt(squares / (w @ w) + absorbed).tolist()
@@ -328,7 +328,7 @@ class TorqueRows:
         """
         here = self.data.where(pairs[0][0].at)
         predicted = [own._replace(linear=own.linear - near.error[here, None] * own.slope) for _, own in pairs]
-        estimates = (plain, squared_errors(grams_of_variants(near, predicted, w, here), *limits))
+        estimates = (plain, compute_squared_errors(compute_variant_grams(near, predicted, w, here), *limits))
         tried = np.unique([np.argsort(estimate)[: VARIANTS.exact] for estimate in estimates])
         squares = np.array([exact(*pairs[k]) for k in tried.tolist()])
         found = np.maximum(plain, squares.min())
@@ -347,7 +347,7 @@ class TorqueRows:
 
     def search_basins(self, terms: Terms, variants: Terms) -> ScoredTerms:
         """Search from each value of the parameter over which the error is multimodal, and return the best trial."""
-        residuals, name = self._residuals(terms), hints_of(type(variants[0])).multimodal
+        residuals, name = self._residuals(terms), find_hints(type(variants[0])).multimodal
         places = {variant.nonlinear_values[name] for variant in variants}
         basins = [[v for v in variants if v.nonlinear_values[name] == place] for place in sorted(places)]
         found = [self.trial((*terms, cross_entropy(basin, residuals))) for basin in basins]
@@ -359,7 +359,7 @@ class TorqueRows:
         """Search the continuous nonlinear parameters of one term of a trial from their values."""
         place = next(i for i, term in enumerate(trial.terms) if term.id == id)
         term = trial.terms[place]
-        if hints_of(type(term)).multimodal:
+        if find_hints(type(term)).multimodal:
             return trial
         others = (*trial.terms[:place], *trial.terms[place + 1 :])
         following = [parameter for parameter in term.nonlinear_parameters if parameter.follows]
@@ -369,7 +369,7 @@ class TorqueRows:
             term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
         residuals, samples = self._residuals(others), self.data.part(term.at).samples
         reach, found, edges = VARIANTS.reach * float(np.ptp(samples.time)), term, find_edges(term, samples)
-        for _ in range(1 + bool(edges and len(continuous_parameters(term)) > 1)):
+        for _ in range(1 + bool(edges and len(list_continuous_parameters(term)) > 1)):
             found = scan_edges(refine_nonlinear(found, residuals, edges), residuals, edges, reach)
         closer = self.trial((*trial.terms[:place], found, *trial.terms[place + 1 :]))
         worse = closer.fitted_rms > trial.fitted_rms and not following
@@ -406,14 +406,14 @@ class TorqueRows:
             extra = extra / size
             theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ remaining) / size
             others = near.theta + inverse @ (frame.T @ target - frame[here].T @ (columns @ theta))
-            (least, most), whole = bounds((*terms, variant)), np.append(others, theta)
+            (least, most), whole = list_bounds((*terms, variant)), np.append(others, theta)
             if np.any((whole < least) | (whole > most)):
                 return exact(self.assemble((*terms, variant), [*shared, own], w))
             return np.asarray(remaining - (extra * size) @ theta)
 
         def residuals(variants: Terms) -> list[Array]:
             pairs = list(zip(variants, self.make_columns(variants), strict=True))
-            if not depends_on_torque(variants[0]):
+            if not is_torque_dependent(variants[0]):
                 return [residual(*pair) for pair in pairs]
             return [exact(with_variant(variants[0].at)(*pair)) for pair in pairs]
 

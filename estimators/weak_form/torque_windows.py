@@ -178,7 +178,7 @@ class TorqueWindows:
         """
         block, entry = _number_blocks(self.windows, length), self.recording_of_window
         recording_of_block = np.zeros(int(block.max()) + 1, dtype=np.intp)
-        recording_of_block[block] = np.array(_recording_of_each(self.windows))[entry]
+        recording_of_block[block] = np.array(_list_recordings(self.windows))[entry]
         return block, entry, recording_of_block
 
     def structure(self, residual: Array, inertia: float) -> ResidualStructure:
@@ -278,8 +278,8 @@ class TorqueWindows:
         """Return the residual of each window, its dry friction, and its largest error by noise, (R,) [N m] each."""
         equations = self.equations(terms)
         noise = np.repeat([w.noise(inertia) for w in self.windows], [len(w.centers) for w in self.windows])
-        deviation = np.hypot(noise, _deviations(equations.phi, covariance))
-        friction = np.concatenate([_most_friction(w, terms, theta, covariance) for w in self.windows])
+        deviation = np.hypot(noise, _compute_deviations(equations.phi, covariance))
+        friction = np.concatenate([_bound_friction(w, terms, theta, covariance) for w in self.windows])
         return equations.y - equations.phi @ theta, friction, WEAK_FORM.significant * deviation
 
     @property
@@ -336,7 +336,7 @@ class TorqueWindows:
         return max(self.precision(), float(np.sqrt(np.sum(counts * levels**2) / max(1, counts.sum()))))
 
 
-def _most_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: Array) -> Array:
+def _bound_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: Array) -> Array:
     """Return an upper bound of dry friction in each window (R,) [N m], in either direction.
 
     Bristles replace dry friction, so that both together have the same bound.
@@ -350,7 +350,7 @@ def _most_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: 
             for column in term.columns
         ]
     )
-    most = np.abs(rows @ theta) + WEAK_FORM.significant * _deviations(rows, covariance)
+    most = np.abs(rows @ theta) + WEAK_FORM.significant * _compute_deviations(rows, covariance)
     return np.asarray(sliding_window_view(most, len(w.kernel))[w.centers - len(w.kernel) // 2].max(axis=1))
 
 
@@ -367,7 +367,7 @@ def _durations(w: Windows) -> Array:
     return np.asarray(np.maximum(around.sum(axis=1) ** 2 / np.maximum((around**2).sum(axis=1), 1e-300), 1.0))
 
 
-def _deviations(rows: Array, covariance: Array) -> Array:
+def _compute_deviations(rows: Array, covariance: Array) -> Array:
     """Return standard errors (R,) of sums of parameters, each with its factors (R, P)."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("rp,pq,rq->r", rows, covariance, rows), 0.0)))
 
@@ -375,7 +375,7 @@ def _deviations(rows: Array, covariance: Array) -> Array:
 def _number_blocks(windows: Sequence[Windows], length: float) -> Index:
     """Return the number of the block of about `length` seconds of each equation (R,), within its recording."""
     numbers, offset, first = [], 0, {}
-    for w, run in zip(windows, _recording_of_each(windows), strict=True):
+    for w, run in zip(windows, _list_recordings(windows), strict=True):
         count = max(1, round(w.recording.duration / length))
         which = np.minimum((w.centers * count) // len(w.recording), count - 1)
         if run not in first:
@@ -385,12 +385,12 @@ def _number_blocks(windows: Sequence[Windows], length: float) -> Index:
     return np.unique(np.concatenate(numbers), return_inverse=True)[1]
 
 
-def _recording_of_each(windows: Sequence[Windows]) -> list[int]:
+def _list_recordings(windows: Sequence[Windows]) -> list[int]:
     """Return the recording of each entry: its own, or one shared with other joints."""
     return [k if w.run is None else w.run for k, w in enumerate(windows)]
 
 
-def _widths(recording: Recording) -> tuple[float, ...]:
+def _list_half_widths(recording: Recording) -> tuple[float, ...]:
     """Return the half widths of at least two samples whose windows are shorter than the recording."""
     shortest, duration = 2.0 / recording.rate, len(recording) / recording.rate
     if duration < SAMPLING.shortest:
@@ -449,7 +449,7 @@ def choose_half_width(recording: Recording) -> float:
     Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
     is mainly noise, which falls with the window length to the power 2.5.
     """
-    widths = _widths(recording)
+    widths = _list_half_widths(recording)
     cuts = [cut(recording, width) for width in widths]
     carried = float(np.max(cuts[0].samples.load.inertia))
     inertia, real = carried, 1.0  # and share of the torque noise that is real

@@ -25,8 +25,14 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from estimators.signals.differentiation import from_position, from_velocity, near_turns, shared, white_noise
-from estimators.signals.motion import LEAD_IN, SLOWEST, known_load, warmth
+from estimators.signals.differentiation import (
+    correlate_averages,
+    differentiate_position,
+    differentiate_velocity,
+    estimate_white_noise,
+    find_near_reversals,
+)
+from estimators.signals.motion import LEAD_IN, SLOWEST, get_known_load, get_temperature
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.arms.body import LinkLoad
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
@@ -72,7 +78,7 @@ class WindowAverages:
         """Average a column of the regressor (R,), along samples with the term's state variables."""
         smooth = column.force(x) + column.dry(x) * np.sign(x.velocity) * self.moving
         # torque samples are averages over the triangle already
-        averages = _averaged(self.narrow if column.of_torque else self.wider, smooth)
+        averages = _average_series(self.narrow if column.of_torque else self.wider, smooth)
         mass = column.mass(x)
         if np.ndim(mass) or mass:
             averages = averages + self.narrow @ (mass * self.acceleration)
@@ -90,7 +96,7 @@ class WindowAverages:
         for variant, x in zip(variants, traced, strict=True):
             linear = [self.column(c, x) for c in variant.columns]
             # fixed columns are torques that hold like the command, and already averages over the triangle
-            fixed = sum((_averaged(self.narrow, c.force(x)) for c in variant.fixed), none)
+            fixed = sum((_average_series(self.narrow, c.force(x)) for c in variant.fixed), none)
             fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
             parts.append((np.column_stack(linear) if linear else np.empty((len(none), 0)), fixed))
         return parts
@@ -104,7 +110,7 @@ class WindowAverages:
         return np.asarray(sum(parts, np.zeros((self.narrow.shape[0], len(perturbations)))))
 
 
-def _averaged(averages: scipy.sparse.csr_array, series: ArrayLike) -> Array:
+def _average_series(averages: scipy.sparse.csr_array, series: ArrayLike) -> Array:
     """Average a series, or a constant (R,)."""
     return np.asarray(averages @ np.broadcast_to(np.asarray(series, dtype=float), averages.shape[1:]))
 
@@ -230,7 +236,7 @@ class Windows:
         return scipy.sparse.csr_array(parts, shape=(count, len(self.moving)))
 
     def under(self, torque: Array, averages: Array) -> Windows:
-        """Return the motion under another torque (N,) [N m], with its averages by `held` (N,)."""
+        """Return the motion under another torque (N,) [N m], with its averages by `average_held_torque` (N,)."""
         samples = replace(self.samples, torque=averages)
         return replace(self, recording=replace(self.recording, torque=torque), samples=samples)
 
@@ -258,9 +264,9 @@ class Windows:
     def absorbed(self, term: Term) -> float:
         """Return the variance of white torque noise that the term's fixed columns absorb [(N m)^2]."""
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
-        noisier = self.under(self.recording.torque + noise, self.samples.torque + held(noise))
+        noisier = self.under(self.recording.torque + noise, self.samples.torque + average_held_torque(noise))
         ((_, more),), ((_, taken),) = noisier.columns([term]), self.columns([term])
-        raw = self.average(held(noise))
+        raw = self.average(average_held_torque(noise))
         return float(np.var(raw) - np.var(raw - (more - taken)))
 
     def torque(self) -> Array:
@@ -294,7 +300,9 @@ class Windows:
 
     def shared_noise(self, inertia: float) -> float:
         """Return the covariance of the residuals of adjacent windows due to measurement noise [(N m)^2]."""
-        of_torque = self.torque_noise**2 * shared(np.convolve(self.kernel, [0.5, 0.5]), len(self.kernel) // 2)
+        of_torque = self.torque_noise**2 * correlate_averages(
+            np.convolve(self.kernel, [0.5, 0.5]), len(self.kernel) // 2
+        )
         return of_torque + (self._moved(inertia) * self.acceleration_noise) ** 2 * self.acceleration_shared
 
     def _moved(self, inertia: float) -> float:
@@ -302,7 +310,7 @@ class Windows:
         return inertia + float(np.max(self.samples.load.inertia))
 
 
-def held(torque: Array) -> Array:
+def average_held_torque(torque: Array) -> Array:
     """Average a torque (N,) that is held from sample to sample over the triangle about each sample."""
     averages = torque.copy()
     averages[1:] = 0.5 * (torque[1:] + torque[:-1])
@@ -339,7 +347,7 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
     return traced
 
 
-def bump(half_width: int) -> Array:
+def make_bump(half_width: int) -> Array:
     """Return the window (1 - s^2)^3 over 2 half_width + 1 samples, summing to one."""
     s = np.arange(-half_width, half_width + 1) / (half_width + 1)
     weights = (1.0 - s**2) ** 3
@@ -360,16 +368,16 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     """
     m = max(2, round(half_width * recording.rate))
     smoothing = max(2, round(0.75 * m))
-    window, load = bump(m), known_load(recording)
-    noise = math.hypot(white_noise(recording.torque), white_noise(load.along(recording.time)))
-    motion = from_position(recording, window, smoothing)
-    measured = from_velocity(recording, window, smoothing)
+    window, load = make_bump(m), get_known_load(recording)
+    noise = math.hypot(estimate_white_noise(recording.torque), estimate_white_noise(load.along(recording.time)))
+    motion = differentiate_position(recording, window, smoothing)
+    measured = differentiate_velocity(recording, window, smoothing)
     if measured and measured.acceleration_noise < 0.7 * motion.acceleration_noise:
         motion = measured
     v = motion.velocity
     moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
     guard = m + 1 + smoothing // 3  # the smoothed velocity may cross zero a little off the true one
-    near, outside = near_turns(v, moving, guard), np.zeros(len(v), dtype=bool)
+    near, outside = find_near_reversals(v, moving, guard), np.zeros(len(v), dtype=bool)
     for begin, end in pairwise((*recording.starts, len(recording))):
         lead_in = round(min(LEAD_IN * recording.rate, 0.1 * (end - begin)))
         outside[begin : begin + guard + 1 + lead_in] = outside[end - guard - 1 : end] = True
@@ -388,9 +396,9 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
             recording.time,
             motion.position,
             v,
-            held(recording.torque),
+            average_held_torque(recording.torque),
             load=load,
-            temperature=warmth(recording),
+            temperature=get_temperature(recording),
         ),
         acceleration=motion.acceleration,
         kernel=window,
@@ -401,7 +409,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
         is_clear=is_clear,
         torque_noise=noise * float(np.linalg.norm(np.convolve(window, [0.5, 0.5]))),
         acceleration_noise=motion.acceleration_noise,
-        acceleration_shared=shared(motion.noise_weights, m),
+        acceleration_shared=correlate_averages(motion.noise_weights, m),
         velocity_noise=motion.velocity_noise,
         first=first,
         stop=stop,

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv
 
-from estimators.arguments import model_that_moves
+from estimators.arguments import check_model
 from estimators.online.change import Fit
 from estimators.online.diagnosis import Diagnoser, find_obstacle
 from estimators.wrappers.measuring import MeasurementVectorWrapper, MeasurementWrapper
@@ -176,7 +176,7 @@ def load_reference(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term,
     if model.body.joints != plant.body.joints:
         ours, other = (describe_joints(of.joints) for of in (model.body, plant.body))
         raise ValueError(f"the model has {ours}, the environment has {other}: give a model of the environment")
-    model_that_moves(model)
+    check_model(model)
     if model.torque_unit != plant.torque_unit:
         raise ValueError(
             f"the model is per {model.torque_unit}, but the environment measures torque in {plant.torque_unit}: "

@@ -10,12 +10,12 @@ from typing import Any, TypedDict, cast
 
 import gymnasium as gym
 
-from estimators.arguments import chosen_terms
+from estimators.arguments import select_terms
 from estimators.online import JointState, OnlineEstimator
 from estimators.online.clock import check_rate
-from estimators.schemes.six import SCHEMES, Scheme, chosen_schemes
-from estimators.signals.differentiation import encoder_noise
-from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
+from estimators.schemes.six import SCHEMES, Scheme, select_schemes
+from estimators.signals.differentiation import estimate_encoder_noise
+from estimators.signals.measurements import Smoothing, choose_smoothing, compute_encoder_noise
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.joints import Coupling, arm_base, effects_of, kinds_at, model_terms
 from pendulum_env.backends.sensing import COUNTS
@@ -58,7 +58,7 @@ def choose_online_schemes(names: Names) -> tuple[Scheme | JointState, ...]:
     others = [one for one in listed if not isinstance(one, JointState)]
     if len(joint) > 1:
         raise ValueError(f"a scheme is named twice in {joint[0].id}, {joint[1].id}: use each once")
-    chosen = chosen_schemes(others) if others or not joint else ()
+    chosen = select_schemes(others) if others or not joint else ()
     return (*cast("tuple[Scheme, ...]", chosen), *joint)
 
 
@@ -81,16 +81,16 @@ def find_smoothing(env: AnyEnv, rate: float) -> Smoothing:
     if isinstance(recording, Recording):
         return choose_smoothing(recording)
     noise = find_position_noise(env)
-    return Smoothing.of_noise(of_steps(COUNTS) if noise is None else noise, rate)
+    return Smoothing.of_noise(compute_encoder_noise(COUNTS) if noise is None else noise, rate)
 
 
 def find_position_noise(env: AnyEnv) -> float | None:
     """Return the standard deviation of the measured position [rad]; None for an unknown encoder."""
     recording = _get_attribute(env, "recording")
     if isinstance(recording, Recording):
-        return encoder_noise(recording.position)
+        return estimate_encoder_noise(recording.position)
     counts = _get_attribute(env, "counts")
-    return None if counts is None else of_steps(counts)
+    return None if counts is None else compute_encoder_noise(counts)
 
 
 def _get_attribute(env: AnyEnv, name: str) -> Any:
@@ -162,7 +162,7 @@ class Plant:
         Raises:
             ValueError: if a term or its joint is unknown.
         """
-        return arm_base(self.body) if terms is None else chosen_terms(model_terms(terms, self.body))
+        return arm_base(self.body) if terms is None else select_terms(model_terms(terms, self.body))
 
     def effects(self, names: Sequence[str] | None) -> dict[str, type[Term]]:
         """Return possible effects by id, by default all that need only the columns of `info`.

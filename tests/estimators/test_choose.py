@@ -7,7 +7,7 @@ import pytest
 
 from estimators import add, compare, diagnose, identify
 from estimators.data.regression_data import RegressionData, fit_terms
-from estimators.simulation.free_running import deviation, growth, select
+from estimators.simulation.free_running import compute_deviation, compute_growth, select
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.mistake import Mistake
@@ -68,7 +68,7 @@ def test_fit_in_percent_is_relative_to_what_there_was_to_explain():
     prepared = RegressionData.of([run()])
     errors = prepared.errors(paper_plant({"gravity": 1.0}))
     assert errors.torque_fit == pytest.approx(100 * (1 - errors.torque_rms / np.std(prepared.data.torque())))
-    assert errors.position_fit == pytest.approx(100 * (1 - errors.position_rms / deviation(prepared.segments)))
+    assert errors.position_fit == pytest.approx(100 * (1 - errors.position_rms / compute_deviation(prepared.segments)))
 
 
 def test_correlations_are_those_of_repeated_fits():
@@ -86,11 +86,13 @@ def test_growth_of_an_error_upright_is_that_of_the_linear_equation():
     upright = replace(segments, **rest | {"position": rest["position"] + np.pi})
     theta = np.array([0.0895, 2.01, 0.0, 0.0])
     expected = np.cosh(np.sqrt(2.01 / 0.0895) * (len(segments.position) - 1) / 500.0)
-    np.testing.assert_allclose(growth(upright, BASE, theta), expected, rtol=1e-3)
+    np.testing.assert_allclose(compute_growth(upright, BASE, theta), expected, rtol=1e-3)
     hanging = replace(upright, position=rest["position"])
-    assert (growth(hanging, BASE, theta) < 1.01).all()
+    assert (compute_growth(hanging, BASE, theta) < 1.01).all()
     some = np.arange(len(segments.first)) % 2 == 0
-    np.testing.assert_array_equal(growth(select(upright, some), BASE, theta), growth(upright, BASE, theta)[some])
+    np.testing.assert_array_equal(
+        compute_growth(select(upright, some), BASE, theta), compute_growth(upright, BASE, theta)[some]
+    )
 
 
 def test_windows_with_the_arm_upright_are_not_counted():

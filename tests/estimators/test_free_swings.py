@@ -12,7 +12,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import add, compare, diagnose, identify
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Kind
-from estimators.free_swings import needs_torque
+from estimators.free_swings import is_torque_needed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.backends import record
 from pendulum_env.excitation import STILL
@@ -147,7 +147,7 @@ def test_nothing_is_missing():
     found = diagnose(swinging())
     assert found.selected == () and not found.unexplained and found.torque_unit == "rad/s^2"
     assert_recovered(found.model, RATIOS)
-    assert not any(needs_torque(effects()[candidate.effect]) for candidate in found.candidates)
+    assert not any(is_torque_needed(effects()[candidate.effect]) for candidate in found.candidates)
 
 
 @pytest.mark.parametrize("name", ["viscous", "coulomb"])
@@ -177,7 +177,7 @@ def test_verdicts_do_not_depend_on_the_inertia():
 
 
 def test_effects_of_the_torque_are_refused():
-    shown = {id for id, kind in effects().items() if needs_torque(kind)}
+    shown = {id for id, kind in effects().items() if is_torque_needed(kind)}
     assert shown >= {"torque_ripple", "actuator_lag", "dead_time", "torque_saturation", "load_dependent_friction"}
     assert shown >= {"backlash", "joint_flexibility"}
     assert shown.isdisjoint({"torque_offset", "cogging", "presliding", "hard_stop", "payload_change", "stribeck"})

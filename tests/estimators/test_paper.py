@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import SCHEMES, Identification, identify, scheme
-from estimators.regression.least_squares import least_squares
+from estimators.regression.least_squares import solve_least_squares
 from estimators.schemes import Integral, Scheme
 from estimators.signals.measurements import Measurements, measure
 from pendulum_env.physics import BASE, simulate
@@ -38,7 +38,7 @@ def estimates(schemes: Sequence[Scheme], measured: Sequence[Measurements]) -> di
     found = {}
     for one in schemes:
         regressions = [one.regression(m, BASE) for m in measured]
-        found[one.id] = np.array([least_squares(eq.phi[usable], eq.y[usable]) for eq, usable in regressions])
+        found[one.id] = np.array([solve_least_squares(eq.phi[usable], eq.y[usable]) for eq, usable in regressions])
     return found
 
 

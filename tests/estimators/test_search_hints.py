@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators.search_hints import SearchHints, grid, is_possible, n_tried, set_hints
+from estimators.search_hints import SearchHints, count_variants, is_possible, make_grid, set_hints
 from pendulum_env.arms.joints import at_joint
 from pendulum_env.physics import Column, NonlinearParameter, Samples, Term, effect, effects
 from pendulum_env.physics.limits import limited
@@ -30,7 +30,7 @@ def test_grid_offers_valid_variants_on_random_motion(id, motion):
     x = recorded(1, rate=50.0, **motion)
     wandering = 0.02 * np.cumsum(rng.standard_normal(len(x.time)))
     residual = wandering - wandering.mean() + np.sin(0.04 * x.time)
-    variants = grid(kind, x, residual)
+    variants = make_grid(kind, x, residual)
     assert len(set(variants)) == len(variants)
     for variant in variants:
         assert type(variant) is kind
@@ -51,9 +51,9 @@ def test_what_the_best_tone_takes_out_of_noise_is_what_a_choice_among_so_many_gi
     beyond = []
     for seed in range(seeds):
         noise = np.random.default_rng(seed).standard_normal(count)
-        best = max(abs(np.mean(noise * np.exp(1j * tone.frequency * x.time))) for tone in grid(tones, x, noise))
+        best = max(abs(np.mean(noise * np.exp(1j * tone.frequency * x.time))) for tone in make_grid(tones, x, noise))
         # a tone takes N |mean(noise exp(jwt))|^2 nats: exponentially distributed, close to it for the best of M
-        beyond.append(count * best**2 / np.var(noise) - np.log(n_tried(tones, x, noise)))
+        beyond.append(count * best**2 / np.var(noise) - np.log(count_variants(tones, x, noise)))
     assert abs(np.mean(beyond)) < 0.5, np.mean(beyond)
 
 
@@ -73,7 +73,7 @@ def test_cogging_of_a_fine_order_is_among_what_is_tried(order, phase, reach, see
     residual = np.sin(order * q + phase) + rng.standard_normal(len(q))
     x = Samples(np.arange(len(q)) * 0.01, q, np.ones_like(q), np.zeros_like(q))
     near = 2.0 * np.pi / (2.0 * reach)  # orders that so short a way tells apart
-    assert min(abs(term.order - order) for term in grid(effect("cogging"), x, residual)) <= near
+    assert min(abs(term.order - order) for term in make_grid(effect("cogging"), x, residual)) <= near
 
 
 @dataclass(frozen=True)
@@ -109,14 +109,14 @@ class Wave(Term):
 
 def test_without_hints_a_search_begins_all_over_the_bounds():
     x = recorded(1, seconds=10.0)
-    variants = grid(Bump, x, x.torque)
-    assert variants[0] == Bump() and n_tried(Bump, x, x.torque) == len(variants) == len(set(variants))
+    variants = make_grid(Bump, x, x.torque)
+    assert variants[0] == Bump() and count_variants(Bump, x, x.torque) == len(variants) == len(set(variants))
     values = {name: {variant.nonlinear_values[name] for variant in variants} for name in Bump().nonlinear_values}
     for known in Bump.nonlinear_parameters[:3]:
         assert {known.low, known.high} <= values[known.name]
     assert max(values["begin"]) == x.time[-1] and values["power"] == {2.0}
-    assert [wave.order for wave in grid(Wave, x, x.torque)[1:]] == [n for n in range(1, 61) if n != 12]
-    assert grid(effect("torque_offset"), x, x.torque) == [effect("torque_offset")()]
+    assert [wave.order for wave in make_grid(Wave, x, x.torque)[1:]] == [n for n in range(1, 61) if n != 12]
+    assert make_grid(effect("torque_offset"), x, x.torque) == [effect("torque_offset")()]
 
 
 def test_hints_of_a_user_serve_the_effect_at_a_joint_and_within_limits():
@@ -129,10 +129,10 @@ def test_hints_of_a_user_serve_the_effect_at_a_joint_and_within_limits():
         Own, SearchHints(lambda kind, x, residual: [kind(5.0), kind(20.0)], is_possible=lambda term, x: term.order > 9)
     )
     for kind in (Own, at_joint(Own, "elbow"), limited(Own, {"wave.order": (2.0, 30.0)})):
-        assert [own.order for own in grid(kind, x, x.torque)] == [5.0, 20.0]
-        assert [is_possible(own, x) for own in grid(kind, x, x.torque)] == [False, True]
+        assert [own.order for own in make_grid(kind, x, x.torque)] == [5.0, 20.0]
+        assert [is_possible(own, x) for own in make_grid(kind, x, x.torque)] == [False, True]
     narrow = limited(Own, {"wave.order": (8.0, 10.0)})
-    assert [own.order for own in grid(narrow, x, x.torque)] == [8.0, 10.0]
+    assert [own.order for own in make_grid(narrow, x, x.torque)] == [8.0, 10.0]
 
 
 def test_an_effect_for_an_earlier_release_is_read_with_a_warning():
@@ -155,5 +155,5 @@ def test_an_effect_for_an_earlier_release_is_read_with_a_warning():
     assert (Old.description.title, Old.description.informative_experiment) == ("a wave", "full turns")
     assert Old.typical_size == "order=14"
     assert Old().free == Old.shapes
-    assert [is_possible(own, x) for own in grid(Old, x, x.torque)] == [False, True, True]
-    assert n_tried(Old, x, x.torque) == 60
+    assert [is_possible(own, x) for own in make_grid(Old, x, x.torque)] == [False, True, True]
+    assert count_variants(Old, x, x.torque) == 60

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.simulation.free_running import choose_segments
-from estimators.simulation.multiple_shooting import consecutive
+from estimators.simulation.multiple_shooting import list_adjacent_segments
 from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE
 from pendulum_env.physics.actuation import ActuatorLag
@@ -62,7 +62,7 @@ def test_no_window_and_no_simulated_stretch_reaches_across_a_gap(gapped):
     segments = choose_segments(windows)
     assert within(segments.first, segments.first + len(segments.torque))
     assert len(segments.first) >= 5
-    starts = consecutive(windows)
+    starts = list_adjacent_segments(windows)
     assert within(starts, starts + 100)
 
 

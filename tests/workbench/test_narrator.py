@@ -9,7 +9,7 @@ import pytest
 from estimators.diagnosis.result import Detectable
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind, Quantity
-from estimators.signals.residual import Region, everywhere
+from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Description, Term, effects, nameable
 from pendulum_env.physics.description import Symptom
@@ -115,7 +115,7 @@ SAID = [  # numbers as they are shown: their unit, sign and digits
     (describe_region, Region("velocity", -1.0, 0.5, 0.2, 900.0, "m/s", units=SLIDE), "m/s .*0.2 N more force.* 100 "),
     (describe_region, Region("time", 0.0, 9.0, 0.2, 20.0, held_out=("run 4",)), "held-out data .run 4.: everywhere"),
     (describe_region, Region("frequency", 2.9, 3.1, 0.2, 9.0, "Hz", units=CURRENT), r"Around 3 Hz .* by 0\.2 A"),
-    (describe_region, everywhere(at="elbow"), "^$"),
+    (describe_region, make_region_everywhere(at="elbow"), "^$"),
     (describe_objection, limits("holdout_torque", 0.2, 0.1, "A"), r"0\.1 -> 0\.2 A"),
     (describe_objection, limits("negative_inertia", -0.1, 0.0), "a negative inertia"),
     (describe_objection, limits("variants", 0, 0), "not tried"),

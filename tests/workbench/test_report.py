@@ -12,7 +12,7 @@ from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
 from estimators.figure import broken, numbers
 from estimators.findings import Finding, Kind
 from estimators.regression.equations import IdentificationError
-from estimators.signals.residual import Region, profiles, stand_out
+from estimators.signals.residual import Region, compute_profiles, find_regions
 from pendulum_env.physics import Samples
 from pendulum_env.thinning import thin
 from pendulum_env.words import number
@@ -149,8 +149,8 @@ def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn():
     curves, time = [("base model", "--base")], np.arange(4000) * 0.005
     x = Samples(time, 1.5 * time, np.sin(time), np.cos(time))
     cogs = 0.1 * np.cos(7 * x.position)
-    (around,) = profiles(x, cogs, 0.01, ["position"])
-    drawn = profile_figure(curves, [around], stand_out(x, cogs, 0.01), (), 0.2)
+    (around,) = compute_profiles(x, cogs, 0.01, ["position"])
+    drawn = profile_figure(curves, [around], find_regions(x, cogs, 0.01), (), 0.2)
     angle = np.array(drawn.data[-1]["x"])
     assert "wrapped" in drawn.layout["xaxis"]["title"]["text"] and np.abs(angle).max() <= np.pi
     assert np.corrcoef(drawn.data[-1]["y"], np.cos(7 * angle))[0, 1] > 0.98  # not smeared over all turns

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from estimators.arguments import chosen_effects, within_limits
+from estimators.arguments import apply_limits, select_effects
 from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Term
 from workbench.options import ids as effects_of
@@ -44,8 +44,8 @@ class Asked:
 
     def check(self, terms: Sequence[Term]) -> None:
         """Refuse what makes no sense beside a model's terms: raises ValueError as the command line does."""
-        chosen_effects(None, **self.effects, body=body_of(terms))
-        within_limits(terms, {}, **self.limits)
+        select_effects(None, **self.effects, body=body_of(terms))
+        apply_limits(terms, {}, **self.limits)
 
     def options(self, *fields: str) -> list[str]:
         """Some fields as words of a command."""

@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from estimators.arguments import within_limits
-from estimators.checks.torque_constant import with_torque_constant
+from estimators.arguments import apply_limits
+from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import split_arm
 from estimators.diagnosis.addition import fit
-from estimators.free_swings import restore_known, swing_terms
+from estimators.free_swings import make_swing_terms, restore_known
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step
-from estimators.signals.residual import Region, everywhere
+from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording.record import PER_INERTIA
@@ -44,14 +44,14 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
     Raises InputError if no known load tells a gain, and IdentificationError if there is too little motion.
     """
     train, holdout = ([one.recording for one in loaded if one.held_out is held] for held in (False, True))
-    terms, _ = within_limits(terms, {}, **asked.limits)
+    terms, _ = apply_limits(terms, {}, **asked.limits)
     given = FitData.of(train, holdout, terms)
     if given.doubt is not None and given.unit != PER_INERTIA:
         raise InputError(f"{describe(given.doubt)} Or give the gain itself.")
     timed = given.timed()
     own = timed if is_aligned else given
-    base = fit(*own.parts, swing_terms(terms, own.recordings))
-    model = restore_known(with_torque_constant(base.model, own.parts[0].data), terms, own.recordings)
+    base = fit(*own.parts, make_swing_terms(terms, own.recordings))
+    model = restore_known(add_torque_constant(base.model, own.parts[0].data), terms, own.recordings)
     return Prepared(own, timed, replace(base, model=model))
 
 
@@ -73,5 +73,5 @@ def unexplained(prepared: RegressionData, model: Model) -> tuple[Region, ...]:
     for at in data.joints:
         structure = data.part(at).structure(residual[data.where(at)], felt[at])
         if not Criterion().is_noise(structure, prepared.floors[at]):
-            regions += prepared.stand_out(residual, at) or [everywhere(at=at)]
+            regions += prepared.stand_out(residual, at) or [make_region_everywhere(at=at)]
     return tuple(regions)

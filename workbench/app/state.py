@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
+from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.findings import Finding
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.identifiability import identifiability
+from estimators.schemes.identifiability import find_undetermined
 from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env.arms.joints import arm_base, links_of, model_terms
@@ -206,7 +206,7 @@ class State:
             return ()
         fitted = [r for r, one in zip(self.recordings, self.loaded, strict=True) if not one.held_out]
         measured = [segment for recording in fitted for segment in measure_segments(recording)]
-        return identifiability(measured, BASE if self.trouble else self.model.terms) if measured else ()
+        return find_undetermined(measured, BASE if self.trouble else self.model.terms) if measured else ()
 
     @cached_property
     def disagreements(self) -> tuple[Disagreement, ...]:
@@ -216,7 +216,9 @@ class State:
         if self.trouble:
             return ()
         parts = self.prepared.data.parts[: 2 if self.holdout else 1]
-        return disagreements(own_fits([part.data for part in parts], self.model.terms), only_if_all_fit=True)
+        return find_disagreements(
+            fit_each_recording([part.data for part in parts], self.model.terms), only_if_all_fit=True
+        )
 
     @cached_property
     def told(self) -> Diagnosis:

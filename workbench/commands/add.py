@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from estimators.diagnosis.addition import add
-from estimators.free_swings import known_by
+from estimators.free_swings import find_scaling_values
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics.library import addition
 from workbench.inputs import opened
@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
     asked = opened(arguments, [arguments.output], terminal)
-    given = asked.preprocessed(terminal, arguments.align, known_by(asked.model, arguments.fixed))
+    given = asked.preprocessed(terminal, arguments.align, find_scaling_values(asked.model, arguments.fixed))
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         try:

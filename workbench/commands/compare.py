@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from estimators.arms.payload import Payload, find_payload
-from estimators.comparison import compare, in_units_of
+from estimators.comparison import compare, convert_to_model_unit
 from estimators.in_loop.rollouts import are_driven
 from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import HORIZON
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.loop and not are_driven(recordings):
         raise InputError(f"{recordings[0].name}: --loop needs its controller: give --drive, or [drive] in a study")
     if not isinstance(asked.body, Body):
-        given = tell_preprocessed(in_units_of(model, recordings), arguments.align, terminal)
+        given = tell_preprocessed(convert_to_model_unit(model, recordings), arguments.align, terminal)
     else:
         given = asked.preprocessed(terminal, arguments.align)
     recordings = [*given.recordings, *given.holdout]

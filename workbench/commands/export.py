@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from estimators.comparison import in_units_of
+from estimators.comparison import convert_to_model_unit
 from estimators.in_loop.rollouts import are_driven
 from pendulum_env.files import write_whole
 from pendulum_env.physics import Model
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     exported = export(model, arguments.to, request)
     if sources:
         sources = tuple(read_as(source, model.log_format, arguments.model) for source in sources)
-        given = in_units_of(model, read_all(sources, terminal, Source.read))
+        given = convert_to_model_unit(model, read_all(sources, terminal, Source.read))
         _check(model, exported, request, given.recordings, terminal)
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)

@@ -2,7 +2,7 @@
 
 import argparse
 
-from estimators.arguments import within_limits
+from estimators.arguments import apply_limits
 from estimators.arms.standard import nearest_body
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def _model_to_write(found: Identification, arguments: argparse.Namespace) -> Model | None:
     """Model of a pendulum that `-o` writes: by instruments, by the one scheme given, or the fit over windows."""
     if arguments.instruments is not None:
-        terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
+        terms, _ = apply_limits(BASE, {}, arguments.fixed, arguments.bounds)
         return found.fitted(lambda data: fit_by_reference(data, terms))
     if arguments.output is None:
         return None

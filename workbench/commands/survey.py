@@ -4,7 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
-from estimators.arguments import chosen_effects, within_limits
+from estimators.arguments import apply_limits, select_effects
 from pendulum_env.arms.joints import arm_base
 from workbench.inputs import body_of_arguments, read_model
 from workbench.mistakes import InputError, Interrupted
@@ -93,5 +93,5 @@ def _check_options(arguments: argparse.Namespace) -> None:
     """Refuse, before any work is done, options that would fail for every recording."""
     body = body_of_arguments(arguments)
     base = read_model(arguments.model, body).terms if arguments.model else arm_base(body)
-    effects = chosen_effects(None, arguments.only, arguments.without, body)
-    within_limits(base, effects, arguments.fixed, arguments.bounds)
+    effects = select_effects(None, arguments.only, arguments.without, body)
+    apply_limits(base, effects, arguments.fixed, arguments.bounds)

@@ -10,7 +10,7 @@ from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.schemes.fitting import Identified
 from estimators.schemes.identification import Identification
-from estimators.selection.errors import of_one
+from estimators.selection.errors import get_single
 from pendulum_env.notebook import (
     BLUE,
     GREEN,
@@ -186,7 +186,9 @@ def show_diagnosis(found: Diagnosis) -> str:
 def show_addition(found: Addition) -> str:
     """Errors before and after, what follows from them, and the parameters."""
     noise = note(
-        noise_text(floor, found.is_in_loop, found.model.units()) if np.isfinite(floor := of_one(found.floors)) else ""
+        noise_text(floor, found.is_in_loop, found.model.units())
+        if np.isfinite(floor := get_single(found.floors))
+        else ""
     )
     title = f"The model with {found.after.added}"
     return card(title, noise, *_parts(of_addition(found)))

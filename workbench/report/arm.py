@@ -6,7 +6,7 @@ import numpy as np
 
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
-from estimators.signals.residual import REGIONS, profiles
+from estimators.signals.residual import REGIONS, compute_profiles
 from estimators.weak_form.torque_windows import NEGLIGIBLE
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
@@ -68,7 +68,7 @@ def strips(models: Sequence[Drawn], prepared: RegressionData) -> Section:
     found, standing = [], [False] * len(residuals)
     for k, joint in enumerate(data.joints):
         x, noise, units = data.part(joint).samples, prepared.floors[joint], prepared.units(joint)
-        maps = [profiles(x, left[data.where(joint)], noise, SHOWN, units) for left in residuals]
+        maps = [compute_profiles(x, left[data.where(joint)], noise, SHOWN, units) for left in residuals]
         regions = [prepared.stand_out(left, joint, SHOWN) for left in residuals]
         standing = [seen or bool(own) for seen, own in zip(standing, regions, strict=True)]
         reach = 1.08 * max(float(np.abs(item.mean).max()) for own in maps for item in own)

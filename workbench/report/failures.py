@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.figure import Figure, axis, band, line, numbers
-from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, profiles, stand_out, wrapped
+from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, compute_profiles, find_regions, wrap_angles
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
 from pendulum_env.units import JointUnits, to_shown_unit
@@ -28,8 +28,8 @@ def failures(case: Case) -> Section:
     """Residual maps of the base model beside the final one, on the data that were fitted."""
     prepared, noise = case.data.parts[0], case.diagnosis.noise_floor
     residuals = case.residuals(prepared)
-    maps = [profiles(prepared.samples, residual, noise, units=case.units) for residual in residuals]
-    regions = stand_out(prepared.samples, residuals[0], noise, units=case.units)
+    maps = [compute_profiles(prepared.samples, residual, noise, units=case.units) for residual in residuals]
+    regions = find_regions(prepared.samples, residuals[0], noise, units=case.units)
     curves = [(label, color) for label, color, _ in case.models]
     still = case.diagnosis.unexplained if case.diagnosis.selected else ()
     reach = 1.08 * max(float(np.max(np.abs(item.mean))) for drawn in maps for item in drawn if item.axis != "frequency")
@@ -126,7 +126,7 @@ def stripe(region: Region, color: str, low: float, high: float, factor: float = 
 
 def planes(samples: Samples, residuals: Sequence[Array], units: JointUnits) -> list[tuple[JSON, JSON]]:
     """Cells and layout of a map of each residual (N,) over angle and velocity (N,), all in one colour scale."""
-    position, velocity = wrapped(samples.position), samples.velocity
+    position, velocity = wrap_angles(samples.position), samples.velocity
     across = int(np.clip(np.sqrt(len(position)) * 0.8, 10, 40))
     reach = 1.02 * float(np.max(np.abs(velocity)))
     edges = [np.linspace(-np.pi, np.pi, across + 1), np.linspace(-reach, reach, across + 1)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.diagnosis.result import Candidate, Detectable, Diagnosis, Verdict
 from estimators.figure import Figure, axis, line
-from estimators.signals.differentiation import encoder_noise, white_noise
+from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
 from estimators.simulation.free_running import HORIZON
 from estimators.weak_form.windows import Windows
 from pendulum_env.physics import nameable
@@ -186,7 +186,7 @@ def _use(w: Windows, part: str) -> dict[str, Any]:
         "used": float(np.mean(covered)),
         "windows": len(w.centers),
         "window": len(w.kernel) / w.recording.rate,
-        "torque_noise": white_noise(w.recording.torque),
-        "position_noise": encoder_noise(w.recording.position),
+        "torque_noise": estimate_white_noise(w.recording.torque),
+        "position_noise": estimate_encoder_noise(w.recording.position),
         "notes": [describe_note(note) for note in w.recording.notes],
     }

@@ -8,8 +8,8 @@ from estimators import compare, identify
 from estimators.findings import Kind
 from estimators.regression.equations import IdentificationError
 from estimators.schemes import six
-from estimators.schemes.balance import for_arms
-from estimators.schemes.identifiability import find_unidentifiable, unidentifiable
+from estimators.schemes.balance import adapt_to_arms
+from estimators.schemes.identifiability import find_undetermined_links, find_unidentifiable
 from estimators.schemes.six import PAPER, SCHEMES, Integral
 from estimators.signals.measurements import measure_segments
 from pendulum_env.arms.body import read_body
@@ -42,7 +42,7 @@ def truth(body):
     return np.concatenate([body.values, np.ravel(np.column_stack([ARM.viscous, ARM.coulomb]))])
 
 
-@pytest.mark.parametrize("scheme", for_arms(SCHEMES), ids=lambda scheme: scheme.id)
+@pytest.mark.parametrize("scheme", adapt_to_arms(SCHEMES), ids=lambda scheme: scheme.id)
 def test_each_scheme_finds_all_base_parameters_and_frictions_within_one_per_cent(found, truth, scheme):
     theta = found[scheme.id].model.theta
     some = np.abs(truth) > 1e-9
@@ -174,4 +174,4 @@ def test_a_pendulum_and_an_arm_of_one_joint_call_the_same_errors_unknown(tmp_pat
         theta[gravity], std[gravity] = 0.1 / 9.81, errors[1] / 9.81
         arm = ArmModel.build((Links(rod), *friction(rod)), [*theta, 0.1, 0.1], [*std, *errors[2:]])
         names = ("Iyy@joint0", "mz@joint0", "viscous@joint0", "coulomb@joint0")
-        assert set(unidentifiable(arm, q, v, recording.torque[:, None])) == {names[k] for k in expected}
+        assert set(find_undetermined_links(arm, q, v, recording.torque[:, None])) == {names[k] for k in expected}

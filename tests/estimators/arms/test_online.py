@@ -11,7 +11,7 @@ from benchmarks.two_link import Multisine, TwoLink
 from estimators import identify
 from estimators.online import Diagnoser, JointState, OnlineEstimator
 from estimators.schemes import six
-from estimators.schemes.balance import for_arms
+from estimators.schemes.balance import adapt_to_arms
 from estimators.schemes.six import SCHEMES, Integral
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import (
@@ -58,7 +58,7 @@ def known(links, recording, schemes=(SCHEMES[1],), torque=None, some=slice(None)
 
 
 def test_online_and_offline_agree_and_intervals_hold_the_truth(body, links, recording):
-    schemes = for_arms(SCHEMES)
+    schemes = adapt_to_arms(SCHEMES)
     now, offline = known(links, recording, schemes), identify(recording, links, schemes)
     truth = np.concatenate([body.values, np.ravel(np.column_stack([TWO.viscous, TWO.coulomb]))])
     some = np.abs(truth) > 1e-9

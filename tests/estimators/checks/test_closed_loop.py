@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import identify
-from estimators.checks.closed_loop import feedback
+from estimators.checks.closed_loop import find_feedback
 from estimators.findings import Kind
 from pendulum_env.recording import Recording
 from tests.cases import recorded
@@ -18,9 +18,9 @@ def run(excitation: str, torque_noise: float = 0.02) -> Recording:
 
 
 def test_a_controller_is_told_with_the_gain_by_which_it_answers():
-    assert len(feedback([run("pd_loop", 0.1)])) == 1  # noise of the torque channel does not hide it
+    assert len(find_feedback([run("pd_loop", 0.1)])) == 1  # noise of the torque channel does not hide it
     recording = run("pd_loop")
-    (found,) = feedback([recording])
+    (found,) = find_feedback([recording])
     # 12 N m/rad, and 1.2 N m s/rad on a velocity filtered at 30 Hz, of which a sample passes 1 - exp(-2 pi 30 / 500)
     assert found.numbers["gain"].value == pytest.approx(-(12 + 1.2 * 500 * 0.314), rel=0.2)
     assert found.kind is Kind.FEEDBACK and found.recordings == ("run 1",)
@@ -29,4 +29,4 @@ def test_a_controller_is_told_with_the_gain_by_which_it_answers():
 
 @pytest.mark.parametrize("excitation", PLANNED)
 def test_planned_torque_answers_nothing(excitation):
-    assert feedback([run(excitation)]) == []
+    assert find_feedback([run(excitation)]) == []

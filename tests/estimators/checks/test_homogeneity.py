@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, random_case, simulate
 from estimators import compare, identify
-from estimators.checks.homogeneity import Known, Own, disagreements, misfits, own_fits, pool
+from estimators.checks.homogeneity import Known, Own, find_disagreements, find_misfits, fit_each_recording, pool
 from estimators.findings import Kind
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, effect
@@ -35,12 +35,14 @@ def test_recordings_of_one_plant_agree():
         plant = random_case(rng).plant
         cases += [(plant, random_case(rng, (), **sensors).train) for _ in range(3)]
     runs = [told(run) for run in simulate(cases)]
-    assert [disagreements(own_fits([prepare(runs[j : j + 3])], BASE)) for j in range(0, 24, 3)] == [()] * 8
+    assert [find_disagreements(fit_each_recording([prepare(runs[j : j + 3])], BASE)) for j in range(0, 24, 3)] == [
+        ()
+    ] * 8
 
 
 def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
     """Each knows two parameters along one direction only, so that no covariance has an inverse."""
-    (own,) = own_fits([prepare(recorded([PLANT]))], BASE)
+    (own,) = fit_each_recording([prepare(recorded([PLANT]))], BASE)
     along = np.array([[1.0, 1.0], [1.0, 1.0]]) * 1e-4
 
     def told(number: int, value: float) -> Own:
@@ -48,13 +50,13 @@ def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
         return replace(own, number=number, columns=own.columns[:2], known=known)
 
     assert np.isfinite(pool([told(1, 1.0), told(2, 1.0)]).theta).all()
-    assert disagreements([told(1, 1.0), told(2, 1.0), told(3, 1.0)]) == ()
-    assert [one.recording for one in disagreements([told(1, 1.0), told(2, 1.0), told(3, 2.0)])] == [3]
+    assert find_disagreements([told(1, 1.0), told(2, 1.0), told(3, 1.0)]) == ()
+    assert [one.recording for one in find_disagreements([told(1, 1.0), told(2, 1.0), told(3, 2.0)])] == [3]
 
 
 def test_what_hangs_behind_a_transmission_is_not_compared():
     terms = (*BASE, effect("joint_flexibility")(resonance=60.0, damping=5.0))
-    for own in own_fits([prepare(recorded([PLANT, PLANT]))], terms):
+    for own in fit_each_recording([prepare(recorded([PLANT, PLANT]))], terms):
         assert [column.name for column in own.columns] == ["inertia", "gravity", "viscous", "coulomb"]
         assert len(own.known.theta) == len(own.columns)
 
@@ -62,7 +64,7 @@ def test_what_hangs_behind_a_transmission_is_not_compared():
 @pytest.mark.parametrize("heavier", [0, 1, 2])
 def test_the_one_recording_with_a_heavier_payload_is_named_and_measured(heavier):
     plants = [HEAVIER if j == heavier else PLANT for j in range(3)]
-    (one,) = disagreements(own_fits([prepare(recorded(plants))], BASE))
+    (one,) = find_disagreements(fit_each_recording([prepare(recorded(plants))], BASE))
     assert (one.recording, one.name, len(one.others)) == (heavier + 1, f"run {heavier}", 2)
     differences = {d.parameter: d for d in one.differences}
     assert differences.keys() == {"inertia", "gravity"}
@@ -90,11 +92,11 @@ def test_what_is_no_other_plant_is_not_told():
     """A payload that changes within a recording, a recording that excites little, an effect that is missing."""
     changing = replace(PLANT, effects={"payload_change": {"pay_t": 5.0, "pay_I": 0.02, "pay_mgl": 0.4}})
     terms = (*BASE, effect("payload_change")(moment=5.0))
-    assert disagreements(own_fits([prepare(recorded([PLANT, changing, PLANT]))], terms)) == ()
+    assert find_disagreements(fit_each_recording([prepare(recorded([PLANT, changing, PLANT]))], terms)) == ()
     short = recorded([HEAVIER], seconds=1.5)
-    assert disagreements(own_fits([prepare([*recorded([PLANT, PLANT]), *short])], BASE)) == ()
-    fits = own_fits([prepare(recorded([GEARED] * 3))], BASE)
-    assert disagreements(fits) and disagreements(fits, only_if_all_fit=True) == misfits(fits) == ()
+    assert find_disagreements(fit_each_recording([prepare([*recorded([PLANT, PLANT]), *short])], BASE)) == ()
+    fits = fit_each_recording([prepare(recorded([GEARED] * 3))], BASE)
+    assert find_disagreements(fits) and find_disagreements(fits, only_if_all_fit=True) == find_misfits(fits) == ()
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
@@ -102,7 +104,7 @@ def test_an_effect_that_each_recording_alone_takes_for_its_own_friction_is_no_ot
     """Torque of one size, up and down, makes friction under load dry friction, of another size under another torque."""
     small = [Experiment(500.0, 10.0, "prbs", scale=scale, seed=seed) for scale, seed in ((1.0, 1), (0.4, 2))]
     runs = [told(run) for run in simulate([(GEARED, experiment) for experiment in small])]
-    assert disagreements(own_fits([prepare(runs)], BASE), only_if_all_fit=True)
+    assert find_disagreements(fit_each_recording([prepare(runs)], BASE), only_if_all_fit=True)
     found = diagnosed([runs[k] for k in order], only=["load_dependent_friction", "stribeck", "quadratic_drag"])
     assert (found.selected, found.disagreements) == (("load_dependent_friction",), ())
     theta = {name: found.model.estimates[name].value for name in ("coulomb", "load_dependent_friction")}
@@ -118,18 +120,18 @@ def turned(recording: Recording) -> Recording:
 def test_a_recording_whose_torque_is_turned_round_is_named_whatever_else_is_missing(plant, which):
     runs = recorded([plant] * 2)
     runs[which] = turned(runs[which])
-    (one,) = disagreements(own_fits([prepare(runs)], BASE), only_if_all_fit=True)
+    (one,) = find_disagreements(fit_each_recording([prepare(runs)], BASE), only_if_all_fit=True)
     assert (one.recording, one.others) == (which + 1, (f"run {1 - which}",))
     assert one.kind is Kind.TURNED_ROUND
     assert one.finding in identify(runs, schemes="energy").findings
     alike = [turned(run) for run in recorded([plant] * 2)]
-    assert disagreements(own_fits([prepare(alike)], BASE), only_if_all_fit=True) == ()
+    assert find_disagreements(fit_each_recording([prepare(alike)], BASE), only_if_all_fit=True) == ()
 
 
 def test_a_torque_in_other_units_is_told_from_another_plant():
     runs = recorded([PLANT] * 3)
     runs[1] = replace(runs[1], torque=2 * runs[1].torque)
-    (one,) = disagreements(own_fits([prepare(runs)], BASE), only_if_all_fit=True)
+    (one,) = find_disagreements(fit_each_recording([prepare(runs)], BASE), only_if_all_fit=True)
     assert one.recording == 2
     assert one.kind is Kind.SCALED_TORQUE and one.numbers["factor"].value == pytest.approx(2, rel=1e-3)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.checks.remedies import wrong_columns
+from estimators.checks.remedies import find_wrong_columns
 from estimators.comparison import compare
 from estimators.findings import Kind
 from estimators.schemes.identification import identify
@@ -132,7 +132,7 @@ def test_noise_of_a_sensor_does_not_turn_a_load_torque_that_the_model_explains(l
         noise = 0.02 * np.random.default_rng(seed).standard_normal(len(run.time))
         recording = Recording(run.time, run.position, run.torque, load_torque=noise - share * columns[law])
         found = identify([recording], schemes=["dynamic"])
-        assert not wrong_columns(found["dynamic"].model, [recording])
+        assert not find_wrong_columns(found["dynamic"].model, [recording])
 
 
 @pytest.mark.parametrize("terms", [BASE, (*BASE, Table())])  # a simulation of a table is not compiled

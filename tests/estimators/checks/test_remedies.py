@@ -8,7 +8,7 @@ import pytest
 import scipy.integrate
 
 from estimators import identify
-from estimators.checks.remedies import wrong_columns
+from estimators.checks.remedies import find_wrong_columns
 from estimators.findings import Kind, Remedy
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
@@ -68,7 +68,7 @@ def test_an_upright_zero_and_a_turned_sign_are_told_with_what_mends_them(run):
 def test_files_with_other_columns_are_told_apart(run):
     other = replace(run, name="other", origin=Origin(find_columns(["t", "q", "u"])))
     found = identify([run], schemes="energy")["energy"].model
-    (turned,) = wrong_columns(negative(found), [run, other])
+    (turned,) = find_wrong_columns(negative(found), [run, other])
     assert turned.remedies == (Remedy({"torque": "-tau"}, (run.name,)), Remedy({"torque": "-u"}, ("other",)))
 
 
@@ -82,4 +82,4 @@ def test_under_different_known_loads_no_zero_is_told(run):
     found = identify([run], TERMS, "energy")["energy"].model
     tilted = replace(found, estimates={**found.estimates, "gravity_tilt": replace(found.estimates["gravity"])})
     loaded = [replace(run, load=Load(0.0, weight)) for weight in (0.0, 1.0)]
-    assert wrong_columns(tilted, loaded[:1]) and not wrong_columns(tilted, loaded)
+    assert find_wrong_columns(tilted, loaded[:1]) and not find_wrong_columns(tilted, loaded)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.checks.torque_constant import find_gain_doubts, torque_constant
+from estimators.checks.torque_constant import estimate_torque_constant, find_gain_doubts
 from estimators.comparison import compare
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.addition import add
@@ -94,7 +94,7 @@ def test_a_simulation_with_a_load_is_that_of_a_heavier_pendulum():
 
 @pytest.mark.parametrize("law", ["none", "motor", "both", "output"])
 def test_the_torque_constant_is_right_whatever_friction_does_under_load(law):
-    found = torque_constant(bench(law))
+    found = estimate_torque_constant(bench(law))
     if law == "both":  # |i + w sin q| is no sum of what presses from either side, and the error says so
         assert abs(found.value - K) < 3 * found.std < 0.2 * K
     else:
@@ -116,17 +116,17 @@ def test_what_a_voltage_and_a_motor_that_always_drives_leave_open_is_said():
 def test_two_loads_are_enough_and_a_recording_without_one_is_a_load_of_none():
     """Of one recording that differs from others: left out, nothing would be known, which is no scatter."""
     light, heavy = bench(loads=(LOADS[0], LOADS[6]))
-    found = torque_constant([replace(light, load=None), heavy])
-    assert found == torque_constant([light, heavy])
+    found = estimate_torque_constant([replace(light, load=None), heavy])
+    assert found == estimate_torque_constant([light, heavy])
     some = [bench(loads=[LOADS[k]], seed=seed, seconds=5.0)[0] for seed, k in enumerate((6, 6, 6, 0))]
-    for constant in (found, torque_constant(some)):
+    for constant in (found, estimate_torque_constant(some)):
         assert constant.value == pytest.approx(K, rel=0.01)
 
 
 def test_standard_errors_of_the_torque_constant_are_honest():
     z = []
     for seed in range(8):
-        found = torque_constant(bench(loads=THREE, seed=seed, seconds=5.0, counts=None))
+        found = estimate_torque_constant(bench(loads=THREE, seed=seed, seconds=5.0, counts=None))
         z.append((found.value - K) / found.std)
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.8
 
@@ -138,7 +138,7 @@ def test_without_loads_that_differ_all_is_in_amperes_and_a_finding_says_why():
         ([replace(one, load=None)], Kind.LOADS_UNKNOWN),
     ):
         found = identify(runs)
-        assert torque_constant(runs).kind is why and why in [finding.kind for finding in found.findings]
+        assert estimate_torque_constant(runs).kind is why and why in [finding.kind for finding in found.findings]
         assert found.torque_constant is None and found.torque_unit == "A"
         for result in found.schemes.values():
             assert [e.unit for e in result.model.estimates.values()] == ["A s^2", "A", "A s/rad", "A"]
@@ -151,13 +151,13 @@ def test_without_loads_that_differ_all_is_in_amperes_and_a_finding_says_why():
 def test_what_tells_no_torque_constant_is_said():
     light, heavy = runs = bench(loads=(LOADS[0], LOADS[6]))
     still = replace(heavy, position=np.zeros(len(heavy)), velocity=None)
-    assert torque_constant([light, still]).kind is Kind.ONE_LOAD_MOVED
-    more = torque_constant([*runs, replace(still, load=LOADS[3])])
-    assert more.value == pytest.approx(torque_constant(runs).value, rel=1e-3)
+    assert estimate_torque_constant([light, still]).kind is Kind.ONE_LOAD_MOVED
+    more = estimate_torque_constant([*runs, replace(still, load=LOADS[3])])
+    assert more.value == pytest.approx(estimate_torque_constant(runs).value, rel=1e-3)
     barely = Load(LOADS[3].inertia + 1e-5, LOADS[3].gravity + 1e-3)
     first, second = bench(loads=(LOADS[3], LOADS[3]))
-    assert torque_constant([first, replace(second, load=barely)]).kind is Kind.CONSTANT_UNCERTAIN
-    turned = torque_constant([replace(run, torque=-run.torque) for run in runs])
+    assert estimate_torque_constant([first, replace(second, load=barely)]).kind is Kind.CONSTANT_UNCERTAIN
+    turned = estimate_torque_constant([replace(run, torque=-run.torque) for run in runs])
     assert turned.kind is Kind.CONSTANT_NEGATIVE and turned.numbers["torque_constant"].value < 0
     with pytest.raises(IdentificationError, match="torque is in A in load 0 and in N m in load 1: read all recordings"):
         identify([light, replace(heavy, torque_unit="N m")])

@@ -9,7 +9,7 @@ from benchmarks.independent_plant import Plant
 from estimators import diagnose
 from estimators.data.regression_data import RegressionData, fit_terms, fit_within_laws
 from estimators.findings import Finding, Kind
-from estimators.weak_form.columns import bounds
+from estimators.weak_form.columns import list_bounds
 from pendulum_env.physics import BASE
 from pendulum_env.physics.limits import limited_term, released
 from pendulum_env.physics.potential import Spring
@@ -60,13 +60,13 @@ def test_dry_friction_that_stays_shows_no_drift():
 
 
 def test_bounds_are_those_of_a_body_unless_a_table_shares_friction_or_a_user_sets_others():
-    least, most = bounds(BASE)
+    least, most = list_bounds(BASE)
     np.testing.assert_array_equal(least, [0, -np.inf, 0, 0])
     assert np.isinf(most).all()
-    np.testing.assert_array_equal(bounds([*BASE, FrictionBySpeed()])[0][:4], [0, -np.inf, -np.inf, -np.inf])
-    np.testing.assert_array_equal(bounds([*BASE, TorqueByAngle()])[0][:4], least)
+    np.testing.assert_array_equal(list_bounds([*BASE, FrictionBySpeed()])[0][:4], [0, -np.inf, -np.inf, -np.inf])
+    np.testing.assert_array_equal(list_bounds([*BASE, TorqueByAngle()])[0][:4], least)
     own = {"coulomb": (-1.0, 5.0), "viscous": (-np.inf, 5.0), "inertia": (-0.1, -0.1)}
-    least, most = bounds([limited_term(term, own) for term in BASE])
+    least, most = list_bounds([limited_term(term, own) for term in BASE])
     np.testing.assert_array_equal(least, [-0.1, -np.inf, 0, -1])
     np.testing.assert_array_equal(most, [-0.1, np.inf, 5, 5])
 

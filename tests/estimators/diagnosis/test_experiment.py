@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
-from estimators.data.split import gather
-from estimators.diagnosis.experiment import DESIGN, Limits, Question, suggest, typical_effect
+from estimators.data.split import split_recordings
+from estimators.diagnosis.experiment import DESIGN, Limits, Question, make_typical_effect, suggest_experiment
 from estimators.diagnosis.result import Verdict
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind
@@ -46,7 +46,7 @@ def first(name: str) -> tuple[Recording, Diagnosis]:
 
 @pytest.fixture(scope="module")
 def evaluator() -> ModelEvaluator:
-    return ModelEvaluator(*gather([recording("moving")]))
+    return ModelEvaluator(*split_recordings([recording("moving")]))
 
 
 def suggested(found: Diagnosis) -> Suggestion:
@@ -106,12 +106,12 @@ def test_the_suggested_motion_stays_within_what_the_rig_bears():
 
 def test_an_experiment_goes_where_most_is_left(evaluator):
     model = evaluator.fit_with_std(None, BASE).model
-    asked = [Question(Aim("spring"), BASE, typical_effect(effects()["spring"]))]
+    asked = [Question(Aim("spring"), BASE, make_typical_effect(effects()["spring"]))]
     low, high = evaluator.train.reach()
 
     def tried(place: float, **limits: float) -> tuple[Suggestion | None, Finding | None]:
         left = [Region("position", place - 0.1, place + 0.1, 0.1, 9.0)]
-        suggestion, _, forbidden = suggest(evaluator, model, asked, Limits(6.0, **limits), left)
+        suggestion, _, forbidden = suggest_experiment(evaluator, model, asked, Limits(6.0, **limits), left)
         return suggestion, forbidden
 
     for place in (0.6 * low, 0.6 * high):

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import align, identify
-from estimators.data.split import gather, with_contacts
+from estimators.data.split import split_recordings, with_contacts
 from estimators.findings import Kind
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.torque_windows import prepare
@@ -112,7 +112,7 @@ def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found():
 def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt():
     struck = recording("struck")
     struck = replace(struck, torque=struck.torque - BLOW)
-    prepared = gather([struck])
+    prepared = split_recordings([struck])
     assert with_contacts(prepared, BASE) is prepared
     found = diagnosed([struck])
     assert found.selected == ()
@@ -129,7 +129,7 @@ def test_the_ringing_of_a_transmission_is_followed_into_the_end_that_is_held_out
     torque = 3 * np.sin(12.07 * time + 1) + 3 * np.sin(2.25 * time + 2)
     position = model.simulate(2e-3, torque, 0.0, 0.0).position[:-1, 0]
     noisy = Recording("ringing", time, np.round(position, 6), torque + 0.02 * rng.standard_normal(5000))
-    train, holdout = gather([noisy])
+    train, holdout = split_recordings([noisy])
     assert train.errors(model).torque_rms < 0.05
     assert holdout.errors(model).torque_rms < 0.05
     assert holdout.errors(model).position_rms < 0.01
@@ -144,7 +144,9 @@ def test_half_a_second_of_motion_is_diagnosed_with_a_caveat_and_nothing_is_named
 def test_a_recording_without_motion_changes_nothing_beside_a_good_one():
     good = recording("filtered noise")
     still = Recording("still", good.time[:2000], np.zeros(2000), np.full(2000, 0.01))
-    alone, beside = (ModelEvaluator(*gather(those)).fit(None, BASE).model for those in ([good], [still, good]))
+    alone, beside = (
+        ModelEvaluator(*split_recordings(those)).fit(None, BASE).model for those in ([good], [still, good])
+    )
     assert beside.theta == pytest.approx(alone.theta, rel=1e-6)
 
 
@@ -153,8 +155,8 @@ def test_a_log_that_is_mostly_at_rest_is_split_where_it_moves():
     rest = 3 * len(moving)
     time = np.arange(len(moving) + rest) / moving.rate
     position = np.r_[np.full(rest, moving.position[0]), moving.position]
-    train, holdout = gather([Recording("rests", time, position, np.r_[np.zeros(rest), moving.torque])])
-    whole, _ = gather([moving], [moving])
+    train, holdout = split_recordings([Recording("rests", time, position, np.r_[np.zeros(rest), moving.torque])])
+    whole, _ = split_recordings([moving], [moving])
     assert len(train.data.weights) + len(holdout.data.weights) == pytest.approx(len(whole.data.weights), rel=0.03)
     assert len(holdout.data.weights) == pytest.approx(0.3 * len(whole.data.weights), rel=0.05)
 
@@ -163,5 +165,5 @@ def test_where_windows_are_too_few_to_hold_some_out_shorter_ones_are_taken(monke
     brief = recording("brief")
     monkeypatch.setattr("estimators.data.split.choose_half_width", lambda _: 0.08)
     few = len(prepare([brief], [0.08]).weights)
-    train, holdout = gather([brief])
+    train, holdout = split_recordings([brief])
     assert few < 20 and min(len(part.data.weights) for part in (train, holdout)) >= 10

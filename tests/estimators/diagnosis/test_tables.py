@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Addition, Diagnosis, add, diagnose
-from estimators.diagnosis.likeness import likenesses
+from estimators.diagnosis.likeness import find_likenesses
 from pendulum_env.physics.table import TABLES, Curve, Extent, FrictionBySpeed, TorqueByAngle
 from pendulum_env.recording import Recording
 from tests.cases import recorded
@@ -119,7 +119,7 @@ def test_a_table_leaves_to_an_offset_and_to_gravity_what_is_theirs():
 def test_a_power_of_the_speed_is_told_from_its_table(power):
     table = FrictionBySpeed.over(Extent(0.0, 6.0, 8))()
     curve = table.curve(np.zeros(len(table.columns)))
-    nearest, *_ = likenesses(table, Curve(curve.x, 0.1 * curve.x**power - 0.2 + 0.3 * curve.x, curve.std))
+    nearest, *_ = find_likenesses(table, Curve(curve.x, 0.1 * curve.x**power - 0.2 + 0.3 * curve.x, curve.std))
     assert nearest.form == "power" and nearest.values == pytest.approx((power,), rel=0.02)
     assert nearest.share > 0.999
 
@@ -127,8 +127,8 @@ def test_a_power_of_the_speed_is_told_from_its_table(power):
 def test_a_line_looks_like_a_line_and_not_like_half_a_bump_and_noise_like_nothing():
     table, wide = (TorqueByAngle.over(Extent(*extent))() for extent in ((-1.0, 0.5, 12), (-3.0, 3.0, 48)))
     curve = table.curve(np.zeros(len(table.columns)))
-    assert [one.form for one in likenesses(table, curve._replace(value=0.3 - 2.0 * curve.x))] == ["line"]
-    assert not likenesses(wide, wide.curve(np.random.default_rng(3).normal(size=len(wide.columns))))
+    assert [one.form for one in find_likenesses(table, curve._replace(value=0.3 - 2.0 * curve.x))] == ["line"]
+    assert not find_likenesses(wide, wide.curve(np.random.default_rng(3).normal(size=len(wide.columns))))
 
 
 @pytest.mark.parametrize(
@@ -138,4 +138,4 @@ def test_a_line_looks_like_a_line_and_not_like_half_a_bump_and_noise_like_nothin
 def test_a_random_shape_of_few_pieces_hardly_ever_looks_like_a_formula(kind, extent):
     table, rng = kind.over(Extent(*extent))(), np.random.default_rng(0)
     curves = [table.curve(rng.normal(size=len(table.columns))) for _ in range(6)]
-    assert sum(bool(likenesses(table, curve)) for curve in curves) <= 1
+    assert sum(bool(find_likenesses(table, curve)) for curve in curves) <= 1

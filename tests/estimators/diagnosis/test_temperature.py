@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimators import IdentificationError, add, compare, diagnose
-from estimators.signals.motion import warmth
+from estimators.signals.motion import get_temperature
 from pendulum_env.physics import BASE, Model
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.time_varying import FrictionDrift
@@ -78,6 +78,6 @@ def test_a_thermometer_that_shows_whole_kelvins_is_read_between_them():
     time = np.arange(30_000) / 500.0
     for exact in (22.0 + 0.3 * time, 30.0 + 5.0 * np.cos(0.1 * time)):
         run = Recording("warm", time, np.zeros(len(time)), np.zeros(len(time)), temperature=np.round(exact))
-        error = np.std(warmth(run) - exact)
+        error = np.std(get_temperature(run) - exact)
         assert error < 0.5 * np.std(run.temperature - exact)
-        assert warmth(replace(run, temperature=exact)) == pytest.approx(exact, abs=1e-2)
+        assert get_temperature(replace(run, temperature=exact)) == pytest.approx(exact, abs=1e-2)

@@ -10,10 +10,10 @@ import pytest
 from benchmarks import servos
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import add, compare, diagnose
-from estimators.arguments import within_limits
+from estimators.arguments import apply_limits
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Kind
-from estimators.in_loop.fit import fit, likelihood, linear
+from estimators.in_loop.fit import compute_likelihood, fit, linearise_errors
 from estimators.in_loop.goals import read_goals, with_goals
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts, are_driven
@@ -207,10 +207,10 @@ def test_errors_of_a_comparison_are_those_of_whole_recordings(plain):
 def test_fit_finds_the_likeliest_parameters_from_far_away_and_a_limit_that_is_too_low_is_where_one_ends(rollouts):
     found = fit(rollouts, Point(TILTED, np.array([0.03, 0.4, 0.2, 0.2, 0.1])), TYPICAL, share=0.0)
     true = rollouts.position_errors([Point(TILTED, np.array([*TRUE.values(), 0.0]))])
-    told = [likelihood(rollouts, e)[0] for e in (found.error[:, None], true)]
+    told = [compute_likelihood(rollouts, e)[0] for e in (found.error[:, None], true)]
     assert told[0] >= told[1]
     assert found.point.theta[:4] == pytest.approx(list(TRUE.values()), rel=0.05)
-    limited, _ = within_limits(TILTED, {}, None, {"viscous": (0.0, 0.04)})
+    limited, _ = apply_limits(TILTED, {}, None, {"viscous": (0.0, 0.04)})
     start = np.array([*TRUE.values(), 0.0]) * [1.2, 0.8, 0.8, 1.0, 1.0]
     found = fit(rollouts, Point(tuple(limited), start), TYPICAL, share=0.0)
     assert found.point.theta[2] == pytest.approx(0.04)
@@ -265,7 +265,7 @@ def test_goal_of_a_speed_has_its_units_and_that_of_an_angle_its_turn(plain, tmp_
 
 def test_slopes_are_those_of_smaller_and_larger_parameters(rollouts):
     theta = np.array([*TRUE.values(), 0.0])
-    near = linear(rollouts, Point(TILTED, theta), TYPICAL, False)
+    near = linearise_errors(rollouts, Point(TILTED, theta), TYPICAL, False)
     for k, step in enumerate(np.diag(TYPICAL / 20)):
         more, less = (rollouts.position_errors([Point(TILTED, theta + s)])[:, 0] for s in (step, -step))
         slope = (more - less) / (2 * step[k])

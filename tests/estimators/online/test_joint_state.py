@@ -12,7 +12,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.online import Estimates, JointState, OnlineEstimator
 from estimators.schemes import six
 from estimators.schemes.six import SCHEMES
-from estimators.signals.measurements import of_steps
+from estimators.signals.measurements import compute_encoder_noise
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.physics import BASE, effect
 from pendulum_env.registration import PENDULUM
@@ -31,7 +31,7 @@ def slow_runs(n: int = 12, **plant: float) -> list:
 
 def estimator(n: int, **options) -> OnlineEstimator:
     schemes = [six.scheme("dynamic"), six.scheme("energy"), JointState()]
-    noise = of_steps(65_536)
+    noise = compute_encoder_noise(65_536)
     return OnlineEstimator(1 / PERIOD, **{"schemes": schemes, "batch": n, "position_noise": noise} | options)
 
 

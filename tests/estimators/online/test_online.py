@@ -13,7 +13,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.online import Estimates, OnlineEstimator
 from estimators.online.estimator import RECURSIONS
 from estimators.online.recursion import SquareRootLeastSquares
-from estimators.regression.recursive import PRIOR, history
+from estimators.regression.recursive import PRIOR, compute_history
 from estimators.schemes import six
 from estimators.schemes.six import PAPER, SCHEMES, Integral, LowPass
 from estimators.signals.measurements import choose_smoothing, measure, remember
@@ -53,7 +53,7 @@ def test_online_equals_offline(more, paper_run):
     points = np.array([1500, 4000, 9000])
     for s, scheme in enumerate(MORE):
         equations, usable = scheme.regression(whole, terms)
-        course = history(equations, usable, points)
+        course = compute_history(equations, usable, points)
         for k, point in enumerate(points):
             now = estimates[point + smoothing.reach + online.delay]
             assert now.index[0] == point
@@ -93,7 +93,7 @@ def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
     assert np.isfinite(now.theta).all()
     for s, scheme in enumerate(SCHEMES):
         equations, usable = scheme.regression(remember(measure(paper_run, smoothing), terms), terms)
-        course = history(equations, usable, np.array([len(equations.y) - 1]))
+        course = compute_history(equations, usable, np.array([len(equations.y) - 1]))
         np.testing.assert_allclose(now.theta[0, s, :4], course.theta[0, :4], rtol=5e-3)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
+from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
 
 TIME = np.linspace(0.0, 2.0, 40)
 TRUE, START = np.array([2.0, -1.5]), np.array([0.5, 0.0])
@@ -26,7 +26,7 @@ def decay(most: float = np.inf, noise: float = 0.0):
     def best(near, steps):
         places = [near.known + share * step for step in steps for share in (1.0, 0.2)]
         places = [np.array([min(a, most), b]) for a, b in places]
-        return least_of(places, [float(error(place) @ error(place)) for place in places])
+        return choose_least(places, [float(error(place) @ error(place)) for place in places])
 
     return near, best
 

@@ -11,14 +11,14 @@ from estimators.regression.balance import Balance
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import (
     Fit,
-    jackknife,
-    least_squares,
+    compute_jackknife,
     solve,
     solve_gram,
+    solve_least_squares,
     triangle_of,
     weigh_recordings,
 )
-from estimators.search_hints import grid
+from estimators.search_hints import make_grid
 from estimators.weak_form.nonlinear import cross_entropy, refine_nonlinear
 from pendulum_env.physics import Samples, Term, effect
 
@@ -90,7 +90,7 @@ def test_the_covariance_is_that_of_leaving_out_each_cluster_and_fitting_again():
     whole = np.linalg.lstsq(phi, y, rcond=None)[0]
     parts = [np.linalg.lstsq(phi[clusters != c], y[clusters != c], rcond=None)[0] - whole for c in range(12)]
     expected = 11 / 12 * sum(np.outer(part, part) for part in parts)
-    found, _ = jackknife(phi, y - phi @ whole, clusters)
+    found, _ = compute_jackknife(phi, y - phi @ whole, clusters)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(found / scale, expected / scale, atol=1e-6)
 
@@ -152,7 +152,9 @@ def test_torque_is_predicted_from_motion_and_not_explained_by_torque(mu):
 def test_a_parameter_that_would_leave_its_bounds_stays_there_and_the_others_make_the_best_of_it():
     balance, _ = loaded(0.3, 0.1)
     *theta, held = replace(balance, most=np.array([np.inf, np.inf, 0.1])).solve()
-    others = least_squares((balance.phi / (1 - 0.1 * balance.by_torque[:, 2:]))[:, :2], balance.error([0, 0, 0.1]))
+    others = solve_least_squares(
+        (balance.phi / (1 - 0.1 * balance.by_torque[:, 2:]))[:, :2], balance.error([0, 0, 0.1])
+    )
     assert held == 0.1 and theta == pytest.approx(others, rel=1e-2)
 
 
@@ -248,7 +250,7 @@ def test_cross_entropy_finds_a_minimum_among_many():
         return [float(np.sum(d**2) + 0.02 * np.sum(1 - np.cos(25 * d))) for d in away]
 
     x = samples()
-    variants = grid(effect("backlash"), x, x.torque)
+    variants = make_grid(effect("backlash"), x, x.torque)
     found = cross_entropy(variants, errors)
     assert errors([found])[0] < 0.5 * min(errors(variants))
     np.testing.assert_allclose(np.log(list(found.nonlinear_values.values())), target, atol=0.35)

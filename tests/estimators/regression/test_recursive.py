@@ -2,7 +2,7 @@ import numpy as np
 
 from benchmarks.recursion import State, start, step
 from estimators.regression.equations import Equations
-from estimators.regression.recursive import PRIOR, evenly, history
+from estimators.regression.recursive import PRIOR, choose_indices, compute_history
 
 
 def test_history_equals_the_recursion():
@@ -10,7 +10,10 @@ def test_history_equals_the_recursion():
     rng = np.random.default_rng(0)
     phi, usable = rng.standard_normal((1000, 4)) * [30.0, 1.0, 5.0, 1.0], rng.random(1000) < 0.7
     y, points, state = phi @ [0.1, 2.0, 0.3, 0.9] + 0.1 * rng.standard_normal(1000), np.array([20, 500, 999]), start(4)
-    course, state = history(Equations(phi, y), usable, points), State(*(np.longdouble(part) for part in state[:2]))
+    course, state = (
+        compute_history(Equations(phi, y), usable, points),
+        State(*(np.longdouble(part) for part in state[:2])),
+    )
     for k, row in enumerate(np.longdouble(phi)):
         state = step(state, row, np.longdouble(y[k])) if usable[k] else state
         for j in np.flatnonzero(points == k):
@@ -20,8 +23,8 @@ def test_history_equals_the_recursion():
 
 
 def test_history_before_any_equation_is_the_prior_and_its_points_end_at_the_last_one():
-    course = history(Equations(np.ones((10, 2)), np.ones(10)), np.arange(10) >= 5, np.array([3, 9]))
+    course = compute_history(Equations(np.ones((10, 2)), np.ones(10)), np.arange(10) >= 5, np.array([3, 9]))
     np.testing.assert_allclose(course.theta[0], 0, atol=1e-12)
     np.testing.assert_allclose(course.P[0], PRIOR * np.eye(2))
     np.testing.assert_allclose(course.theta[1], 0.5, rtol=1e-6)  # two equal columns share what they explain
-    assert (evenly(1000, 4).tolist(), evenly(3, 200).tolist()) == ([250, 500, 749, 999], [1, 2])
+    assert (choose_indices(1000, 4).tolist(), choose_indices(3, 200).tolist()) == ([250, 500, 749, 999], [1, 2])

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.findings import Finding, Kind
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.identifiability import identifiability
+from estimators.schemes.identifiability import find_undetermined
 from estimators.schemes.identification import identify
 from estimators.signals.measurements import measure
 from pendulum_env.physics import BASE, effects
@@ -23,7 +23,7 @@ def driven(command: np.ndarray, start: float = 0.0, **plant: float) -> Recording
 
 def kinds(recording: Recording, *added: str) -> list[Kind]:
     terms = (*BASE, *(effects()[id]() for id in added))
-    return [finding.kind for finding in identifiability([measure(recording)], terms)]
+    return [finding.kind for finding in find_undetermined([measure(recording)], terms)]
 
 
 def test_nothing_is_doubted_of_a_rich_recording(paper_run):
@@ -98,13 +98,13 @@ def test_a_parameter_that_is_told_to_be_nothing_is_told():
 
 def test_equal_columns_are_named(paper_run):
     terms = (*BASE, effects()["torque_offset"](), effects()["coulomb_asymmetry"]())
-    (finding,) = identifiability([measure(paper_run)], terms)
+    (finding,) = find_undetermined([measure(paper_run)], terms)
     assert finding == Finding(Kind.INDISTINGUISHABLE, parameters=("torque_offset", "coulomb_asymmetry"))
 
 
 def test_an_effect_that_never_acts_is_named(paper_run):
     terms = (*BASE, effects()["hard_stop"](upper=90.0))
-    (finding,) = identifiability([measure(paper_run)], terms)
+    (finding,) = find_undetermined([measure(paper_run)], terms)
     assert finding.kind is Kind.NEVER_ACTS and finding.withheld == ("hard_stop.stiffness",)
 
 

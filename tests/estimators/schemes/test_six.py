@@ -12,10 +12,10 @@ from estimators.schemes.six import (
     Integral,
     LowPass,
     Scheme,
-    energy_view,
-    exponential_average,
-    impulse_view,
-    torque_view,
+    apply_low_pass,
+    compute_energy_view,
+    compute_impulse_view,
+    compute_torque_view,
 )
 from estimators.signals.measurements import Smoothing, measure, remember
 from pendulum_env.physics import BASE, effects
@@ -57,11 +57,15 @@ def test_power_is_torque_times_velocity_and_impulse_its_integral(term):
         states = tuple(np.interp(fine, fine[coarse], s) for s in sampled.memory[term.id])
         exact = dataclasses.replace(exact, memory={term.id: states})
     for column in (*term.columns, *term.fixed):
-        torque = torque_view(exact, column)
+        torque = compute_torque_view(exact, column)
         size = np.abs(torque).max() + 1e-9
         inner = slice(20, -4)  # a delay of 5 ms does not know what was before
-        np.testing.assert_allclose(impulse_view(sampled, column)[1:][inner], means(torque)[inner], atol=2e-3 * size)
-        np.testing.assert_allclose(energy_view(sampled, column)[1:][inner], means(torque * v)[inner], atol=6e-3 * size)
+        np.testing.assert_allclose(
+            compute_impulse_view(sampled, column)[1:][inner], means(torque)[inner], atol=2e-3 * size
+        )
+        np.testing.assert_allclose(
+            compute_energy_view(sampled, column)[1:][inner], means(torque * v)[inner], atol=6e-3 * size
+        )
 
 
 def test_filter_is_the_bilinear_one_of_the_paper():
@@ -72,10 +76,10 @@ def test_filter_is_the_bilinear_one_of_the_paper():
     b, a = bilinear([cutoff], [1.0, cutoff], fs=1 / period)
     # the sum is 0 up to its start
     filtered = lfilter(b, a, np.r_[0.0, total])[1:]
-    once = exponential_average(rate, cutoff, period)
+    once = apply_low_pass(rate, cutoff, period)
     np.testing.assert_allclose(once, cutoff * (total - filtered), atol=1e-9)
-    twice = exponential_average(rate, cutoff, period, order=2)
-    np.testing.assert_allclose(twice, exponential_average(once, cutoff, period))
+    twice = apply_low_pass(rate, cutoff, period, order=2)
+    np.testing.assert_allclose(twice, apply_low_pass(once, cutoff, period))
 
 
 def test_cutoff_beyond_nyquist_is_refused(exact):
@@ -122,8 +126,8 @@ def test_a_mass_that_jumps_does_no_work():
     time = np.arange(2000) / 1000
     m = measure(Recording("wave", time, np.sin(5 * time), np.cos(time)), Smoothing(0))
     inertia = payload.columns[0]
-    energy = np.cumsum(energy_view(m, inertia)) * m.period
-    momentum = np.cumsum(impulse_view(m, inertia)) * m.period
+    energy = np.cumsum(compute_energy_view(m, inertia)) * m.period
+    momentum = np.cumsum(compute_impulse_view(m, inertia)) * m.period
     at = int(np.searchsorted(m.time, 0.5))
     assert np.abs(energy[: at - 1]).max() == np.abs(momentum[: at - 1]).max() == 0
     after = m.velocity[at + 2 :]

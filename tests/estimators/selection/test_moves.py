@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.data.split import gather
-from estimators.diagnosis.ranking import alternatives
-from estimators.selection.candidates import best_variant, refit_nonlinear, screen_effects, screen_replacements
+from estimators.data.split import split_recordings
+from estimators.diagnosis.ranking import compute_alternatives
+from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects, screen_replacements
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, revise
 from pendulum_env.physics import BASE, effect
@@ -23,7 +23,7 @@ RIGHT = (*BASE, DRAG)
 def evaluator() -> ModelEvaluator:
     plant = Plant(effects={"quadratic_drag": {"drag": 0.05}})
     recordings = recorded(plant, Experiment(rate=500.0, seconds=10.0, seed=4))
-    return ModelEvaluator(*gather(recordings), library={id: effect(id) for id in EFFECTS})
+    return ModelEvaluator(*split_recordings(recordings), library={id: effect(id) for id in EFFECTS})
 
 
 def test_what_is_hidden_is_the_most_promising_of_all_candidates(evaluator):
@@ -40,7 +40,7 @@ def test_an_effect_in_anothers_place_gives_way_to_it(evaluator):
 
 
 def test_nothing_else_is_possible_in_its_place(evaluator):
-    odds = alternatives(evaluator, RIGHT, DRAG)
+    odds = compute_alternatives(evaluator, RIGHT, DRAG)
     assert odds["quadratic_drag"] > 0.99 and sum(odds.values()) == pytest.approx(1.0)
 
 
@@ -54,7 +54,7 @@ def test_a_model_that_is_settled_stays_as_it_is(evaluator):
 
 def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(evaluator):
     recording = evaluator.train.recordings[0]
-    apart = ModelEvaluator(*gather([recording], [replace(recording, name="another")]))
+    apart = ModelEvaluator(*split_recordings([recording], [replace(recording, name="another")]))
     assert len(set(apart.bootstrap.of_block.tolist())) == 2
     assert len(set(evaluator.bootstrap.of_block.tolist())) == 1  # the end of one recording is no other
 
@@ -62,10 +62,10 @@ def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(evaluato
 def test_a_straight_spring_that_turns_gravity_round_gives_way_to_one_that_hardens():
     """Where the swing is small both fit alike, and only one of them leaves the weight what it is."""
     run = moved(lambda q, v: 0.1 * v + 0.5 * q**3, size=0.8)
-    evaluator = ModelEvaluator(*gather([run]), library={"spring": effect("spring")})
+    evaluator = ModelEvaluator(*split_recordings([run]), library={"spring": effect("spring")})
     straight, hardening = (trial.terms for trial in evaluator.train.variants(BASE, effect("spring")))
     assert evaluator.model(straight).estimates["gravity"].value < 0 and not evaluator.is_significant(
         hardening, straight
     )
-    assert best_variant(evaluator, BASE, effect("spring")).terms == hardening
+    assert find_best_variant(evaluator, BASE, effect("spring")).terms == hardening
     assert evaluator.model(hardening).estimates["gravity"].value == pytest.approx(2.0, rel=0.01)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from estimators.diagnosis.reasons import rejection
+from estimators.diagnosis.reasons import explain_rejection
 from estimators.findings import Finding, Kind
 from estimators.selection.errors import Errors, Step
-from estimators.selection.physical import confirmation_gates, driving_friction, violations
+from estimators.selection.physical import find_driving_friction, find_violations, make_confirmation_gates
 from pendulum_env.arms.joints import coupled, placed
 from pendulum_env.physics import BASE, Model, Samples, Term, effect
 from pendulum_env.physics.actuation import ActuatorLag
@@ -22,11 +22,11 @@ def of(effect: Term) -> Model:
 
 
 def test_a_lag_of_seconds_is_no_drives_but_what_a_user_bounds_may_lie_at_its_bound():
-    assert violations(of(ActuatorLag(0.01)), {"": X}) == []
-    (violated,) = violations(of(ActuatorLag(2.0)), {"": X})
+    assert find_violations(of(ActuatorLag(0.01)), {"": X}) == []
+    (violated,) = find_violations(of(ActuatorLag(2.0)), {"": X})
     assert (violated.name, violated.value, violated.limit) == ("actuator_lag.time_constant", 2.0, 2.0)
     narrow = limited_term(ActuatorLag(0.01), {"actuator_lag.time_constant": (0.001, 0.01)})
-    assert violations(of(narrow), {"": X}) == []
+    assert find_violations(of(narrow), {"": X}) == []
 
 
 def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
@@ -34,12 +34,12 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
     terms = [placed(own, joint) for joint in ("elbow", "wrist") for own in BASE[2:]]
     motions = {"elbow": X, "wrist": X}
     little = [-0.0005, -0.001, 0.1, 0.1]
-    assert [own.name for own in violations(Model.build(terms, little), motions)] == ["driving_friction"]
+    assert [own.name for own in find_violations(Model.build(terms, little), motions)] == ["driving_friction"]
     both = [*terms, coupled("elbow,-wrist", True)()]
-    assert violations(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
-    (told,) = driving_friction(Model.build(terms, [0.1, 0.2, -0.2, 0.1], 0.01))
+    assert find_violations(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
+    (told,) = find_driving_friction(Model.build(terms, [0.1, 0.2, -0.2, 0.1], 0.01))
     assert told == Finding(Kind.FRICTION_NEGATIVE, parameters=("viscous@wrist",))
-    (wrong,) = violations(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
+    (wrong,) = find_violations(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
     assert (wrong.name, wrong.value) == ("coupling.inertia@elbow,-wrist", -5.0)
 
 
@@ -56,7 +56,7 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
     ],
 )
 def test_friction_that_surely_drives_is_said_whatever_else_outweighs_it(terms, theta, std, told):
-    found = driving_friction(Model.build(terms, [0.1, *theta], [0.01, 0.01, 0.01, std, *theta[3:]]))
+    found = find_driving_friction(Model.build(terms, [0.1, *theta], [0.01, 0.01, 0.01, std, *theta[3:]]))
     assert found == ([Finding(Kind.FRICTION_NEGATIVE, parameters=tuple(told.split()))] if told else [])
 
 
@@ -68,21 +68,23 @@ def swinging(load: KnownLoad = UNLOADED) -> Samples:
 
 def test_dry_friction_may_be_what_gravity_or_a_load_overcame():
     theta = dict(zip(("inertia", "gravity", "viscous", "coulomb"), (0.1, 2.0, 0.01, 0.3), strict=True))
-    assert violations(Model.build(BASE, list(theta.values())), {"": swinging()}) == []
+    assert find_violations(Model.build(BASE, list(theta.values())), {"": swinging()}) == []
     light = Model.build(BASE, list((theta | {"gravity": 0.1}).values()))
-    (violated,) = violations(light, {"": swinging()})
+    (violated,) = find_violations(light, {"": swinging()})
     assert violated.name == "dry_friction" and violated.value == pytest.approx(0.3)
     assert violated.limit == pytest.approx(0.11, abs=0.005)
-    assert violations(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
+    assert find_violations(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
 
 
 def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_not_push():
     dropped, stopped, bristles = (effect(id) for id in ("payload_change", "hard_stop", "presliding"))
-    assert violations(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
-    (violated,) = violations(Model.build([*BASE, stopped(-1.0, 1.0)], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()})
+    assert find_violations(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
+    (violated,) = find_violations(
+        Model.build([*BASE, stopped(-1.0, 1.0)], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()}
+    )
     assert violated.name == "dry_friction" and violated.value == pytest.approx(8.0)
     for force, wrong in ((0.1, []), (-0.1, [("presliding", -0.1)])):
-        found = violations(Model.build([*BASE, bristles(0.01)], [0.1, 2.0, 0.1, 0.3, force]), {"": X})
+        found = find_violations(Model.build([*BASE, bristles(0.01)], [0.1, 2.0, 0.1, 0.3, force]), {"": X})
         assert [(own.name, own.value) for own in found] == wrong
 
 
@@ -101,7 +103,7 @@ def test_a_step_meets_physical_bounds_and_held_out_errors_in_this_order(torque, 
     before = Step(None, Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.01), {"holdout": Errors(1.0, 0.1)})
     model = Model.build([*BASE, effect("torque_offset")()], [inertia, 2.0, 0.1, 0.1, 0.2], 0.01)
     after = Step("torque_offset", model, {"holdout": Errors(torque, position)})
-    gates = confirmation_gates(after, before, {"": X})
+    gates = make_confirmation_gates(after, before, {"": X})
     assert [gate.name for gate in gates if not gate.passed][:1] == ([] if failed is None else [failed])
     assert all(gate.passed for gate in gates[:-1])
-    assert (rejection(gates) is None) == (failed is None)
+    assert (explain_rejection(gates) is None) == (failed is None)

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import t as student
 
 from estimators.regression.balance import Balance
-from estimators.selection.score import FOLDS, NU, Blocks, Bootstrap, cross_validated, predicted
+from estimators.selection.score import FOLDS, NU, Blocks, Bootstrap, cross_validated, predict_density
 
 
 def linear(phi: np.ndarray, y: np.ndarray) -> Balance:
@@ -59,7 +59,7 @@ def test_a_recording_counts_by_its_own_scale():
     theta = np.array([1.0, 2.0, 3.0])
     loud = y + np.where(where.recording == 1, 50.0, 0.0) * np.random.default_rng(0).standard_normal(len(y))
     gains = [
-        predicted(theta, linear(phi, values), where) - predicted(0.9 * theta, linear(phi, values), where)
+        predict_density(theta, linear(phi, values), where) - predict_density(0.9 * theta, linear(phi, values), where)
         for values in (y, loud)
     ]
     first = where.of_block == 0

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from estimators.signals.differentiation import rounding, shared, white_noise
+from estimators.signals.differentiation import correlate_averages, estimate_white_noise, find_rounding
 
 
 @pytest.mark.parametrize("lag", [1, 3, 6])
@@ -15,7 +15,7 @@ def test_averages_of_white_noise_share_what_their_weights_overlap(lag, differenc
     noise = np.random.default_rng(1).standard_normal(200_000)
     averages = np.convolve(noise, weights, mode="valid")
     measured = np.corrcoef(averages[lag:], averages[:-lag])[0, 1]
-    assert shared(weights, lag) == pytest.approx(measured, abs=0.02)
+    assert correlate_averages(weights, lag) == pytest.approx(measured, abs=0.02)
 
 
 @given(seed=st.integers(0, 2**32 - 1), step=st.floats(1e-4, 0.05), pace=st.floats(0.5, 5.0))
@@ -23,7 +23,7 @@ def test_averages_of_white_noise_share_what_their_weights_overlap(lag, differenc
 def test_the_step_that_a_smooth_signal_was_rounded_to_is_found(seed, step, pace):
     phase, time = np.random.default_rng(seed).uniform(0, 2 * np.pi, 2), np.arange(0, 10, 1e-3)
     signal = np.sin(pace * time + phase[0]) + 0.3 * np.sin(11.0 * time + phase[1])
-    assert rounding(step * np.rint(signal / step)) == pytest.approx(step, rel=1e-6)
+    assert find_rounding(step * np.rint(signal / step)) == pytest.approx(step, rel=1e-6)
 
 
 @given(seed=st.integers(0, 2**32 - 1), least=st.floats(0.02, 1.0))
@@ -32,4 +32,4 @@ def test_a_command_that_is_held_at_some_values_was_not_rounded_to_their_least_di
     seven = least * rng.permutation(np.arange(25) % 7)
     two, three = (least * rng.choice(levels, 25) for levels in ((-1.0, 1.0), (-1.0, 0.0, 1.0)))
     for values in (rng.uniform(-5, 5, 25), two, three, seven):
-        assert rounding(values[held]) == white_noise(values[held]) == 0.0
+        assert find_rounding(values[held]) == estimate_white_noise(values[held]) == 0.0

@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 
 from estimators.regression.equations import IdentificationError
-from estimators.signals.measurements import Smoothing, choose_smoothing, measure, window
+from estimators.signals.measurements import Smoothing, choose_smoothing, make_window, measure
 from pendulum_env.recording import Recording
 
 
 @pytest.mark.parametrize("half_width", [0, 2, 5, 40])
 def test_window_has_unit_sum_and_no_second_moment(half_width):
-    weights, offsets = window(half_width), np.arange(-half_width, half_width + 1)
+    weights, offsets = make_window(half_width), np.arange(-half_width, half_width + 1)
     assert weights.sum() == pytest.approx(1)
     assert weights @ offsets**2 == pytest.approx(0, abs=1e-12)
     np.testing.assert_allclose(weights, weights[::-1])

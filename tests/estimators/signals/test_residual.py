@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.signals.residual import AXES, profile, profiles, spectrum, stand_out
+from estimators.signals.residual import AXES, compute_profiles, compute_spectrum, find_regions, profile
 from pendulum_env.physics import Samples
 
 NOISE = 0.02  # N m
@@ -29,7 +29,7 @@ def test_a_bump_in_the_residual_is_found_at_its_place(axis, center, width, sign)
     x = motion()
     distance = (getattr(x, axis) - center) / width
     residual = noise(0) + sign * 0.08 * np.exp(-0.5 * distance**2)
-    top = stand_out(x, residual, NOISE)[0]
+    top = find_regions(x, residual, NOISE)[0]
     assert top.axis == axis and top.unit == AXES[axis]
     assert top.low < center < top.high < top.low + 6 * width
     assert 0.02 < sign * top.residual < 0.08 and top.significance > 5
@@ -38,18 +38,20 @@ def test_a_bump_in_the_residual_is_found_at_its_place(axis, center, width, sign)
 def test_two_bumps_of_opposite_sign_are_two_regions():
     x = motion()
     residual = noise(0) + 0.1 * np.exp(-((x.position - 1) ** 2) / 0.1) - 0.1 * np.exp(-((x.position + 1) ** 2) / 0.1)
-    two = sorted((own for own in stand_out(x, residual, NOISE) if own.axis == "position"), key=lambda own: own.low)
+    two = sorted((own for own in find_regions(x, residual, NOISE) if own.axis == "position"), key=lambda own: own.low)
     assert [(np.sign(own.residual), own.low < np.sign(own.residual) < own.high) for own in two] == [(-1, 1), (1, 1)]
 
 
 def test_one_finding_is_told_once_and_as_the_simplest_law():
     x = motion()
-    (everywhere,) = stand_out(x, noise(0) + 0.2, NOISE)
+    (everywhere,) = find_regions(x, noise(0) + 0.2, NOISE)
     assert everywhere.is_constant
     assert everywhere.residual == pytest.approx(0.2, abs=0.01)
     sway = Samples(x.time, np.sin(x.time), np.cos(x.time), x.torque)  # over time it is a finding, too
-    assert {region.axis for region in stand_out(sway, noise(0) + 0.1 * np.sign(sway.velocity), NOISE)} == {"velocity"}
-    both = stand_out(x, noise(0) + 0.1 * np.sign(x.velocity) + 0.08 * np.sin(2 * x.position), NOISE, most=30)
+    assert {region.axis for region in find_regions(sway, noise(0) + 0.1 * np.sign(sway.velocity), NOISE)} == {
+        "velocity"
+    }
+    both = find_regions(x, noise(0) + 0.1 * np.sign(x.velocity) + 0.08 * np.sin(2 * x.position), NOISE, most=30)
     assert {region.axis for region in both} == {"velocity", "position"}
 
 
@@ -58,14 +60,14 @@ def test_the_angle_of_a_joint_that_turns_is_told_within_a_turn():
     time = np.arange(6000) * 0.005
     x = Samples(time, 0.9 * time + rng.uniform(-3, 3, 6000), rng.standard_normal(6000), rng.standard_normal(6000))
     cogs = noise(0, 6000) + 0.1 * np.cos(12 * x.position)
-    around = profiles(x, cogs, NOISE, ["position"])[0]
+    around = compute_profiles(x, cogs, NOISE, ["position"])[0]
     assert around.unit == "rad within a turn" and around.edges[0] >= -np.pi and around.edges[-1] <= np.pi
     middle = 0.5 * (around.edges[1:] + around.edges[:-1])
     assert np.corrcoef(around.mean, np.cos(12 * middle))[0, 1] > 0.99
-    regions = stand_out(x, cogs, NOISE, most=100)
+    regions = find_regions(x, cogs, NOISE, most=100)
     assert {region.axis for region in regions} == {"position"} and len(regions) == pytest.approx(24, abs=1)
     assert all(region.unit == "rad within a turn" for region in regions)
-    half = profiles(Samples(time, x.position / 5, x.velocity, x.torque), cogs, NOISE, ["position"])[0]
+    half = compute_profiles(Samples(time, x.position / 5, x.velocity, x.torque), cogs, NOISE, ["position"])[0]
     assert half.unit == "rad" and half.edges[-1] > np.pi  # a joint with stops keeps its angles
 
 
@@ -73,20 +75,20 @@ def test_the_angle_of_a_joint_that_turns_is_told_within_a_turn():
 def test_an_oscillation_in_time_is_found_at_its_frequency(hertz):
     x = motion()
     residual = noise(0) + 0.03 * np.sin(2 * np.pi * hertz * x.time + 1)
-    (region,) = [r for r in stand_out(x, residual, NOISE) if r.axis == "frequency"]
+    (region,) = [r for r in find_regions(x, residual, NOISE) if r.axis == "frequency"]
     assert region.low - 0.05 < hertz < region.high + 0.05
     assert region.residual == pytest.approx(0.03, rel=0.2)
 
 
 @pytest.mark.slow
 def test_white_noise_has_no_region():
-    assert [stand_out(motion(seed), noise(seed), NOISE) for seed in range(40)] == [[]] * 40
+    assert [find_regions(motion(seed), noise(seed), NOISE) for seed in range(40)] == [[]] * 40
 
 
 def test_the_most_telling_region_comes_first_and_their_number_is_limited():
     x = motion()
     residual = noise(0) + 0.1 * np.sign(np.sin(4 * x.position))
-    regions = stand_out(x, residual, NOISE, most=3)
+    regions = find_regions(x, residual, NOISE, most=3)
     assert len(regions) == 3
     assert [r.significance for r in regions] == sorted((r.significance for r in regions), reverse=True)
 
@@ -106,7 +108,7 @@ def test_a_profile_is_the_mean_in_bins_of_equal_count_with_its_standard_error():
 def test_the_spectrum_reads_amplitudes_though_samples_are_missing():
     x = motion()
     kept = np.random.default_rng(0).random(1500) < 0.4
-    found = spectrum(x.time[kept], 0.5 * np.sin(2 * np.pi * 4 * x.time[kept]), NOISE)
+    found = compute_spectrum(x.time[kept], 0.5 * np.sin(2 * np.pi * 4 * x.time[kept]), NOISE)
     peak = int(np.argmax(found.mean))
     assert found.edges[peak] - 0.05 < 4 < found.edges[peak + 1] + 0.05
     assert found.mean[peak] == pytest.approx(0.5, rel=0.15)
@@ -115,6 +117,6 @@ def test_the_spectrum_reads_amplitudes_though_samples_are_missing():
 @pytest.mark.parametrize("rows", [2, 9, 25, 100])
 def test_few_samples_and_values_that_do_not_vary_are_no_error(rows):
     x = motion(rows=rows)
-    assert all(np.isfinite(item.mean).all() for item in profiles(x, noise(0, rows), NOISE))
+    assert all(np.isfinite(item.mean).all() for item in compute_profiles(x, noise(0, rows), NOISE))
     still = Samples(x.time, np.zeros(rows), x.velocity, np.full(rows, 2.0))
-    assert stand_out(still, noise(0, rows), NOISE) == []
+    assert find_regions(still, noise(0, rows), NOISE) == []

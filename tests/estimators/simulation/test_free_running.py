@@ -8,7 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.regression_data import RegressionData
 from estimators.simulation.free_running import simulate_all
-from estimators.simulation.output_error import torque_again
+from estimators.simulation.output_error import redraw_torque
 from estimators.weak_form.windows import trace_all
 from pendulum_env.physics import BASE, effect
 from tests.cases import TRUTH, recorded
@@ -38,7 +38,7 @@ def test_torque_that_was_moved_in_time_changed_somewhere_within_a_sample():
     moved = replace(known.windows, recording=replace(known.windows.recording, is_moved=True))
     rng, noise = np.random.default_rng(0), known.windows.raw_torque_noise
     for windows, expected in ((known.windows, noise), (moved, np.hypot(noise, 2.0 / np.sqrt(12)))):
-        again = np.stack([torque_again(replace(known, windows=windows), rng) for _ in range(1000)])
+        again = np.stack([redraw_torque(replace(known, windows=windows), rng) for _ in range(1000)])
         assert again[:, 50].std() == pytest.approx(expected, rel=0.1)
         assert again[:, 60].std() == pytest.approx(noise, rel=0.1)
         assert again[:, 50].mean() == pytest.approx(2.0, abs=0.05)

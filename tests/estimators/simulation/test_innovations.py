@@ -24,9 +24,10 @@ def each(seeds: range, counts: int = 1_024_000) -> list[RegressionData]:
 def test_at_the_true_parameters_innovations_are_as_large_as_expected_and_unrelated(counts: int):
     (prepared,) = each(range(5, 6), counts)
     segments = [choose_segments(windows, 0.5) for windows in prepared.data.windows]
-    filters = output_error.innovations(segments, AT)
+    filters = output_error.make_innovations(segments, AT)
     new, plain = (
-        output_error.errors(segments, [AT], used)[0].reshape(len(segments[0].first), -1) for used in (filters, ())
+        output_error.compute_errors(segments, [AT], used)[0].reshape(len(segments[0].first), -1)
+        for used in (filters, ())
     )
     assert np.median(np.sqrt(np.mean(new**2, axis=1))) == pytest.approx(1.0, abs=0.25)
 
@@ -43,7 +44,7 @@ def gain(seeds: range, counts: int = 1_024_000) -> float:
     for prepared in each(seeds, counts):
         start, _ = fit_terms(prepared, BASE)
         segments = [choose_segments(windows, 0.5) for windows in prepared.data.windows]
-        found = output_error.maximum_likelihood(segments, Point(BASE, start.theta))
+        found = output_error.fit_maximum_likelihood(segments, Point(BASE, start.theta))
         errors.append(np.abs(np.array([start.theta, found.theta]) / AT.theta - 1))
     windows, innovations = np.sqrt(np.mean(np.square(errors), axis=0))
     return float(np.exp(np.mean(np.log(innovations / windows))))

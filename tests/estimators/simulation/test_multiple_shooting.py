@@ -5,11 +5,11 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.regression_data import RegressionData
-from estimators.data.split import gather
+from estimators.data.split import split_recordings
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood
 from estimators.selection.search import SearchResult
-from estimators.simulation.multiple_shooting import estimate, initialised, slopes_by_state
+from estimators.simulation.multiple_shooting import compute_state_slopes, estimate, prepare_segments
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.recording import Recording
@@ -73,7 +73,7 @@ def elastic() -> SearchResult:
     """A model with a link that is watched, fitted to windows along its motion."""
     runs = (Experiment(rate=500.0, seconds=9.0, seed=seed, excitation="multisine") for seed in (5, 6))
     train, unseen = recorded(Plant(**BASIC | {"inertia": 0.09}, effects={"joint_flexibility": ELASTIC}), *runs)
-    evaluator = ModelEvaluator(*gather([train], [unseen]))
+    evaluator = ModelEvaluator(*split_recordings([train], [unseen]))
     shape = {name.split(".")[1]: value for name, value in SWINGING.items() if "." in name}
     terms = (*BASE, effect("joint_flexibility")(**shape))
     linear = [value for name, value in SWINGING.items() if "." not in name]
@@ -102,8 +102,8 @@ def test_what_tells_of_a_link_tells_its_standard_errors(elastic: SearchResult):
 def test_where_the_link_meets_no_contact_slopes_by_states_are_tangents(elastic: SearchResult):
     """Parameters tell little that other states would not: a secant's error of a percent passes for news of them."""
     point = Point.of(elastic.steps[-1].model)
-    (shooting,) = initialised(elastic.evaluator.train.data.windows, point)
-    _, (slopes,) = slopes_by_state(shooting, [point], shooting.states[None])
+    (shooting,) = prepare_segments(elastic.evaluator.train.data.windows, point)
+    _, (slopes,) = compute_state_slopes(shooting, [point], shooting.states[None])
     step = 1e-8 * np.eye(4)[:, :, None]
     more, less = (shooting.errors([point] * 4, shooting.states + sign * step) for sign in (1, -1))
     tangents = np.moveaxis(more - less, 0, 2) / 2e-8

@@ -30,7 +30,7 @@ def test_a_wrong_start_leads_to_the_true_parameters():
 def test_standard_errors_cover_the_truth():
     prepared = prepared_of({}, counts=65_536, torque_noise=0.05)
     point = output_error.fit(prepared.segments, Point(BASE, np.array(list(TRUTH.values()))))
-    model = output_error.model(prepared.segments, point)
+    model = output_error.make_model(prepared.segments, point)
     z = [(model.estimates[name].value - true) / model.estimates[name].std for name, true in TRUTH.items()]
     assert np.abs(z).max() < 4
     assert all(0 < model.estimates[name].std < 0.05 * true for name, true in TRUTH.items())
@@ -52,9 +52,9 @@ def test_an_error_of_the_initial_state_alone_leaves_no_residual():
     prepared = prepared_of({}, counts=1_024_000, torque_noise=0.0)
     (segments,) = prepared.segments
     point = Point(BASE, np.array(list(TRUTH.values())))
-    exact = output_error.rms([segments], point)
+    exact = output_error.compute_rms([segments], point)
     shifted = np.array(segments.velocity) + 2e-3
 
     off = replace(segments, velocity=shifted)
-    assert output_error.rms([off], point) < 3 * exact
-    assert output_error.rms([off], Point(BASE, point.theta * 1.02)) > 10 * exact
+    assert output_error.compute_rms([off], point) < 3 * exact
+    assert output_error.compute_rms([off], Point(BASE, point.theta * 1.02)) > 10 * exact

@@ -8,7 +8,7 @@ import pytest
 
 from estimators import diagnose
 from estimators.data.regression_data import RegressionData, fit_terms
-from estimators.search_hints import grid
+from estimators.search_hints import make_grid
 from estimators.weak_form.nonlinear import find_edges
 from pendulum_env.physics import BASE, Column, NonlinearParameter, Term, effects
 from pendulum_env.physics.limits import limited
@@ -78,7 +78,7 @@ def test_only_parameters_at_which_a_law_jumps_are_edges():
     assert find_edges(limited(Ending, {"ending.end": (0.1, 1.0)})(0.5), x)
     assert not find_edges(Fading(0.5), x)
     for kind in effects().values():
-        for variant in grid(kind, x, residual):
+        for variant in make_grid(kind, x, residual):
             assert all(own.instant for own in find_edges(variant, x)), kind
 
 

@@ -8,8 +8,8 @@ import pytest
 from benchmarks.excitation import smooth_reference
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import IdentificationError, RegressionData, fit_terms
-from estimators.arguments import within_limits
-from estimators.data.split import gather
+from estimators.arguments import apply_limits
+from estimators.data.split import split_recordings
 from estimators.weak_form.instruments import fit_by_reference
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, effect
@@ -42,13 +42,13 @@ def test_a_diagnosis_begins_from_the_base_model_that_instruments_find(disturbed)
     some = disturbed[:2]
     found = diagnosed(some, only=["quadratic_drag"], by_reference=True)
     assert found.selected == ()
-    assert found.model.theta == pytest.approx(fit_by_reference(gather(some)[0].data, BASE).theta)
+    assert found.model.theta == pytest.approx(fit_by_reference(split_recordings(some)[0].data, BASE).theta)
     std = np.array([estimate.std for estimate in found.model.estimates.values()])
     assert (np.abs(found.model.theta - TRUTH) < 3 * std).all()
 
 
 def test_what_is_known_beforehand_stays_so_beside_instruments(disturbed):
-    known, _ = within_limits(BASE, {}, {"gravity": 1.9}, {"viscous": (0.0, 0.1)})
+    known, _ = apply_limits(BASE, {}, {"gravity": 1.9}, {"viscous": (0.0, 0.1)})
     model = fit_by_reference(prepare(disturbed), known)
     assert model.estimates["gravity"].value == 1.9
     assert model.estimates["viscous"].value == 0.1

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.data.split import gather
+from estimators.data.split import split_recordings
 from estimators.regression.balance import Balance
-from estimators.search_hints import grid
+from estimators.search_hints import make_grid
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.weak_form.columns import depends_on_torque
+from estimators.weak_form.columns import is_torque_dependent
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env.filters import lag
@@ -56,7 +56,7 @@ class TwoLags(Term):
         return (lag(lag(command, keep, command[0]), keep, command[0]),)
 
 
-LAWS = {kind.id: kind for kind in (*effects().values(), Squashed, TwoLags) if depends_on_torque(kind())}
+LAWS = {kind.id: kind for kind in (*effects().values(), Squashed, TwoLags) if is_torque_dependent(kind())}
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def unpredicted(balance: Balance, theta: np.ndarray) -> np.ndarray:
 def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(regression: TorqueRows, id: str, share: float):
     """Of a model whose motion takes no torque, all that was recorded is left, whatever becomes of it on the way."""
     recorded = regression.data.torque()
-    for term in grid(LAWS[id], regression.data.samples, recorded):
+    for term in make_grid(LAWS[id], regression.data.samples, recorded):
         balance = regression.equations((*BASE, term))
         theta = np.where(balance.of_torque, np.minimum(balance.most, share), 0.0)
         left = np.linalg.norm(unpredicted(balance, theta))
@@ -117,7 +117,7 @@ def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
     """A hum on the torque channel: a lag leaves less of it, and explains nothing."""
     (run,) = recorded(Plant(), Experiment(rate=500.0, seconds=8.0, seed=2))
     hum = 3.0 * np.sin(2 * np.pi * 15.0 * run.time)
-    evaluator = ModelEvaluator(*gather([replace(run, torque=run.torque + hum)]))
+    evaluator = ModelEvaluator(*split_recordings([replace(run, torque=run.torque + hum)]))
     lag, base = (*BASE, effects()["actuator_lag"](0.01)), tuple(BASE)
     assert np.std(evaluator.train.residual(lag)) < 0.9 * np.std(evaluator.train.residual(base))
     assert evaluator.density(lag).sum() < evaluator.density(base).sum()
@@ -125,7 +125,7 @@ def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
 
 @pytest.mark.parametrize("id", ["stribeck", "friction_drift", "cogging"])
 def test_beside_a_linear_model_variants_compare_by_their_exact_errors(regression: TorqueRows, id: str):
-    variants = grid(effects()[id], regression.data.samples, regression.data.torque())[:6]
+    variants = make_grid(effects()[id], regression.data.samples, regression.data.torque())[:6]
     weights = regression.weights(BASE)
     for variant, error in zip(variants, regression.compare(BASE, variants), strict=True):
         terms = (*BASE, variant)

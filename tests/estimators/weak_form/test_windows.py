@@ -11,7 +11,7 @@ from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.data.split import with_contacts
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import solve
-from estimators.signals.differentiation import encoder_noise, white_noise
+from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
 from estimators.weak_form.torque_windows import TorqueWindows, choose_half_width, join_windows, prepare
 from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
@@ -103,8 +103,8 @@ def test_white_noise_is_measured_beside_a_smooth_signal_and_its_steps():
     time = np.arange(5000) / 1000
     signal = 3 * np.sin(5 * time) + (time > 2) - 2 * (time > 3)
     noisy = signal + 0.02 * np.random.default_rng(0).standard_normal(5000)
-    assert white_noise(noisy) == pytest.approx(0.02, rel=0.05)
-    assert white_noise(np.round(signal / 1e-3) * 1e-3) == pytest.approx(1e-3 / np.sqrt(12), rel=0.3)
+    assert estimate_white_noise(noisy) == pytest.approx(0.02, rel=0.05)
+    assert estimate_white_noise(np.round(signal / 1e-3) * 1e-3) == pytest.approx(1e-3 / np.sqrt(12), rel=0.3)
 
 
 def test_a_joint_at_rest_hides_no_noise_of_its_encoder():
@@ -114,8 +114,10 @@ def test_a_joint_at_rest_hides_no_noise_of_its_encoder():
     counted = np.round(creep / count) * count
     uneven = time + 0.3 / 200 * np.sin(40 * time)
     for read in (counted, np.interp(time, uneven, np.round(np.interp(uneven, time, creep) / count) * count)):
-        assert 0.7 < encoder_noise(read) / (count / np.sqrt(12)) < 2.0  # steps of creep are sharper than white noise
-    assert encoder_noise(np.zeros(100)) == 0.0
+        assert (
+            0.7 < estimate_encoder_noise(read) / (count / np.sqrt(12)) < 2.0
+        )  # steps of creep are sharper than white noise
+    assert estimate_encoder_noise(np.zeros(100)) == 0.0
 
 
 def test_windows_grow_with_the_coarseness_of_the_encoder():

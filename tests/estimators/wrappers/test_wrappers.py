@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import NormalizeObservation, RescaleAction, TimeLimit
 
-from estimators.regression.recursive import history
+from estimators.regression.recursive import compute_history
 from estimators.schemes import six
 from estimators.schemes.six import SCHEMES, LowPass
 from estimators.signals.measurements import Smoothing, measure
@@ -60,7 +60,7 @@ def test_estimates_while_it_runs_are_those_of_the_recording_and_converge_to_the_
         assert set(info["estimates"]) == {"filtered_power", *(scheme.id for scheme in env.schemes)}
         for scheme in env.schemes:
             equations, usable = scheme.regression(measure(recording, smoothing), BASE)
-            theta = history(equations, usable, np.array([last])).theta[0]
+            theta = compute_history(equations, usable, np.array([last])).theta[0]
             np.testing.assert_allclose(info["estimates"][scheme.id]["theta"], theta, rtol=1e-9)
     assert info["parameters"] == tuple(PAPER) and 0 < info["time"] - info["estimates_time"] < 0.05
     there = pickle.loads(pickle.dumps(info))["estimates"]["dynamic"]  # in another process

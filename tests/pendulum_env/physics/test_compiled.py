@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimators.search_hints import grid
+from estimators.search_hints import make_grid
 from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, compiled, effects, simulate
 from pendulum_env.physics.compiled import MANY, Machine, Step, recurrence
 from pendulum_env.physics.potential import Cogging
@@ -153,7 +153,7 @@ def test_states_along_a_motion_are_those_that_each_advance_gives(id, period):
     time = period * np.arange(300)
     position = np.sin(5 * time) + 0.2 * np.sin(23 * time)
     x = Samples(time, position, np.gradient(position, period), rng.standard_normal(300))
-    tried = grid(effects()[id], x, np.zeros(300))
+    tried = make_grid(effects()[id], x, np.zeros(300))
     variants = [tried[0], tried[len(tried) // 2], tried[-1]]
     assert _advance(tried[0], len(tried[0].start(x)), np.array(period)) is not None
     for variant, memory in zip(variants, traces(variants, [x], [x.torque], [period])[0], strict=True):

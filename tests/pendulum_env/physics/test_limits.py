@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from estimators.search_hints import grid
+from estimators.search_hints import make_grid
 from pendulum_env.physics import BASE, Model, PluginError, Samples, effects, library, load_plugin, plugin
 from pendulum_env.physics.limits import LimitsError, check_names, collect_limits, limited, limited_term, limits_of
 
@@ -45,7 +45,7 @@ def test_a_limited_kind_is_the_same_law_whose_parameters_and_search_stay_within_
     assert limited(effects()["stribeck"], {"gravity": (1, 2)}) is effects()["stribeck"]
     assert limited(effects()["stribeck"], limits) is kind
     x = Samples(np.zeros(9), np.zeros(9), np.linspace(-5, 5, 9), np.zeros(9))
-    velocities = [variant.stribeck_velocity for variant in grid(kind, x, np.zeros(9))]
+    velocities = [variant.stribeck_velocity for variant in make_grid(kind, x, np.zeros(9))]
     assert velocities and min(velocities) >= 0.3 and max(velocities) <= 0.4
 
 

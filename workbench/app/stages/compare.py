@@ -16,7 +16,7 @@ from dash.exceptions import PreventUpdate
 
 from estimators.data.regression_data import RegressionData
 from estimators.figure import Figure, axis, broken, line, numbers, span
-from estimators.signals.residual import AXES, Region, profiles, stand_out, turns, wrapped
+from estimators.signals.residual import AXES, Region, compute_profiles, find_regions, makes_whole_turns, wrap_angles
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.physics import Samples
 from pendulum_env.recording import Recording
@@ -66,7 +66,7 @@ class Points:
 
     def regions(self, shown: int) -> list[Region]:
         """Render the regions with a significant residual of a model."""
-        return stand_out(self.samples, self.residuals[shown], self.noise, units=self.case.units)
+        return find_regions(self.samples, self.residuals[shown], self.noise, units=self.case.units)
 
 
 def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
@@ -75,7 +75,7 @@ def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
     cells, map_layout = planes(x, points.residuals, points.case.units)[shown]
     select = {"dragmode": "select", "margin": {"t": 12, "r": 8}}
     dots, kept = thin(x.velocity, LIT), thin(x.velocity, 2 * LIT)
-    picked = _dots(wrapped(x.position[dots]), x.velocity[dots], "--text", 2, opacity=0.25, hoverinfo="skip")
+    picked = _dots(wrap_angles(x.position[dots]), x.velocity[dots], "--text", 2, opacity=0.25, hoverinfo="skip")
     units = points.case.units
     speed = units.unit("rad/s")
     _, (q, v) = broken(x.time, kept, x.position, x.velocity)
@@ -117,15 +117,15 @@ def inside(x: Samples, view: str, box: Mapping[str, Any]) -> Mask:
     (left, right), (low, high) = (ranges.get(key, [-np.inf, np.inf]) for key in "xy")
     if view == TIME:
         return (x.time >= left) & (x.time <= right)
-    angle = wrapped(x.position) if view == MAP else x.position
+    angle = wrap_angles(x.position) if view == MAP else x.position
     return (angle >= left) & (angle <= right) & (x.velocity >= low) & (x.velocity <= high)
 
 
 def within(x: Samples, region: Region) -> Mask:
     """Windows within a region that stands out, which is not one of frequencies."""
     values: Array = getattr(x, region.axis)
-    if region.axis == "position" and turns(values):
-        values = wrapped(values)
+    if region.axis == "position" and makes_whole_turns(values):
+        values = wrap_angles(values)
     return (values >= region.low) & (values <= region.high)
 
 
@@ -139,7 +139,7 @@ def lit(points: Points, selected: Mask, shown: int) -> dict[str, list[JSON]]:
         return _dots(x, y, "--brush", 4, hoverinfo="skip", name="selected", **more)
 
     return {
-        MAP: [dots(wrapped(q), v)],
+        MAP: [dots(wrap_angles(q), v)],
         PHASE: [dots(q, v)],
         TIME: [dots(x.time[at], x.torque[at]), dots(x.time[at], residual[at], yaxis="y2")],
     }
@@ -226,7 +226,7 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     found = [one.effect for one in state.diagnosis.candidates] if state.diagnosis is not None else []
     ranked = sorted(names, key=lambda id: found.index(id) if id in found else len(found))
     drawn, curve = (
-        profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES), points.case.units),
+        compute_profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES), points.case.units),
         points.case.models[shown],
     )
     reach = 1.08 * max(float(np.abs(item.mean).max()) for item in drawn)
