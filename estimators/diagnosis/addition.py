@@ -39,7 +39,7 @@ from pendulum_env.recording.study import format_of
 
 
 def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = BASE) -> Step:
-    """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
+    """Fit terms to the result of `split_recordings`, as `diagnose` and `add` do: the model and its errors on both."""
     is_free = all(recording.known_inertia for recording in train.recordings)  # the terms have what is known
     evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)
     return refit_by_likelihood(

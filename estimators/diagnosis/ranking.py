@@ -221,6 +221,8 @@ def make_excitation_gate(evaluator: ModelEvaluator, longer: Terms) -> Gate:
     *others, term = longer
     train, here, least = evaluator.train, evaluator.train.where(term.at), evaluator.criterion.least_excitation
     residual, recorded = train.residual(tuple(others))[here], train.equations(others).y[here]
+    if not recorded.any():  # a free swing
+        recorded = train.data.applied_torque()[here]
     noise, torque = (float(np.sqrt(np.mean(own**2))) for own in (residual, recorded))
     share = train.unique_share(others, term)
     value = torque * share * len(residual) ** 0.5 / max(SIGNIFICANT * noise, 1e-300)

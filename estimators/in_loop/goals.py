@@ -2,7 +2,8 @@
 
 A held goal is late by half a sample against one that runs on. A dead time and a lag imitate that, and feedback turns it
 into viscous friction. So each reading is fitted without and with these two effects, beside the base model, which has
-viscous friction. The likeliest fit wins; of fits that tie with it, the one with the fewest effects.
+viscous friction. The likeliest fit wins; of fits that are less likely by `TIE` standard errors at most, the likeliest
+with the fewest effects.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import densities
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
-from estimators.selection.criterion import Criterion
 from estimators.selection.score import BLOCK, Bootstrap
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
@@ -27,6 +27,7 @@ from pendulum_env.physics.terms import ids
 from pendulum_env.recording import Recording
 
 LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
+TIE = 2.0  # standard errors of a gain
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,8 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
             found.append(Reading(is_held, terms, np.bincount(blocks, density).astype(float)))
     bootstrap = Bootstrap(of_block, np.random.default_rng(0))
     best = max(found, key=lambda one: one.density.sum())
-    tied = [
-        one for one in found if one is best or bootstrap.gain(best.density, one.density).p_value > Criterion.p_value
-    ]
+    gains = [bootstrap.gain(best.density, one.density) for one in found]
+    tied = [one for one, gain in zip(found, gains, strict=True) if one is best or gain.total <= TIE * gain.error]
     chosen = min(tied, key=lambda one: (len(one.terms), -one.density.sum()))
     others = [one for one in found if one.is_held != chosen.is_held]
     other = max(others, key=lambda one: one.density.sum())

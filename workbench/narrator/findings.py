@@ -375,7 +375,10 @@ def _goals(found: Finding, reading: str, other: str, key: str) -> str:
     gain = found.numbers["gain"]
     sizes = [f"{own.value * 1000:.1f} ms" for id, own in found.numbers.items() if id != "gain"]
     late = f" with {name(found.effects[0])} of {sizes[0]}" if sizes else ""
-    fit = f"Goals {other}{late} are less likely by {gain.value:.0f} ± {gain.std or 0.0:.0f} nat."
+    size = f"{abs(gain.value):.0f} ± {gain.std or 0.0:.0f} nat"
+    fit = f"Goals {other}{late} are less likely by {size}."
+    if gain.value < 2 * (gain.std or 0.0):
+        fit = f"Goals {other}{late} fit about equally well (a difference of {size})."
     return f'Goals are read as {reading}. {fit} If they are so, give `goal = "{key}"` in `[drive]`.'
 
 

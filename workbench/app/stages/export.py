@@ -36,7 +36,7 @@ WHOLE = (
 BESIDE = f"The recordings are read as {STUDY} says: save it beside them."
 IMPORTED = {  # names of a snippet, by where they are from
     "pathlib": ("Path",),
-    "estimators": ("FitData", "add", "diagnose", "fit", "gather", "identify"),
+    "estimators": ("FitData", "add", "diagnose", "fit", "identify", "split_recordings"),
     "estimators.arguments": ("within_limits",),
     "pendulum_env.arms": ("ArmModel", "arm_base"),
     "pendulum_env.physics": ("BASE", "Model"),
@@ -151,7 +151,7 @@ def snippet(state: State) -> str:
     if limits:
         lines.append(f"terms, _ = within_limits({terms}, {{}}{limits})")
         terms = "terms"
-    fitted = f"fit(*gather(recordings, holdout), {terms})"
+    fitted = f"fit(*split_recordings(recordings, holdout), {terms})"
     if robot is not None:
         fitted = f"identify(recordings, {terms}, {SAVED!r})[{SAVED!r}]"
     lines.append(f"model = {fitted}.model")
