@@ -331,7 +331,7 @@ def _fit_schemes(
     recordings: Sequence[Recording],
     of: Callable[[Regressor, Joints], list[Regression]],
 ) -> dict[str, Identified]:
-    """Fit each scheme to the segments of recordings; `of` makes regressions, see `regressions`."""
+    """Fit each scheme to the segments of recordings; `of` makes regressions, see `make_regressions`."""
     joints, names = terms[0].mechanism.joints, _join_names(recordings)
     results: dict[str, Identified] = {}
     for scheme in schemes:

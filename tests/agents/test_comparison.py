@@ -132,7 +132,7 @@ def test_ratios_and_their_intervals():
 
 @pytest.mark.slow
 def test_where_it_is_worked_out_changes_nothing(monkeypatch):
-    monkeypatch.setattr("agents.comparison.PART", 2)
+    monkeypatch.setattr("agents.comparison.PLANTS_PER_JOB", 2)
     here = compare_policies({}, [*BASELINES][:1], plants=3, seed=1)
     with ThreadPoolExecutor(2) as pool:
         there = compare_policies({}, [*BASELINES][:1], plants=3, seed=1, executor=pool)

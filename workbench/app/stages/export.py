@@ -37,7 +37,7 @@ BESIDE = f"The recordings are read as {STUDY} says: save it beside them."
 IMPORTED = {  # names of a snippet, by where they are from
     "pathlib": ("Path",),
     "estimators": ("FitData", "add", "diagnose", "fit", "identify", "split_recordings"),
-    "estimators.arguments": ("within_limits",),
+    "estimators.arguments": ("apply_limits",),
     "pendulum_env.arms": ("ArmModel", "arm_base"),
     "pendulum_env.physics": ("BASE", "Model"),
     "pendulum_env.recording": ("read_recording", "read_study"),
@@ -149,7 +149,7 @@ def snippet(state: State) -> str:
     if robot is not None:
         terms = f"ArmModel.load({state.model_file!r}, body).terms" if state.model_file else "arm_base(body)"
     if limits:
-        lines.append(f"terms, _ = within_limits({terms}, {{}}{limits})")
+        lines.append(f"terms, _ = apply_limits({terms}, {{}}{limits})")
         terms = "terms"
     fitted = f"fit(*split_recordings(recordings, holdout), {terms})"
     if robot is not None:
