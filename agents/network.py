@@ -56,9 +56,8 @@ class Network:
             if self.constraint == ARM or (seen, known) != (OBSERVATION_SIZE + 1, OBSERVATION_SIZE):
                 trained = f"the policy ({self.constraint}) was trained on observations of {known} numbers"
                 raise Mistake(f"{trained}, not {seen}: use the observations of its task")
-            observation = np.asarray(observation)[
-                ..., :OBSERVATION_SIZE
-            ]  # a policy trained without a limit on turns ignores it
+            # a policy trained without a limit on turns ignores it
+            observation = np.asarray(observation)[..., :OBSERVATION_SIZE]
         x, sign = (observation, np.ones(())) if self.constraint == ARM else mirror_observation(observation)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.tanh(x @ weight.T + bias)

@@ -55,7 +55,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Found:
-    """What was found in a case: delay and time constant [ms], the sentence, and the effects that were named."""
+    """Result of a case: delay and time constant [ms], the sentence, and the named effects."""
 
     case: Case
     delay: float
@@ -65,7 +65,7 @@ class Found:
 
     @property
     def is_right(self) -> bool:
-        """Whether the delay, or the filter's mean delay, is right to a tenth or a fifth of a sample."""
+        """Return whether the delay, or the mean delay of the filter, is right to a tenth or a fifth of a sample."""
         period = 1e3 / self.case.rate
         true, seen = self.case.ms, self.delay + _mean_delay(self.lag, period)
         if self.case.kind == "filter":
@@ -74,7 +74,7 @@ class Found:
 
     @property
     def is_named_right(self) -> bool:
-        """Whether what is hidden was named, and nothing else."""
+        """Return whether exactly the hidden effect was named."""
         return self.named == ((self.case.hidden,) if self.case.hidden else ())
 
 
@@ -83,8 +83,8 @@ def _mean_delay(lag: float, period: float) -> float:
     return period / float(np.expm1(period / lag)) if lag > 0 else 0.0
 
 
-def logged(run: SimulatedRecording, kind: str, ms: float) -> Array:
-    """Torque (N,) as a log holds it that is late or filtered."""
+def log_torque(run: SimulatedRecording, kind: str, ms: float) -> Array:
+    """Return the torque (N,) of a log that is late or filtered."""
     samples = 1e-3 * ms * run.experiment.rate
     if kind == "filter":
         keep = np.exp(-1 / samples)
@@ -108,13 +108,13 @@ def make(hidden: str, seed: int) -> list[Case]:
         for k, (law, ms) in enumerate(LOGS):
             run = runs[j * len(RATES) + (j + k) % len(RATES)]
             name = f"{kind} at {run.experiment.rate:g} Hz, {law} of {ms:g} ms"
-            recording = Recording(name, run.time, run.position, logged(run, law, ms))
+            recording = Recording(name, run.time, run.position, log_torque(run, law, ms))
             cases.append(Case(kind, run.experiment.rate, hidden, law, ms, recording))
     return cases
 
 
 def examine(case: Case, named: bool) -> Found:
-    """What is found in one case."""
+    """Diagnose the timing of one case, and its effects if asked for."""
     if named:
         diagnosis = diagnose([case.recording])
         found = diagnosis.alignments[0]

@@ -64,7 +64,7 @@ class Payload:
 
     @property
     def stands_out(self) -> bool:
-        """Whether a body may well be what has changed: it has mass, and explains most of what two joints lack."""
+        """Return whether the payload is significant: it has mass, and explains most of the residual of two joints."""
         mass = self.estimates.get("m")
         helped = sum(after < SHARE * before for before, after in self.left.values())
         return mass is not None and mass.value > SURE * mass.std and helped >= 2
@@ -291,7 +291,7 @@ def _center(values: Array, covariance: Array) -> dict[str, Estimate]:
 
 
 def _exists(values: Array, covariance: Array) -> bool:
-    """Whether the pseudo-inertia is positive, within two standard errors of its least eigenvalue.
+    """Return whether the pseudo-inertia is positive, within two standard errors of its least eigenvalue.
 
     Source: Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3(1), 2018.
     """

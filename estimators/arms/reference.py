@@ -67,9 +67,8 @@ def limit_speeds(body: Body, limits: Limits, q: Array, v: Array, share: Array) -
     high, low = (sign * np.clip(own, -limits.speed, limits.speed) for sign, own in ((1, up), (-1, down)))
     change = np.clip(np.clip(share * limits.speed, low, high) - v, -most, most)
     taken, excess = np.zeros_like(change), np.full(len(q), np.inf)
-    for wanted, part in itertools.product(
-        (change, np.clip(-v, -most, most)), SPEED_SHARES
-    ):  # if no share suffices, it slows down
+    changes = change, np.clip(-v, -most, most)  # if no share of the first suffices, it slows down
+    for wanted, part in itertools.product(changes, SPEED_SHARES):
         a = part * wanted / h
         ends = (q, v), (q + h * v + 0.5 * h**2 * a, v + h * a)
         needed = np.max([np.abs(body.torque(*end, a) @ body.values) for end in ends], axis=0)

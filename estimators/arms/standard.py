@@ -53,7 +53,7 @@ class Nearest:
 
     @property
     def exists(self) -> bool:
-        """Whether some body has these parameters."""
+        """Return whether some body has these parameters."""
         return self.distance <= NEAREST.near
 
     def json(self) -> JSON:

@@ -283,9 +283,8 @@ class ChannelFits:
 
     def is_negligible(self, delay: float) -> bool:
         """Return whether a delay [s] is within the exactness of clocks, and torque is predicted as well without it."""
-        exactness = self.data.least() * float(
-            np.linalg.norm(self.data.weights[self.rows])
-        )  # of smoothing, and integration
+        # of smoothing, and integration
+        exactness = self.data.least() * float(np.linalg.norm(self.data.weights[self.rows]))
         before, after = (np.hypot(np.linalg.norm(self.misfit(np.array([own, 0.0]))), exactness) for own in (0.0, delay))
         return bool(abs(delay) < SEARCH.negligible * self.period and after > (1 - Criterion.error_margin) * before)
 

@@ -56,9 +56,8 @@ def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recordin
     except IdentificationError:
         if shorter <= SHORTEST:
             raise
-        return split_recordings(
-            recordings, holdout, Criterion.shorter_window * shorter
-        )  # more windows, each with more noise
+        # more windows, each with more noise
+        return split_recordings(recordings, holdout, Criterion.shorter_window * shorter)
 
 
 def _split_segments(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:

@@ -335,7 +335,7 @@ class Addition:
 
     @property
     def is_in_loop(self) -> bool:
-        """Whether errors are those of motion that was simulated with the controller in the loop."""
+        """Return whether errors are those of simulated motion with the controller in the loop."""
         return self.before.errors["holdout"].is_in_loop
 
     @property

@@ -48,12 +48,7 @@ class OnlineDiagnosisSettings:
     perturbation: float = 1e-3  # [N m], for derivatives by the torque
     n_scale_iterations: int = 20  # iterations of the error scale
     calibration_time: float = 1.0  # [s] of motion in the first fit of all models
-    refinement_times: tuple[int, ...] = (
-        2,
-        4,
-        8,
-        16,
-    )  # [s] of motion, after which grids of nonlinear parameters are refined
+    refinement_times: tuple[int, ...] = (2, 4, 8, 16)  # [s] of motion before a refinement of the grids
     fit_time: float = 16.0  # [s] of motion in the first fit of a later model
     n_blocks: int = 60  # number of latest blocks of a second for the probabilities
     bins_per_update: int = 5  # bins whose equations are evaluated at once

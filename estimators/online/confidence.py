@@ -63,10 +63,8 @@ class ClusterCovariance:
         """Restart plants (B,); the others keep their clusters."""
         self._left[:, which] = 0.0
         self._rows[:, which] = 0.0
-        self._meat, self._known = (
-            self._meat.copy(),
-            self._known.copy(),
-        )  # covariance functions in use keep the old arrays
+        # covariance functions in use keep the old arrays
+        self._meat, self._known = self._meat.copy(), self._known.copy()
         for series in (self._now, self._used, self._meat, self._known):
             series[which] = 0
         if which.all():
@@ -118,9 +116,8 @@ def _covariance(meat: Array, known: Index, squares: Array, count: Array, prior: 
     """Compute the covariance of estimates (B, S, P, P) from squares of scores, number of clusters, and unit P."""
     parameters = P.shape[-1]
     spare = count - parameters
-    noise = np.where(
-        spare > 0, squares / np.maximum(spare, 1.0), 1.0 / COVARIANCE.guess_variance
-    )  # before the first equations, the covariance is P(0)
+    # before the first equations, the covariance is P(0)
+    noise = np.where(spare > 0, squares / np.maximum(spare, 1.0), 1.0 / COVARIANCE.guess_variance)
     guess = COVARIANCE.guess_variance * noise[..., None, None] * P
     correction = (known - 1) / np.maximum(known, 1)
     # the second part is the variance of theta(0)

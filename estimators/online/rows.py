@@ -12,9 +12,7 @@ from pendulum_env.physics.symbols import Operand, Symbol, names
 from pendulum_env.physics.term import Law, zero
 
 VIEWS = ("torque", "impulse", "energy")
-TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, HELD = range(
-    6
-)  # indices of the values of an instant, as in `Measurements`
+TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, HELD = range(6)  # values of an instant, as in `Measurements`
 
 
 class History:

@@ -108,9 +108,8 @@ def compute_errors(
     perturbations[-2:] = np.diag(PERTURBATION)
     paths = simulate_all(segments, everyone, perturbations)
     each: Sequence[Innovations | None] = filters or [None] * len(paths)
-    parts = [
-        _compute_errors(*parts, from_measured) for parts in zip(segments, paths, each, strict=True)
-    ]  # (B, N, V) each
+    # (B, N, V) each
+    parts = [_compute_errors(*parts, from_measured) for parts in zip(segments, paths, each, strict=True)]
     counts = np.concatenate([np.full(len(part), part.shape[1]) for part in parts])
     return np.concatenate([part.reshape(-1, len(points)) for part in parts]), np.repeat(np.arange(len(counts)), counts)
 
