@@ -22,9 +22,9 @@ from estimators.wrappers.options import find_body
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
+from pendulum_env.errors import UserError
 from pendulum_env.excitation import USUAL_SPEED
 from pendulum_env.lookup import with_known_arguments
-from pendulum_env.mistake import Mistake
 from pendulum_env.policy import Policy, State
 
 SECONDS = (2.0, 10.0)  # [s], range of the random duration of an episode
@@ -97,7 +97,7 @@ class ArmExcitationDesignVector(TaskVector):
             ValueError: if an argument is out of its range, or the file is no robot.
         """
         if seconds is not None and not KNOT_PERIOD <= seconds < np.inf:
-            raise Mistake(f"an episode of {seconds:g} s is too short: give {KNOT_PERIOD:g} s or more")
+            raise UserError(f"an episode of {seconds:g} s is too short: give {KNOT_PERIOD:g} s or more")
         self.body = find_body(PlanarArm()) if robot is None else read_body(robot)
         torque = TORQUE if max_torque is None else max_torque
         self.body.refuse_impossible_links()

@@ -18,7 +18,7 @@ from agents.evaluation import ACCURACIES, REPORT_TIMES, SEED_OFFSET, Outcome, ev
 from agents.observer import N_PARAMETERS, OBSERVATION_SIZE
 from estimators.progress import Progress, no_progress
 from pendulum_env._typing import JSON, Array
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import UserError
 from pendulum_env.plant import PAPER, Effects, list_effects
 from pendulum_env.reading import shown
 
@@ -171,19 +171,19 @@ def compare_policies(
     """
     policies = {} if policies is None else policies
     if not isinstance(policies, Mapping):
-        raise Mistake(f"policies is {shown(policies)}: give a dictionary of policies by name")
+        raise UserError(f"policies is {shown(policies)}: give a dictionary of policies by name")
     for name, policy in policies.items():
         if isinstance(policy, str):
-            raise Mistake(f"policy {name} is the text {policy!r}: give names of baselines by baselines=[...]")
+            raise UserError(f"policy {name} is the text {policy!r}: give names of baselines by baselines=[...]")
     if taken := [name for name in policies if name in baselines]:
-        raise Mistake(f"a policy and a baseline are both called {taken[0]}: rename the policy")
+        raise UserError(f"a policy and a baseline are both called {taken[0]}: rename the policy")
     if plants < 1:
-        raise Mistake(f"plants is {plants}: give 1 or more")
+        raise UserError(f"plants is {plants}: give 1 or more")
     inputs = OBSERVATION_SIZE + (max_turns is not None)
     contenders = make_baselines(baselines, constraint)
     contenders |= {name: make_contender(name, policy, constraint, inputs) for name, policy in policies.items()}
     if not contenders:
-        raise Mistake("there is nothing to compare: give a policy or a baseline")
+        raise UserError("there is nothing to compare: give a policy or a baseline")
     limits = {"max_speed": max_speed, "max_turns": max_turns}
     task: dict[str, float] = {"spread": spread} | {name: one for name, one in limits.items() if one is not None}
     sizes = [min(PLANTS_PER_JOB, plants - first) for first in range(0, plants, PLANTS_PER_JOB)]

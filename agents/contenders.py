@@ -17,8 +17,8 @@ from agents.baselines import BASELINES, SignalPolicy, make_baseline
 from agents.network import Network
 from agents.observer import CONSTRAINTS, EPISODE, OBSERVATION_SIZE, TICK, Batch
 from pendulum_env._typing import Array
+from pendulum_env.errors import UserError, format_error
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake, told
 from pendulum_env.policy import Policy, State
 from pendulum_env.reading import shown
 
@@ -39,13 +39,13 @@ class CheckedPolicy:
             inputs: length of an observation.
 
         Raises:
-            Mistake: if the spaces of the policy differ from those of the task.
+            UserError: if the spaces of the policy differ from those of the task.
         """
         seen, chosen = (getattr(policy, kind, None) for kind in ("observation_space", "action_space"))
         if isinstance(seen, gym.Space) and seen.shape != (inputs,):
-            raise Mistake(f"policy {name} takes observations of shape {seen.shape}, the task has ({inputs},)")
+            raise UserError(f"policy {name} takes observations of shape {seen.shape}, the task has ({inputs},)")
         if isinstance(chosen, gym.Space) and chosen != ACTIONS:
-            raise Mistake(f"policy {name} chooses actions of {chosen}, the task takes {ACTIONS}")
+            raise UserError(f"policy {name} chooses actions of {chosen}, the task takes {ACTIONS}")
         parameters = inspect.signature(policy.predict).parameters
         takes_all = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
         self.name, self._policy = name, policy
@@ -57,22 +57,22 @@ class CheckedPolicy:
         """Return shares of the peak torque (B, 1) for observations (B, N).
 
         Raises:
-            Mistake: if the policy fails, or does not return one finite number for each pendulum.
+            UserError: if the policy fails, or does not return one finite number for each pendulum.
         """
         given = dict(zip(ARGUMENTS, (state, episode_start, deterministic), strict=True))
         try:
             answer = self._policy.predict(observation, **{name: given[name] for name in self._arguments})
             action, state = answer if isinstance(answer, tuple) else (answer, None)
             shares = np.asarray(action, dtype=np.float32)
-        except Mistake:
+        except UserError:
             raise
         except Exception as error:
-            raise Mistake(f"policy {self.name} fails: {told(error)}") from error
+            raise UserError(f"policy {self.name} fails: {format_error(error)}") from error
         batch = len(observation)
         if shares.shape not in ((batch,), (batch, 1)) or not np.isfinite(shares).all():
             wanted = f"return finite numbers of shape ({batch}, 1)"
             seen = f"observations of shape {np.shape(observation)}"
-            raise Mistake(f"policy {self.name} returns {shown(action)} for {seen}: {wanted}")
+            raise UserError(f"policy {self.name} returns {shown(action)} for {seen}: {wanted}")
         return shares.reshape(batch, 1), state
 
 
@@ -110,7 +110,7 @@ def load_class(text: str) -> type:
     """Import a class given as `module:Class`; the current folder is searched, too.
 
     Raises:
-        Mistake: if the module or class does not exist, or the import fails.
+        UserError: if the module or class does not exist, or the import fails.
     """
     module, _, name = text.partition(":")
     if os.getcwd() not in sys.path:
@@ -118,9 +118,9 @@ def load_class(text: str) -> type:
     try:
         found = getattr(import_module(module), name, None)
     except Exception as error:  # an import runs the user's code
-        raise Mistake(f"{text}: the import of {module} fails: {told(error)}") from error
+        raise UserError(f"{text}: the import of {module} fails: {format_error(error)}") from error
     if not isinstance(found, type):
-        raise Mistake(f"{text}: module {module} has no class {name}")
+        raise UserError(f"{text}: module {module} has no class {name}")
     return found
 
 
@@ -129,15 +129,15 @@ def _make(name: str, policy: Any, constraint: str, inputs: int, seed: int) -> Po
         try:
             policy = policy()
         except Exception as error:
-            raise Mistake(f"policy {name} cannot be made without arguments: {told(error)}") from error
+            raise UserError(f"policy {name} cannot be made without arguments: {format_error(error)}") from error
     if isinstance(policy, Network) and policy.constraint != constraint:
-        raise Mistake(f"policy {name} was trained under the constraint {policy.constraint}, not {constraint}")
+        raise UserError(f"policy {name} was trained under the constraint {policy.constraint}, not {constraint}")
     if hasattr(policy, "predict"):
         return CheckedPolicy(name, policy, inputs)
     signal = getattr(policy, "signal", policy)
     if not callable(signal):
         known = "an object with predict, a class, an excitation or a function of time"
-        raise Mistake(f"policy {name} is {shown(policy)}: give {known}")
+        raise UserError(f"policy {name} is {shown(policy)}: give {known}")
     return SignalPolicy(partial(np.array, _sample_signal(name, signal, constraint)))
 
 
@@ -147,7 +147,7 @@ def _sample_signal(name: str, signal: Callable[[float], Any], constraint: str) -
     try:
         torque = np.array([float(signal(tick * TICK)) for tick in range(round(EPISODE / TICK))])
     except Exception as error:
-        raise Mistake(f"signal {name} fails: {told(error)}") from error
+        raise UserError(f"signal {name} fails: {format_error(error)}") from error
     if not (np.abs(torque) <= peak * (1 + 1e-9)).all():  # NaN fails the comparison
-        raise Mistake(f"signal {name} reaches {np.abs(torque).max():g} N m: keep it within the peak of {peak:g} N m")
+        raise UserError(f"signal {name} reaches {np.abs(torque).max():g} N m: keep it within the peak of {peak:g} N m")
     return torque / peak

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from agents.observer import ARM, CONSTRAINTS, OBSERVATION_SIZE, mirror_observation
 from pendulum_env._typing import Array
+from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import replacing
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
 from pendulum_env.policy import State
-from pendulum_env.reading import Unreadable, read_arrays, shown
+from pendulum_env.reading import read_arrays, shown
 
 MAX_WEIGHT = 1e6  # larger weights are refused: no training finds them, and their sums may overflow
 POLICY_FOLDER = Path(__file__).parent / "policies"
@@ -55,7 +55,7 @@ class Network:
             seen, known = np.shape(observation)[-1], self.weights[0].shape[1]
             if self.constraint == ARM or (seen, known) != (OBSERVATION_SIZE + 1, OBSERVATION_SIZE):
                 trained = f"the policy ({self.constraint}) was trained on observations of {known} numbers"
-                raise Mistake(f"{trained}, not {seen}: use the observations of its task")
+                raise UserError(f"{trained}, not {seen}: use the observations of its task")
             # a policy trained without a limit on turns ignores it
             observation = np.asarray(observation)[..., :OBSERVATION_SIZE]
         x, sign = (observation, np.ones(())) if self.constraint == ARM else mirror_observation(observation)
@@ -85,14 +85,14 @@ class Network:
         """Read a file written by `save`.
 
         Raises:
-            Unreadable: if the file cannot be read, or is no policy.
+            FileError: if the file cannot be read, or is no policy.
         """
         hint = "a policy is what `pendulum-ident train` writes"
         arrays = read_arrays(path, hint)
         try:
             return cls._of(arrays)
         except ValueError as error:
-            raise Unreadable(f"{path}: is no policy: {error}; {hint}") from None
+            raise FileError(f"{path}: is no policy: {error}; {hint}") from None
 
     @classmethod
     def _of(cls, arrays: Mapping[str, NDArray[Any]]) -> Network:

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array, Index
+from pendulum_env.errors import UserError
 from pendulum_env.interface import MAX_TORQUE, check_positive
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
 from pendulum_env.plant import PAPER
 from pendulum_env.policy import Policy, State
 
@@ -136,15 +136,15 @@ class Observer:
 
         Raises:
             ValueError: if a limit is not positive.
-            Mistake: if the episode is shorter than a tick, or a tick is not a whole number of samples, at least two.
+            UserError: if the episode is shorter than a tick, or a tick is not a whole number of samples, at least two.
         """
         limits = {"max_speed": max_speed, "max_turns": max_turns}
         check_positive("a design", **{name: limit for name, limit in limits.items() if limit is not None})
         if not TICK <= seconds < np.inf:
-            raise Mistake(f"an episode of {seconds:g} s is too short: give {TICK:g} s or more")
+            raise UserError(f"an episode of {seconds:g} s is too short: give {TICK:g} s or more")
         self.samples_per_tick = round(TICK * rate)
         if self.samples_per_tick < 2 or abs(self.samples_per_tick - TICK * rate) > 1e-6:
-            raise Mistake(
+            raise UserError(
                 f"a torque is held for {TICK:g} s, which is no whole number of samples at {rate:g} Hz: give a multiple "
                 "of 50 Hz"
             )

@@ -8,7 +8,7 @@ from typing import Any
 
 from stable_baselines3.common.save_util import load_from_zip_file
 
-from pendulum_env.mistake import Mistake, told
+from pendulum_env.errors import UserError, format_error
 from pendulum_env.reading import check_size
 
 
@@ -18,7 +18,7 @@ def load_policy(path: str | Path) -> Any:
     The file contains pickles, which can run code: load only trusted files.
 
     Raises:
-        Mistake: if the file cannot be read, or is no model.
+        UserError: if the file cannot be read, or is no model.
     """
     check_size(path)
     try:
@@ -33,6 +33,6 @@ def load_policy(path: str | Path) -> Any:
         policy = data["policy_class"](data["observation_space"], data["action_space"], lambda left: 0.0, **arguments)
         policy.load_state_dict(parameters["policy"])
     except Exception as error:  # a broken or foreign file may raise anything
-        raise Mistake(f"{path}: is no model that stable-baselines3 saved: {told(error)}") from error
+        raise UserError(f"{path}: is no model that stable-baselines3 saved: {format_error(error)}") from error
     policy.set_training_mode(False)
     return policy

@@ -29,14 +29,14 @@ from agents.network import Network
 from agents.observer import ARM, mirror_observation
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
+from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import write_whole
-from pendulum_env.mistake import Mistake
-from pendulum_env.reading import Unreadable, read_own
+from pendulum_env.reading import read_own
 
 CHECKPOINT = "training.pkl"  # in the folder of a training, with policies `steps-N.npz` and `tensorboard`
 
 
-class CheckpointError(Mistake):
+class CheckpointError(UserError):
     """The folder holds a training with another configuration, or one that must not be resumed."""
 
 
@@ -181,7 +181,7 @@ def _read_checkpoint(path: Path, config: Config) -> PPO:
     """Read a checkpoint. A pickle can run code, so the file must belong to this user."""
     try:
         packed = read_own(path)
-    except Unreadable as error:
+    except FileError as error:
         raise CheckpointError(str(error)) from None
     try:
         state = cloudpickle.loads(packed)

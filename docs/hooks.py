@@ -17,9 +17,9 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 from estimators.schemes.six import SCHEMES
+from pendulum_env.formatting import capitalise, join_words
 from pendulum_env.physics import BASE, effects, nameable
 from pendulum_env.physics.description import Symptom
-from pendulum_env.words import listing, opening
 from workbench.cli import COMMANDS, main
 from workbench.commands.effects import parameters
 from workbench.narrator.effects import description, name
@@ -167,10 +167,10 @@ def which_effect() -> str:
     parts[2] += "".join(f"\n| {symptom} | {', '.join(ids)} |" for symptom, ids in rows.items())
     for id, kind in library.items():
         parts += [
-            f"## {opening(name(id))} {{ #{id} }}",
+            f"## {capitalise(name(id))} {{ #{id} }}",
             f"![Residual over angle, velocity, torque and time where {id} is hidden](gallery/{id}.svg)",
             texts[id].signature,
-            f"Confused with {listing([_link(other) for other in texts[id].resembles])}. "
+            f"Confused with {join_words([_link(other) for other in texts[id].resembles])}. "
             f"What tells: {texts[id].informative_experiment}. "
             f"Law: {_law(kind.law)} ([`{id}`](reference/effects.md#{id})).",
         ]

@@ -11,7 +11,7 @@ from estimators.free_swings import is_torque_needed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.joints import OF_A_TURN, at_joints, body_of, check_places, effects_of, kinds_at, placed
 from pendulum_env.arms.recording import read_of
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import ColumnError, UserError
 from pendulum_env.physics import BASE, Model, Term, nameable
 from pendulum_env.physics.library import term
 from pendulum_env.physics.limits import Bounds, check_names, limited, limited_term, limits_of
@@ -20,7 +20,6 @@ from pendulum_env.physics.model import NO_INERTIA, ModelError
 from pendulum_env.reading import shown
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.arrays import is_data
-from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.formats import Readable, is_readable
 from pendulum_env.recording.study import parse_log_format
 from pendulum_env.settings import setting
@@ -128,7 +127,7 @@ def select_effects(
     )
     chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in barred}
     if not chosen and known:
-        raise Mistake("no effect is left to look for: leave out fewer, or look for more")
+        raise UserError("no effect is left to look for: leave out fewer, or look for more")
     return chosen
 
 
@@ -184,7 +183,7 @@ def apply_limits(
     if not limits:
         return tuple(terms), dict(library)
     if not body_of(terms).can_limit:
-        raise Mistake("values and bounds are known of pendulums alone: leave them out for an arm")
+        raise UserError("values and bounds are known of pendulums alone: leave them out for an arm")
     check_names(limits, (*(type(item) for item in terms), *nameable().values(), *library.values()))
     return (
         tuple(limited_term(item, limits) for item in terms),
@@ -199,9 +198,9 @@ def check_horizon(horizon: float | None, is_simulated: bool) -> None:
         ValueError: if it is not above zero, or no motion is simulated from the recorded torque.
     """
     if horizon is not None and not 0 < horizon < math.inf:
-        raise Mistake(f"the horizon cannot be {horizon:g} s: give a number above zero")
+        raise UserError(f"the horizon cannot be {horizon:g} s: give a number above zero")
     if horizon is not None and not is_simulated:
-        raise Mistake(
+        raise UserError(
             "a horizon is of motion that is simulated from torque: leave it out for an arm, and for servos with a "
             "drive, which are simulated over whole recordings"
         )

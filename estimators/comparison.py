@@ -36,8 +36,8 @@ from estimators.weak_form.torque_windows import join_windows
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
+from pendulum_env.errors import UserError
 from pendulum_env.lookup import with_known_arguments
-from pendulum_env.mistake import Mistake
 from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.terms import has_link
@@ -118,7 +118,7 @@ class Comparison:
     def recordings(self) -> tuple[Prediction, ...]:
         """Return each recording with the predictions of the model, sample by sample."""
         if self.data is None:
-            raise Mistake("the comparison has no data: compare the model with the recordings again")
+            raise UserError("the comparison has no data: compare the model with the recordings again")
         return predict_recordings(self.model, self.data)
 
     @property

@@ -18,13 +18,13 @@ from estimators.weak_form.columns import is_torque_dependent
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env._typing import Array
+from pendulum_env.formatting import join_words
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import limited_term
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA
 from pendulum_env.settings import Blank, setting
 from pendulum_env.units import is_of_torque
-from pendulum_env.words import listing
 
 NONE = Load(0.0, 0.0)
 
@@ -58,7 +58,7 @@ def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) ->
     """
     if (inertia := known.get("inertia")) is not None:
         return inertia
-    names = listing([recording.name for recording in recordings])
+    names = join_words([recording.name for recording in recordings])
     loads = list(dict.fromkeys(recording.load or NONE for recording in recordings))
     if len(loads) > 1:
         advice = Blank(f"{_estimate_inertia_by_loads(recordings, loads):.4g}")

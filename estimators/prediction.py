@@ -21,8 +21,8 @@ from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.joints import Coupling, Links
+from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Model, Samples
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
@@ -112,7 +112,7 @@ class Prediction:
         measured, modelled = (getattr(self, name).reshape(len(self.time), -1)[:, k] for name in own)
         known = np.isfinite(measured + modelled)
         if not known.any():
-            raise Mistake(f"{self.name}: no sample has a predicted {quantity}: see `columns` for what there is")
+            raise UserError(f"{self.name}: no sample has a predicted {quantity}: see `columns` for what there is")
         si, where = "N m" if quantity == "torque" else "rad", f" of {at}" if at else ""
         left = (measured - modelled)[known]
         x, (above, below, error) = broken(self.time[known], thin(left), measured[known], modelled[known], left)

@@ -93,7 +93,7 @@ def set_hints(kind: type[Term], hints: SearchHints) -> None:
     """Set the hints for the search over an effect, and over the same effect at a joint or within limits.
 
     Raises:
-        Mistake: if the grid or a law of its variants fails on a made-up motion.
+        UserError: if the grid or a law of its variants fails on a made-up motion.
     """
     check_variants(f"grid of {kind.__name__}", lambda x: hints.grid(kind, x, x.torque))
     _HINTS[kind] = hints

@@ -15,9 +15,9 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
+from pendulum_env.errors import FileError, UserError
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
-from pendulum_env.reading import Number, Unreadable, convert
+from pendulum_env.reading import Number, convert
 
 MOST_TORQUE = 1e6  # [N m] of a signal; the largest robots have some 1e4
 Torque = Annotated[float, Meta(ge=1e-9, le=MOST_TORQUE)]  # [N m] of a signal in a file
@@ -184,9 +184,9 @@ def excitation(
     amplitude = kind.usual if amplitude is None else amplitude
     for what, value in (("seconds", seconds), ("amplitude", amplitude)):
         if not 0 < value < np.inf:
-            raise Mistake(f"an excitation needs {what} above zero, got {value:g}")
+            raise UserError(f"an excitation needs {what} above zero, got {value:g}")
     if amplitude > MOST_TORQUE:
-        raise Mistake(f"an excitation needs an amplitude of at most {MOST_TORQUE:g} N m, got {amplitude:g}")
+        raise UserError(f"an excitation needs an amplitude of at most {MOST_TORQUE:g} N m, got {amplitude:g}")
     return kind.draw(np.random.default_rng(rng), seconds, amplitude)
 
 
@@ -241,8 +241,8 @@ def signal_from_json(data: JSON, key: str = "") -> Excitation:
     try:
         kind = find("kind", convert(data, _Kind, key).kind, SIGNALS)
         signal: Excitation = convert({name: value for name, value in data.items() if name != "kind"}, kind, key)
-    except Mistake as error:
-        raise Unreadable(f"{known}: {error}") from None
+    except UserError as error:
+        raise FileError(f"{known}: {error}") from None
     match signal:
         case TwoTone(phases=phases):
             fits = len(phases) == 2
@@ -254,4 +254,4 @@ def signal_from_json(data: JSON, key: str = "") -> Excitation:
             fits = True
     if fits and np.abs(signal.signal(np.linspace(0, 60, 6001))).max() <= signal.amplitude * (1 + 1e-9):
         return signal
-    raise Unreadable(known)
+    raise FileError(known)

@@ -6,13 +6,13 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import ParamSpec, TypeVar
 
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import UserError
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class UnknownName(Mistake, KeyError):
+class UnknownName(UserError, KeyError):
     """There is nothing of that name."""
 
     __str__ = Exception.__str__  # a KeyError would quote the sentence
@@ -37,7 +37,7 @@ def with_known_arguments(function: Callable[P, T]) -> Callable[P, T]:
     """Decorate a function so that it refuses an unknown keyword with the nearest that it takes.
 
     Raises:
-        Mistake: when it is called with one.
+        UserError: when it is called with one.
     """
     known = dict(inspect.signature(function).parameters)
     known.pop("self", None)

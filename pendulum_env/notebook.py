@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array
+from pendulum_env.formatting import TextTable
 from pendulum_env.thinning import thin
-from pendulum_env.words import Table
 
 BLUE, ORANGE, GREEN = "#3d85d8", "#d9792a", "#2f9e77"  # 3 : 1 or more on white and on black
 WIDTH, HEIGHT = 600, 64  # of a curve, in its own units
@@ -98,7 +98,7 @@ def folded(title: str, *parts: Html) -> Html:
     return element("details", "", summary, *parts)
 
 
-def table(content: Table) -> Html:
+def table(content: TextTable) -> Html:
     """Rows of words under their headers; blocks are drawn as bars."""
     left = [k == 0 or header in content.left for k, header in enumerate(content.headers)]
 

@@ -8,8 +8,8 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
+from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Model, Term, effects
 from pendulum_env.physics.terms import with_nonlinear_values
 from pendulum_env.plant import check_linear, check_nonlinear
@@ -36,7 +36,7 @@ class PlantParameters:
         """Take the plant, samples per second [Hz], the schedule of every episode, and () or (B,).
 
         Raises:
-            Mistake: if the schedule is wrong.
+            UserError: if the schedule is wrong.
         """
         self.model, self._rate, self._batch = model, rate, batch
         self._linear = [column.name for column in model.columns]
@@ -55,7 +55,7 @@ class PlantParameters:
             schedule: of this episode; None is the usual one.
 
         Raises:
-            Mistake: if a parameter is unknown or impossible, or a time is none. The episode then goes on as before.
+            UserError: if a parameter is unknown or impossible, or a time is none. The episode then goes on as before.
         """
         before, self.now = self.now, dict(self._start)
         try:
@@ -75,7 +75,7 @@ class PlantParameters:
         """Change some parameters until the next reset, of all plants or of those (B,).
 
         Raises:
-            Mistake: if a parameter is unknown or impossible.
+            UserError: if a parameter is unknown or impossible.
         """
         self._apply(self._checked(values), which)
 
@@ -128,10 +128,10 @@ class PlantParameters:
         try:
             times = sorted(((float(time), values) for time, values in schedule.items()), key=lambda event: event[0])
         except (AttributeError, TypeError, ValueError):
-            raise Mistake(f"a schedule is of the form {{5.0: {{'viscous': 0.3}}}}, not {schedule!r}") from None
+            raise UserError(f"a schedule is of the form {{5.0: {{'viscous': 0.3}}}}, not {schedule!r}") from None
         for time, values in times:
             if not 0 < time < np.inf:
-                raise Mistake(f"a parameter cannot change at {time:g} s after the reset: give a time above zero")
+                raise UserError(f"a parameter cannot change at {time:g} s after the reset: give a time above zero")
             step = max(1, int(np.ceil(time * self._rate - 1e-6)))
             planned[step] = planned.get(step, {}) | self._checked(values)
         return planned
@@ -144,13 +144,13 @@ class PlantParameters:
         for name, value in values.items():
             id = name.partition(".")[0]
             if name not in self.now and id in effects() and id not in self.effects:
-                raise Mistake(f"the plant has no effect '{id}' to change: make it with effects=['{id}=0']")
+                raise UserError(f"the plant has no effect '{id}' to change: make it with effects=['{id}=0']")
             find("parameter of the plant", name, self.now)
             try:
                 array = np.array(np.broadcast_to(np.asarray(value, dtype=float), self._batch))
             except (TypeError, ValueError):
                 wanted = f"a number{', or one for each of the plants' * bool(self._batch)}"
-                raise Mistake(f"{name} of a plant cannot be {value!r}: give {wanted}") from None
+                raise UserError(f"{name} of a plant cannot be {value!r}: give {wanted}") from None
             for number in np.unique(array):
                 if name in self._nonlinear:
                     check_nonlinear(*self._nonlinear[name], float(number))
@@ -163,7 +163,7 @@ class PlantParameters:
     def _named(self, theta: Any) -> dict[str, Any]:
         theta, wanted = np.asarray(theta, dtype=float), (len(self._linear), *self._batch)
         if theta.shape != wanted:
-            raise Mistake(f"theta has shape {theta.shape}, it needs {wanted}: {', '.join(self._linear)}")
+            raise UserError(f"theta has shape {theta.shape}, it needs {wanted}: {', '.join(self._linear)}")
         return dict(zip(self._linear, theta, strict=True))
 
     def _check_nonlinear(self, values: Mapping[str, Array]) -> None:
@@ -173,12 +173,12 @@ class PlantParameters:
         merged = {**self.now, **values}
         terms = with_nonlinear_values(self.model.terms, merged)
         if any(np.ndim(term.delay) for term in terms):
-            raise Mistake("plants of a batch have one dead_time: give one number, or make each environment by itself")
+            raise UserError("plants of a batch have one dead_time: give one number, or make each environment by itself")
         for k in range(max(1, *self._batch) if self._batch else 1):
             one = {name: np.ravel(value)[k] for name, value in merged.items()}
             for term in with_nonlinear_values(self.model.terms, one):
                 if term.fault:
-                    raise Mistake(f"{term.id} of a plant cannot be so: {term.fault}")
+                    raise UserError(f"{term.id} of a plant cannot be so: {term.fault}")
 
 
 class PlantAttribute(Generic[T]):

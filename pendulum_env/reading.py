@@ -21,9 +21,9 @@ import numpy as np
 from msgspec import Meta, inspect
 from numpy.typing import NDArray
 
+from pendulum_env.errors import FileError, UserError, shorten_error
 from pendulum_env.files import at_once
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake, one_line
 
 LARGEST = 500_000_000  # bytes of a file: some 8 million rows of CSV
 DIGITS = 18  # of a whole number: those fit into 64 bits
@@ -32,10 +32,6 @@ SHOWN = 60  # characters of a value that a sentence quotes
 LONGEST = 1000  # characters of a text in a record
 
 T = TypeVar("T")
-
-
-class Unreadable(Mistake):
-    """A file that cannot be read, or a value in it that cannot be; the message is one sentence."""
 
 
 def shown(value: object, most: int = SHOWN) -> str:
@@ -55,66 +51,62 @@ def check_size(path: str | os.PathLike[str]) -> None:
     """Refuse a path that is no file, or a file of more than `LARGEST` bytes.
 
     Raises:
-        Unreadable: if there is none of that name, it is a folder, a device or a pipe, or too large.
+        FileError: if there is none of that name, it is a folder, a device or a pipe, or too large.
     """
     try:
         status = os.stat(path)
     except (OSError, ValueError) as error:
-        raise Unreadable(f"{path}: cannot be read ({_reason(error)}): check the path") from None
+        raise FileError(f"{path}: cannot be read ({_reason(error)}): check the path") from None
     if not stat.S_ISREG(status.st_mode):
-        raise Unreadable(f"{path}: cannot be read (it is a folder, a device or a pipe): name a file")
+        raise FileError(f"{path}: cannot be read (it is a folder, a device or a pipe): name a file")
     if status.st_size > LARGEST:
-        raise Unreadable(
-            f"{path}: has {status.st_size / 1e6:.4g} MB, at most {LARGEST / 1e6:g} MB are read: shorten it"
-        )
+        raise FileError(f"{path}: has {status.st_size / 1e6:.4g} MB, at most {LARGEST / 1e6:g} MB are read: shorten it")
 
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:
     """Read a file.
 
     Raises:
-        Unreadable: as `check_size`, or if it cannot be read.
+        FileError: as `check_size`, or if it cannot be read.
     """
     check_size(path)
     try:
         return Path(path).read_bytes()
     except OSError as error:
-        raise Unreadable(f"{path}: cannot be read ({_reason(error)}): check the path") from None
+        raise FileError(f"{path}: cannot be read ({_reason(error)}): check the path") from None
 
 
 def read_own(path: str | os.PathLike[str]) -> bytes:
     """Read a file that belongs to this user, since loading it may run code.
 
     Raises:
-        Unreadable: if it cannot be read, belongs to somebody else, or others may write to it.
+        FileError: if it cannot be read, belongs to somebody else, or others may write to it.
     """
     try:
         with open(path, "rb", opener=at_once) as file:
             status = os.fstat(file.fileno())  # of the file that is read, whatever takes its name meanwhile
             if not stat.S_ISREG(status.st_mode):
-                raise Unreadable(f"{path}: cannot be read (it is no file): check the path")
+                raise FileError(f"{path}: cannot be read (it is no file): check the path")
             if hasattr(os, "getuid"):  # Windows has no such owners
                 if status.st_uid != os.getuid():
-                    raise Unreadable(f"{path}: belongs to another user: reading it would run what is in it")
+                    raise FileError(f"{path}: belongs to another user: reading it would run what is in it")
                 if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-                    raise Unreadable(
-                        f"{path}: others may write to it, and reading it runs what is in it: chmod go-w it"
-                    )
+                    raise FileError(f"{path}: others may write to it, and reading it runs what is in it: chmod go-w it")
             return file.read()
     except OSError as error:
-        raise Unreadable(f"{path}: cannot be read ({_reason(error)})") from None
+        raise FileError(f"{path}: cannot be read ({_reason(error)})") from None
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
     """The text that somebody typed into a regular file, each line ended by a line feed.
 
     Raises:
-        Unreadable: as `read_bytes`, or if it is not UTF-8.
+        FileError: as `read_bytes`, or if it is not UTF-8.
     """
     try:
         return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError:
-        raise Unreadable(f"{path}: is no text: save it as UTF-8") from None
+        raise FileError(f"{path}: is no text: save it as UTF-8") from None
 
 
 def _reason(error: Exception) -> str:
@@ -132,13 +124,13 @@ def read_json(path: str | os.PathLike[str], hint: str) -> Any:
         hint: which file is meant, such as `a model is what identify -o writes`.
 
     Raises:
-        Unreadable: if it cannot be read, is no JSON, or holds what no one could have meant.
+        FileError: if it cannot be read, is no JSON, or holds what no one could have meant.
     """
     data = read_bytes(path)
     try:
         content = json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError):
-        raise Unreadable(f"{path}: is not JSON; {hint}") from None
+        raise FileError(f"{path}: is not JSON; {hint}") from None
     _refuse_values(path, content)
     return content
 
@@ -147,13 +139,13 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read a TOML file.
 
     Raises:
-        Unreadable: as `read_json`.
+        FileError: as `read_json`.
     """
     text = read_text(path)
     try:
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of a whole number of 4,300 digits
-        raise Unreadable(f"{path}: is not TOML ({one_line(error)}): correct it in an editor") from None
+        raise FileError(f"{path}: is not TOML ({shorten_error(error)}): correct it in an editor") from None
     _refuse_values(path, content)
     return content
 
@@ -183,9 +175,9 @@ def _refuse_values(path: str | os.PathLike[str], content: Any) -> None:
         elif isinstance(value, list):
             stack += value
         elif isinstance(value, str) and re.search("[\0\ud800-\udfff]", value):
-            raise Unreadable(f"{path}: holds {shown(value)}, which is no text: take out the characters that are none")
+            raise FileError(f"{path}: holds {shown(value)}, which is no text: take out the characters that are none")
         elif isinstance(value, int) and abs(value) >= 10**DIGITS:
-            raise Unreadable(f"{path}: holds a number of more than {DIGITS} digits: write a smaller one")
+            raise FileError(f"{path}: holds a number of more than {DIGITS} digits: write a smaller one")
 
 
 # ---------------------------------------------------------------------------------------------------------- values
@@ -209,7 +201,7 @@ def convert(content: Any, kind: type[T], key: str = "") -> T:
         key: under which the content stands in its file; empty for the whole file.
 
     Raises:
-        Mistake: if it is of another type or out of range; the message has its key, such as `recording[2].load.gravity`.
+        UserError: if it is of another type or out of range; the message has its key: `recording[2].load.gravity`.
     """
     _refuse_unknown(content, inspect.type_info(kind), key)
     try:
@@ -221,12 +213,12 @@ def convert(content: Any, kind: type[T], key: str = "") -> T:
         value = value[int(index) if index else name]
     place = (key + place).lstrip(".")
     if missing := re.fullmatch(r"Object missing required field `(.*)`", message):
-        raise Unreadable(f"{repr(place) if place else 'it'} lacks '{missing[1]}'")
+        raise FileError(f"{repr(place) if place else 'it'} lacks '{missing[1]}'")
     if not message.startswith(("Expected", "Number")):  # of a `__post_init__`
-        raise Unreadable(f"'{place}': {message}" if place else message)
+        raise FileError(f"'{place}': {message}" if place else message)
     message = re.sub(r"`(\w+)(?: \| null)?`", lambda word: WORDS.get(word[1], word[1]), message.partition(", got")[0])
     message = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):g}", message)
-    raise Unreadable(f"{repr(place) if place else 'it'} is {shown(value)}: {message[0].lower()}{message[1:]}")
+    raise FileError(f"{repr(place) if place else 'it'} is {shown(value)}: {message[0].lower()}{message[1:]}")
 
 
 def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:
@@ -234,7 +226,7 @@ def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:
     kinds = kind.types if isinstance(kind, inspect.UnionType) else (kind,)
     words = [word for one in kinds if isinstance(one, inspect.LiteralType) for word in one.values]
     if words and isinstance(content, str | int) and content not in words:
-        raise Unreadable(f"'{key}' is {shown(content)}: expected one of {', '.join(map(str, words))}")
+        raise FileError(f"'{key}' is {shown(content)}: expected one of {', '.join(map(str, words))}")
     for one in kinds:
         if isinstance(content, list) and isinstance(one, inspect.ListType | inspect.VarTupleType):
             for k, inner in enumerate(content):
@@ -247,8 +239,8 @@ def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:
                 elif isinstance(one, inspect.DataclassType) or one.forbid_unknown_fields:
                     try:
                         find("key", name, fields)
-                    except Mistake as error:
-                        raise Unreadable(f"'{key}': {error}" if key else str(error)) from None
+                    except UserError as error:
+                        raise FileError(f"'{key}': {error}" if key else str(error)) from None
 
 
 # --------------------------------------------------------------------------------------------------------- arrays
@@ -262,11 +254,11 @@ def read_arrays(path: str | os.PathLike[str], hint: str) -> dict[str, NDArray[An
         hint: which file is meant, as in `read_json`.
 
     Raises:
-        Unreadable: as `check_size`, or if it is damaged, or no NPZ file.
+        FileError: as `check_size`, or if it is damaged, or no NPZ file.
     """
     check_size(path)
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             return dict(archive)
     except Exception as error:  # a damaged file may fail anywhere in zipfile, zlib and NumPy
-        raise Unreadable(f"{path}: not a readable NPZ file ({one_line(error)}); {hint}") from None
+        raise FileError(f"{path}: not a readable NPZ file ({shorten_error(error)}); {hint}") from None

@@ -19,12 +19,12 @@ from pendulum_env.arms import read_body
 from pendulum_env.arms.joints import arm_base, at_joint
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.backends.hardware.config import load as load_rig
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.physics.table import TABLES, Extent
-from pendulum_env.reading import Unreadable, read_toml, toml
+from pendulum_env.reading import read_toml, toml
 from pendulum_env.recording import Recording, read_recording, write_recording
 from pendulum_env.recording.study import read_sources
 from tests.pendulum_env.recording.test_formats import write_bag, write_xlsx
@@ -112,7 +112,7 @@ def read_training(path: Path) -> Config:
     try:
         return Config.of(settings)
     except ValueError as error:
-        raise Unreadable(f"{path}: {error}") from None  # as `train` does
+        raise FileError(f"{path}: {error}") from None  # as `train` does
 
 
 Format = tuple[str, Callable[[Path], object], Callable[[Path], bytes]]  # a file's ending, its reader, and a good one
@@ -149,7 +149,7 @@ def refusal(read: Callable[[Path], object], path: Path) -> str | None:
     """The sentence that refuses a file; None if it is read, a recording or a model with finite numbers."""
     try:
         found = read(path)
-    except Mistake as mistake:
+    except UserError as mistake:
         told = sentence(mistake)
         assert path.name in told and len(told) <= 500 and told.isprintable()
         return told

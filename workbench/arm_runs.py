@@ -18,9 +18,9 @@ from pendulum_env.arms.body import Body, BodyError
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
 from pendulum_env.arms.plane import planar_links
 from pendulum_env.excitation import MOST_TORQUE
+from pendulum_env.formatting import join_words
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import write_recording
-from pendulum_env.words import listing
 from workbench.inputs import robot_of, tell_held
 from workbench.mistakes import InputError
 from workbench.outputs import wrote
@@ -61,7 +61,7 @@ def record_arm(
     ]
     terminal.table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
     if arguments.effects:
-        terminal.say(f"hidden: {listing([re.split('[=:]', text)[0] for text in arguments.effects])}")
+        terminal.say(f"hidden: {join_words([re.split('[=:]', text)[0] for text in arguments.effects])}")
     wrote([arguments.output], terminal)
 
 

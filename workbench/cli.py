@@ -179,7 +179,7 @@ def _run(argv: Sequence[str]) -> None:
 
 
 def _fault_of_effect(error: BaseException) -> Exception | None:
-    """Mistake of an effect of a file or package; None if no effects are loaded, or the error is from elsewhere."""
+    """UserError of an effect of a file or package; None if no effects are loaded, or the error is from elsewhere."""
     module = sys.modules.get(PLUGINS)
     return None if module is None else module.fault(error)
 

@@ -19,14 +19,15 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel, Asked, load_model
 from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.errors import FileError
+from pendulum_env.formatting import join_words
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.limits import collect_limits
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.plant import hide, paper_plant
-from pendulum_env.reading import Text, Unreadable, convert, read_json
+from pendulum_env.reading import Text, convert, read_json
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import named_twice, read_as, read_sources
-from pendulum_env.words import listing
 from workbench.mistakes import InputError
 from workbench.narrator.findings import describe_late
 from workbench.narrator.notes import WARNING, describe_note
@@ -88,7 +89,7 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
         if source.said_by:
             columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
             others = (f"with its {key}" for key in source.format if key != "columns")
-            terminal.say(f"  read as {source.said_by} says: {listing([*columns, *others])}")
+            terminal.say(f"  read as {source.said_by} says: {join_words([*columns, *others])}")
         for note in _collect_notes(recording):
             if counts[note] == 1:
                 _print_note(note, terminal)
@@ -275,7 +276,7 @@ def read_suggestion(path: str) -> Suggestion:
         data = convert(content, _Diagnosis)
         if data.suggestion is not None:
             return Suggestion.from_json(data.suggestion, "suggestion")
-    except Unreadable as error:
+    except FileError as error:
         raise InputError(f"{path}: {error}") from None
     if data.forbidden is not None:
         raise InputError(f"{path}: {data.forbidden}")

@@ -12,7 +12,7 @@ import numpy as np
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
 from pendulum_env.backends.hardware.process import ordinary
-from pendulum_env.words import listing
+from pendulum_env.formatting import join_words
 from workbench.narrator.effects import name
 from workbench.processes import End, Worker, attend
 
@@ -111,10 +111,10 @@ def verdict_text(found: OnlineDiagnosis, stands: bool) -> str:
     verdict = f"nothing is surely missing {after}"
     if found.kind == "missing":
         standing = "the verdict stands" if stands else "the verdict does not stand yet"
-        verdict = f"missing: {listing([name(id) for id in found.group], 'or')} ({standing}, {after})"
+        verdict = f"missing: {join_words([name(id) for id in found.group], 'or')} ({standing}, {after})"
     elif found.kind == "changed":
-        verdict = f"changed during the run: {listing([name(id) for id in found.changed], 'and')} ({after})"
+        verdict = f"changed during the run: {join_words([name(id) for id in found.changed], 'and')} ({after})"
     if not found.not_run:
         return verdict
-    others = listing([name(id) for id in found.not_run], "and")
+    others = join_words([name(id) for id in found.not_run], "and")
     return f"{verdict}\nnot tried, as only `diagnose` on the recording does: {others}"

@@ -3,10 +3,10 @@
 import shlex
 from collections.abc import Mapping
 
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import UserError
 
 
-class InputError(Mistake):
+class InputError(UserError):
     """A command was asked for something that cannot be; the message is one sentence that says what and why."""
 
 
@@ -15,7 +15,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 OPTIONS = {"fixed": "--fix", "bolted": "--base fixed"}  # of arguments that have another name in Python
-MISTAKES = (Mistake, OSError, ModuleNotFoundError)  # the last of an extra, whose name it tells
+MISTAKES = (UserError, OSError, ModuleNotFoundError)  # the last of an extra, whose name it tells
 LONGEST = 500  # characters of a sentence
 
 

@@ -10,8 +10,8 @@ from typing import Any
 from estimators.findings import Finding, Kind
 from pendulum_env._typing import JSON
 from pendulum_env.files import check_output, write_whole
+from pendulum_env.formatting import format_estimate, join_words
 from pendulum_env.physics import Model
-from pendulum_env.words import listing, plus_minus
 from workbench.mistakes import InputError
 from workbench.narrator.findings import advise_inertia
 from workbench.terminal import Terminal
@@ -42,7 +42,7 @@ def write_model(model: Model, path: str | None, terminal: Terminal, findings: Se
     if path is not None and inertia is not None and inertia.value <= 0 and (is_turned or not inertia.is_unknown):
         old, advice = ", what is there is that of before" if Path(path).is_file() else "", advise_inertia()
         terminal.say(
-            f"warning: {path} is not written{old}: inertia came out as {plus_minus(inertia.value, inertia.std)} "
+            f"warning: {path} is not written{old}: inertia came out as {format_estimate(inertia.value, inertia.std)} "
             f"{inertia.unit}, and no body has that: {advice[0].lower()}{advice[1:]}",
             style="yellow",
         )
@@ -74,4 +74,4 @@ def wrote(paths: Sequence[str | Path | None], terminal: Terminal) -> None:
     """Say what was written."""
     written = [str(path) for path in paths if path is not None]
     if written:
-        terminal.say(f"\nwrote {listing(written)}")
+        terminal.say(f"\nwrote {join_words(written)}")

@@ -4,11 +4,11 @@ import math
 from collections.abc import Mapping, Sequence
 
 from estimators.diagnosis.result import Diagnosis
+from pendulum_env.formatting import TextTable
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.model import short_name
 from pendulum_env.quantity import Quantity
 from pendulum_env.units import to_shown_unit
-from pendulum_env.words import Table
 from workbench.narrator.diagnosis import (
     describe_disagreement,
     describe_refit,
@@ -31,7 +31,7 @@ def tell(parts: Sequence[Part], terminal: Terminal) -> None:
     for part in parts:
         terminal.heading(part.title)
         for item in part.content:
-            if isinstance(item, Table):
+            if isinstance(item, TextTable):
                 terminal.table(*item)
             elif isinstance(item, str):
                 terminal.say(item, style="yellow" if item.startswith("warning: ") else None)

@@ -32,7 +32,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     """Take the recordings as they are, with columns of all terms that may be fitted.
 
     Raises:
-        Mistake: if instruments or bounds of an experiment are asked for.
+        UserError: if instruments or bounds of an experiment are asked for.
     """
     setting.refuse_experiment("an arm")
     known = ids(setting.base)

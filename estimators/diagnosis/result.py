@@ -21,7 +21,7 @@ from estimators.selection.residuals import Terms
 from estimators.selection.score import Gain
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import UserError
 from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import Model
 from pendulum_env.physics.mechanism import Mechanism
@@ -215,7 +215,7 @@ class Diagnosis:
     def recordings(self) -> tuple[Prediction, ...]:
         """Each recording beside what the final model predicts of it, fitted ones first; without those that disagree."""
         if self.data is None:
-            raise Mistake("the diagnosis was read from a file and has no data: compare its model with the recordings")
+            raise UserError("the diagnosis was read from a file and has no data: compare its model with the recordings")
         return predict_recordings(self.model, self.data)
 
     @property

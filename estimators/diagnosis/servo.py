@@ -52,7 +52,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     from viscous friction where the motor was off for a while.
 
     Raises:
-        Mistake: if instruments or bounds of an experiment are asked for.
+        UserError: if instruments or bounds of an experiment are asked for.
     """
     setting.refuse_experiment("a servo in the loop")
     data = FitData.of(recordings, holdout, setting.base)

@@ -10,7 +10,7 @@ from estimators.diagnosis.experiment import Limits
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import UserError
 from pendulum_env.physics import Term
 
 
@@ -44,10 +44,10 @@ class Setting:
         """Refuse instruments and bounds of an experiment where neither is used, such as for `an arm`.
 
         Raises:
-            Mistake: if one is asked for.
+            UserError: if one is asked for.
         """
         if self.by_reference or self.limits != Limits():
-            raise Mistake(
+            raise UserError(
                 "instruments and bounds of an experiment are for pendulums under a known torque: leave them out for "
                 f"{machine}"
             )

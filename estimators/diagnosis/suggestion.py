@@ -9,8 +9,9 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON, Array
+from pendulum_env.errors import FileError
 from pendulum_env.excitation import Excitation, signal_from_json, signal_json
-from pendulum_env.reading import NonNegative, Number, Text, Unreadable, convert
+from pendulum_env.reading import NonNegative, Number, Text, convert
 
 LONGEST = 100_000.0  # [s] of an experiment
 RATE = 500.0  # [Hz], of the experiment's torque as samples
@@ -89,9 +90,9 @@ class Suggestion:
         content = convert(data, _SuggestionFile, key)
         low, high = content.reach
         if low >= high:
-            raise Unreadable(f"'{f'{key}.reach'.lstrip('.')}' is [{low:g}, {high:g}]: expected the lower angle first")
+            raise FileError(f"'{f'{key}.reach'.lstrip('.')}' is [{low:g}, {high:g}]: expected the lower angle first")
         if content.signal is None and content.release is None:
-            raise Unreadable(
+            raise FileError(
                 f"'{f'{key}.signal'.lstrip('.')}' is missing: expected the signal, or the angle of 'release'"
             )
         signal = None if content.signal is None else signal_from_json(content.signal, f"{key}.signal".lstrip("."))

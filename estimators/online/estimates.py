@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.formatting import TextTable, format_estimate
 from pendulum_env.notebook import card, note, shown, table
-from pendulum_env.words import Table, plus_minus
 
 
 @dataclass(eq=False)  # not frozen, which is slow: one is made at every sample
@@ -111,11 +111,11 @@ def show_estimates(found: SchemeEstimates) -> str:
         theta = np.atleast_2d(own["theta"])[0]
         variance = np.diagonal(own["covariance"], axis1=-2, axis2=-1).reshape(-1, len(theta))[0]
         std = np.sqrt(np.maximum(variance, 0.0))
-        known = {name: plus_minus(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
+        known = {name: format_estimate(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
         rows.append((id, *(known.get(name, "") for name in units)))
     batch = [len(own["theta"]) for own in schemes.values() if np.ndim(own["theta"]) > 1]
     return card(
         "Online estimates",
-        table(Table(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
+        table(TextTable(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
         note(f"of the first of {batch[0]} pendulums" if batch else ""),
     )

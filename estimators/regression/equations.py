@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pendulum_env._typing import Array
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import UserError
 
 
-class IdentificationError(Mistake):
+class IdentificationError(UserError):
     """Data from which nothing can be identified; the message says why and what to record instead.
 
     Attributes:

@@ -38,6 +38,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
+from pendulum_env.formatting import join_words
 from pendulum_env.lookup import find, with_known_arguments
 from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import BASE, Model, Term
@@ -48,7 +49,6 @@ from pendulum_env.recording.columns import NONE
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.recording.study import format_of
 from pendulum_env.settings import setting
-from pendulum_env.words import listing
 
 SCHEMA = "pendulum-ident/identification@2"
 SAVED = "filtered_dynamic"  # scheme whose model of an arm is the one to go on with
@@ -120,7 +120,7 @@ class Identification(Mapping[str, Identified]):
             IdentificationError: if there are none.
         """
         if self.data is None:
-            names = listing(self.recordings)
+            names = join_words(self.recordings)
             raise IdentificationError(
                 f"{names}: too little of the motion is clear of stick: record longer or faster motion"
             )
@@ -129,7 +129,7 @@ class Identification(Mapping[str, Identified]):
 
     def __repr__(self) -> str:
         count = len(self.recordings)
-        names = listing(self.recordings) if count <= SHOWN else f"{count} recordings"
+        names = join_words(self.recordings) if count <= SHOWN else f"{count} recordings"
         return f"<Identification of {names}>\n{headline(self)}"
 
     def _repr_html_(self) -> str:

@@ -24,8 +24,8 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.arms.robot import BodyError, pinocchio, read_robot
+from pendulum_env.formatting import join_words
 from pendulum_env.physics.mechanism import Mechanism
-from pendulum_env.words import listing
 
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a link, in its joint's frame
 UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # all others kg m^2
@@ -123,7 +123,7 @@ class Body(Mechanism):
     @property
     def impossible_text(self) -> str:
         """Sentence on all `impossible_links`; empty if there are none."""
-        links = listing([f"'{joint}' ({fault})" for joint, fault in self.impossible_links.items()])
+        links = join_words([f"'{joint}' ({fault})" for joint, fault in self.impossible_links.items()])
         return f"no body has the inertia that the file gives behind joint {links}" if links else ""
 
     def refuse_impossible_links(self) -> None:

@@ -13,11 +13,11 @@ from pendulum_env.arms.planar import TWO_LINK, Link, PlanarBodies, joint_models,
 from pendulum_env.arms.plane import friction_of
 from pendulum_env.arms.world import SpatialBodies
 from pendulum_env.backends.sensing import COUNTS, Sensor
+from pendulum_env.formatting import join_words
 from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond, warn_learner
 from pendulum_env.lookup import find, with_known_arguments
 from pendulum_env.plant import PAPER, Effects
 from pendulum_env.rendering import MODES, Renderer
-from pendulum_env.words import listing
 
 RESET_OPTIONS = dict.fromkeys(("position", "velocity"))
 
@@ -178,7 +178,7 @@ class PlanarArm(SimulatedArm):
         joints = joint_names(len(links)) if joints is None else tuple(joints)
         if len(set(joints)) != len(self.links):
             raise ValueError(
-                f"an arm of {len(self.links)} links needs as many joints of different names, not {listing(joints)}"
+                f"an arm of {len(self.links)} links needs as many joints of different names, not {join_words(joints)}"
             )
         sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
         self.models = joint_models([(link.viscous, link.coulomb) for link in self.links], joints, effects)

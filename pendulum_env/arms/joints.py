@@ -15,8 +15,8 @@ from typing import ClassVar, TypeVar, cast
 import numpy as np
 
 from pendulum_env.arms.body import Body
+from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Column, Term, nameable
 from pendulum_env.physics.base import BASE, Coulomb, Viscous
 from pendulum_env.physics.library import MEASURED, addition
@@ -50,7 +50,7 @@ def at_joint(effect: type[Term], joint: str, slides: bool = False) -> type[Term]
     if not joint:
         return effect
     if effect.at:
-        raise Mistake(f"{effect.id} is at a joint already: place {effect.id.partition('@')[0]} at '{joint}' instead")
+        raise UserError(f"{effect.id} is at a joint already: place {effect.id.partition('@')[0]} at '{joint}' instead")
     return _at_joint(cast(Hashable, effect), joint, slides)
 
 
@@ -143,7 +143,7 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
     for term in terms:
         if not isinstance(term, Links) and not set(loads(term.at)) <= set(joints):
             other = f"none of the joints {', '.join(joints)}: place it, placed(term, {joints[0]!r})"
-            raise Mistake(
+            raise UserError(
                 f"{term.id} is at {other if any(joints) else 'a joint of an arm, and a pendulum has one joint'}"
             )
 
@@ -215,7 +215,9 @@ def kind_at(text: str, body: Mechanism) -> type[Term]:
     pair = [find("joint", joint, {name: name for name in joints}) for joint in loads(at)]
     _refuse_sliding(id, pair, body.sliding)
     if len(pair) != 2 or at.startswith("-"):
-        raise Mistake(f"'{text}' should name two joints, such as {id}@{joints[0]},{joints[-1]}, with - for the second")
+        raise UserError(
+            f"'{text}' should name two joints, such as {id}@{joints[0]},{joints[-1]}, with - for the second"
+        )
     return coupling(at, body)
 
 
@@ -250,11 +252,11 @@ def effect_at(
     """
     id, at, joint = text.partition("@")
     if known is None and id in (Coupling.id, *MEASURED):
-        raise Mistake(f"{id} is nothing that the simulator here has: leave it out")
+        raise UserError(f"{id} is nothing that the simulator here has: leave it out")
     if not at and id not in NOT_DECENTRALISED:
-        raise Mistake(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
+        raise UserError(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
     if id in NOT_DECENTRALISED:
-        raise Mistake(f"{id} is no effect of one joint's motion and torque alone: it cannot sit at a joint of an arm")
+        raise UserError(f"{id} is no effect of one joint's motion and torque alone: it cannot sit at a joint of an arm")
     joint = find("joint", joint, {name: name for name in joints})
     kind = find("effect", id, known or joint_effects())
     _refuse_sliding(id, [joint], sliding)
@@ -264,7 +266,7 @@ def effect_at(
 def _refuse_sliding(id: str, joints: Iterable[str], sliding: Collection[str]) -> None:
     for joint in joints:
         if joint in sliding and not can_sit(id, slides=True):
-            raise Mistake(f"{id} is of joints that turn: it cannot be at '{joint}', which slides")
+            raise UserError(f"{id} is of joints that turn: it cannot be at '{joint}', which slides")
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ from msgspec import Struct
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links, at_joint, can_sit, coupled, links_of
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics import Model, ModelError, Term, library
 from pendulum_env.physics.limits import collect_limits, limited_term, read_limits, write_limits
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.model import ARM_SCHEMA, read_estimate, read_log_format
 from pendulum_env.physics.table import Table, read_table
 from pendulum_env.physics.term import loads
-from pendulum_env.reading import Number, Text, Unreadable, convert, read_json, shown
+from pendulum_env.reading import Number, Text, convert, read_json, shown
 from pendulum_env.settings import setting
 
 HINT = "identify or diagnose the arm to have one"
@@ -67,12 +67,12 @@ class ArmModel(Model):
         """
         try:
             return cls.of_body(read_json(path, HINT), body)
-        except Mistake as error:
+        except UserError as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
     @classmethod
     def of_body(cls, content: JSON, body: Body) -> ArmModel:
-        """Model of a body from a dictionary that `json` made; raises a Mistake, as `load` does."""
+        """Model of a body from a dictionary that `json` made; raises a UserError, as `load` does."""
         if not isinstance(content, dict) or content.get("schema") != ARM_SCHEMA:
             raise ModelError(f"is no model of an arm; {HINT}")
         data = convert(content, _ArmModelFile)
@@ -152,7 +152,7 @@ class Asked:
         """Read it from the file of a model; empty if the file is no model."""
         try:
             data = convert(read_json(path, HINT), _ArmFile)
-        except Unreadable:
+        except FileError:
             return cls()  # who loads it says why
         held = data.held or {}
         return cls(data.joints if held else None, held, data.rotors, bool(data.weightless), data.log_format or {})

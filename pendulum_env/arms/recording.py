@@ -12,12 +12,12 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, LinkLoad
+from pendulum_env.errors import ColumnError
 from pendulum_env.lookup import find
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import NONE, UNUSED, check_named, named_column
-from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.formats import Readable, label_of
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.preview import Preview, preview

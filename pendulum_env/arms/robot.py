@@ -19,8 +19,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from pendulum_env._typing import JSON
+from pendulum_env.errors import UserError, shorten_error
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake, one_line
 from pendulum_env.reading import LARGE, check_size, shown
 from pendulum_env.settings import Blank, setting
 
@@ -29,7 +29,7 @@ TURNS, SLIDES = "Revolute", "Prismatic"  # Pinocchio's words
 ENDLESS = "1e30"  # of a limit that there is none
 
 
-class BodyError(Mistake):
+class BodyError(UserError):
     """A robot that cannot be identified; the message is one sentence with the file, what is wrong and what to do."""
 
 
@@ -38,7 +38,7 @@ def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str
     try:
         check_size(path)
         return _fields(Path(path), joints, held, bolted)
-    except Mistake as error:
+    except UserError as error:
         raise BodyError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
@@ -47,7 +47,7 @@ def find_movable_joints(path: str | Path, bolted: bool = False) -> tuple[str, ..
     try:
         check_size(path)
         return tuple(_parse(Path(path)).find_free(bolted, {}))
-    except Mistake as error:
+    except UserError as error:
         raise BodyError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
@@ -77,7 +77,7 @@ def _parse(path: Path) -> _File:
     try:
         tree = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter of unknown encodings
-        raise BodyError(f"is no XML ({one_line(error)}): a robot is read from URDF or MJCF") from None
+        raise BodyError(f"is no XML ({shorten_error(error)}): a robot is read from URDF or MJCF") from None
     if tree.tag not in ("robot", "mujoco"):
         raise BodyError(f"holds <{tree.tag}>, neither <robot> (URDF) nor <mujoco> (MJCF)")
     for tag in ("include", "worldbody//frame[body]", "worldbody//replicate[body]", "worldbody//attach"):
@@ -96,7 +96,7 @@ def _parse(path: Path) -> _File:
             )
     except Exception as error:  # Pinocchio raises what its parsers raise
         told = str(error).rpartition("message:")[2]  # after file, function and line of its own
-        raise BodyError(f"Pinocchio cannot read it: {one_line(told or error)}") from None
+        raise BodyError(f"Pinocchio cannot read it: {shorten_error(told or error)}") from None
     name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
     return _File(tree, model, name, {joint: _leads(joint, ties, robot) for joint in robot})
 

@@ -9,8 +9,8 @@ from typing import Any, TypeVar, get_args
 import numpy as np
 
 from pendulum_env._typing import Array
+from pendulum_env.errors import UserError, format_error
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake, told
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.description import Description
 from pendulum_env.physics.term import ROOM, Column, Kind, NonlinearParameter, Samples, Term, zero
@@ -26,25 +26,25 @@ def check_effect(kind: type[Term]) -> None:
     """Check the class of an effect; each law is evaluated on a made-up motion.
 
     Raises:
-        Mistake: naming the class, and the field or the law that is wrong: one that fails, has no torque, is a base
+        UserError: naming the class, and the field or the law that is wrong: one that fails, has no torque, is a base
             term's, contradicts its potential, or is called dissipative and gains energy.
     """
     if not (isinstance(kind, type) and issubclass(kind, Term)):
-        raise Mistake(f"{shown(kind)} is no effect: register a subclass of Term")
+        raise UserError(f"{shown(kind)} is no effect: register a subclass of Term")
     name = kind.__name__
     if not isinstance(described := kind.description, Description):
-        raise Mistake(f"description of {name} is {shown(described)}: give a Description")
+        raise UserError(f"description of {name} is {shown(described)}: give a Description")
     texts = [(text, getattr(kind, text, None)) for text in ("id", "law", "kind", "typical_size")]
     for text, value in (*texts, *((text, getattr(described, text)) for text in TEXTS)):
         if not isinstance(value, str):
-            raise Mistake(f"{text} of {name} is {shown(value)}: it has to be a text")
+            raise UserError(f"{text} of {name} is {shown(value)}: it has to be a text")
     if not re.fullmatch(r"[\w-]+", kind.id):
-        raise Mistake(f"id of {name} is {shown(kind.id)}: use letters, digits and underscores")
+        raise UserError(f"id of {name} is {shown(kind.id)}: use letters, digits and underscores")
     find(f"kind of {name}", kind.kind, dict.fromkeys(get_args(Kind)))
     _check_all(kind.nonlinear_parameters, NonlinearParameter, f"nonlinear_parameters of {name}")
     for parameter in kind.nonlinear_parameters:
         if parameter.name not in {field.name for field in fields(kind)}:
-            raise Mistake(
+            raise UserError(
                 f"nonlinear parameter '{parameter.name}' of {name} is no field of the dataclass: declare "
                 f"'{parameter.name}: float = ...', and put @register above @dataclass(frozen=True)"
             )
@@ -58,7 +58,7 @@ def check_variants(of: str, variants: Callable[[Samples], Iterable[Term]]) -> No
     """Evaluate the laws of the variants of an effect that a function makes of a motion, on made-up motions.
 
     Raises:
-        Mistake: naming `of`, or the law that is wrong.
+        UserError: naming `of`, or the law that is wrong.
     """
 
     def listed(x: Samples) -> list[Term]:
@@ -78,14 +78,14 @@ def _try_laws(term: Term, x: Samples) -> None:
         memory = _tried(f"start of {name}", lambda: term.start(x))
         after = _tried(f"advance of {name}", lambda: term.advance(memory, x, 0.01))
         if len(after) != len(memory):
-            raise Mistake(f"advance of {name} returns {len(after)} state variables, and start {len(memory)}")
+            raise UserError(f"advance of {name} returns {len(after)} state variables, and start {len(memory)}")
         x = replace(x, memory=term.known_by(memory))
     for field in ("columns", "fixed"):
         columns = _tried(f"{field} of {name}", partial(getattr, term, field))
         _check_all(columns, Column, f"{field} of {name}")
         for column in columns:
             if column.name.partition(".")[0] != term.id or not isinstance(column.unit, str):
-                raise Mistake(
+                raise UserError(
                     f"a column of {name} is named {shown(column.name)} with unit {shown(column.unit)}: name it "
                     f"'{term.id}' or '{term.id}.PART', and give its unit as a text"
                 )
@@ -103,7 +103,7 @@ def _check_potential(of: str, column: Column, x: Samples) -> None:
         if np.max(np.abs(force - slope)) > CLOSE * max(np.max(np.abs(force)), np.max(np.abs(slope))):
             missing = column.force is zero and column.loss is zero
             wrong = "has a potential U but no force" if missing else "has a force that is not dU/dq + loss"
-            raise Mistake(f"{of} {wrong}: give force = dU/dq of its potential, plus its loss if it has one")
+            raise UserError(f"{of} {wrong}: give force = dU/dq of its potential, plus its loss if it has one")
 
 
 def _check_torque(term: Term) -> None:
@@ -119,15 +119,15 @@ def _check_torque(term: Term) -> None:
     else:
         has_torque = any(map(np.any, torques))
     if not has_torque and type(term).delay is Term.delay and type(term).lead is Term.lead:
-        raise Mistake(f"{name} has no torque: give it columns with a mass, force or dry that is not zero")
+        raise UserError(f"{name} has no torque: give it columns with a mass, force or dry that is not zero")
     for column, own in zip(columns, torques, strict=True):
         power = _tried(f"columns of {name}", partial(column.power, x))
         if term.kind == "dissipative" and np.max(power) <= 0 > np.min(power):
-            raise Mistake(f"column '{column.name}' of {name} gains energy in every motion: change its sign")
+            raise UserError(f"column '{column.name}' of {name} gains energy in every motion: change its sign")
         for base in (base for known in BASE for base in known.columns if not term.remembers):
             other = _torque_parts(base, x)
             if np.any(own) and np.allclose(own, np.vdot(own, other) / np.vdot(other, other) * other):
-                raise Mistake(f"column '{column.name}' of {name} has the law of '{base.name}': leave it out")
+                raise UserError(f"column '{column.name}' of {name} has the law of '{base.name}': leave it out")
 
 
 def _torque_parts(column: Column, x: Samples) -> Array:
@@ -138,22 +138,22 @@ def _torque_parts(column: Column, x: Samples) -> Array:
 def _try_law(of: str, law: Callable[[Samples], Any], x: Samples) -> None:
     values = _tried(of, lambda: np.broadcast_to(np.asarray(law(x), dtype=float), x.time.shape))
     if (count := int(np.sum(~np.isfinite(values)))) > 0:
-        raise Mistake(f"{of} is not finite at {count} of {values.size} samples: give a law that is")
+        raise UserError(f"{of} is not finite at {count} of {values.size} samples: give a law that is")
 
 
 def _check_all(values: object, kind: type, of: str) -> None:
     if not isinstance(values, tuple | list) or not all(isinstance(value, kind) for value in values):
-        raise Mistake(f"{of} are {shown(values)}: give a tuple of {kind.__name__}")
+        raise UserError(f"{of} are {shown(values)}: give a tuple of {kind.__name__}")
 
 
 def _tried(of: str, function: Callable[[], T]) -> T:
     """Result of a function of the user's.
 
     Raises:
-        Mistake: with what the function raises, and where it is.
+        UserError: with what the function raises, and where it is.
     """
     try:
         with np.errstate(all="ignore"):
             return function()
     except Exception as error:
-        raise Mistake(f"{of}: {told(error)}") from error
+        raise UserError(f"{of}: {format_error(error)}") from error

@@ -5,8 +5,8 @@ from functools import cache
 from importlib.metadata import entry_points
 from types import ModuleType
 
+from pendulum_env.errors import UserError, format_error
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake, told
 from pendulum_env.physics import actuation, friction, potential, sensor, time_varying, transmission
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.effect_check import check_effect
@@ -52,7 +52,7 @@ def register(effect: type[Term]) -> type[Term]:
     takes the place of the earlier one, as when a cell of a notebook runs again.
 
     Raises:
-        Mistake: if a field or a law of the class is wrong, or its id is that of another effect or of a base term.
+        UserError: if a field or a law of the class is wrong, or its id is that of another effect or of a base term.
     """
     if effect in _registered.values():
         return effect
@@ -60,7 +60,7 @@ def register(effect: type[Term]) -> type[Term]:
     earlier = {id for id, kind in _registered.items() if _full_name(kind) == _full_name(effect)}
     taken = {term.id for term in BASE} | {built_in.id for built_in in BUILT_IN} | MEASURED.keys()
     if effect.id in taken | (_registered.keys() - earlier):
-        raise Mistake(f"effect id '{effect.id}' is taken: choose another id for {effect.__name__}")
+        raise UserError(f"effect id '{effect.id}' is taken: choose another id for {effect.__name__}")
     for id in earlier - {effect.id}:
         del _registered[id]
     _registered[effect.id] = effect
@@ -83,7 +83,7 @@ def installed() -> tuple[type[Term], ...]:
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # whatever another package does wrong must not end this one
-            warnings.warn(f"the effects of '{point.value}' cannot be loaded: {told(error)}", stacklevel=2)
+            warnings.warn(f"the effects of '{point.value}' cannot be loaded: {format_error(error)}", stacklevel=2)
             continue
         if isinstance(kind, type) and issubclass(kind, Term):
             found.append(kind)

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import UserError
 from pendulum_env.physics.term import Column, NonlinearParameter, Term, derived
 from pendulum_env.reading import shown
 
@@ -17,7 +17,7 @@ Limits = Mapping[str, tuple[float, float]]  # least and largest value by paramet
 Bounds = Mapping[str, tuple[float | None, float | None]]  # as a user gives them: None is no limit
 
 
-class LimitsError(Mistake):
+class LimitsError(UserError):
     """Limits that make no sense; the message says which and why."""
 
 

@@ -14,9 +14,10 @@ from msgspec import Meta, Struct
 
 from pendulum_env import notebook
 from pendulum_env._typing import JSON, Array, ArrayLike
+from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import write_whole
+from pendulum_env.formatting import format_estimate
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
 from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.limits import collect_limits, limited_term, read_limits, write_limits
@@ -25,16 +26,15 @@ from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.table import Curve, Table, read_table, refuse_held
 from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.physics.terms import with_nonlinear_values
-from pendulum_env.reading import Number, Text, Unreadable, convert, read_json, shown
+from pendulum_env.reading import Number, Text, convert, read_json, shown
 from pendulum_env.settings import Blank, setting
 from pendulum_env.units import JointUnits, to_shown_unit
-from pendulum_env.words import plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
 ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_env.arms` reads
 
 
-class ModelError(Mistake):
+class ModelError(UserError):
     """A model or model file that makes no sense; the message says where and what to do."""
 
 
@@ -75,7 +75,7 @@ class Estimate:
             return "unknown"
         if self.is_biased and not self.at_bound and self.std > 0:
             return f"{self.value:.3g} (biased)"
-        return plus_minus(self.value, self.std) + (" (at its bound)" if self.at_bound else "")
+        return format_estimate(self.value, self.std) + (" (at its bound)" if self.at_bound else "")
 
     @property
     def shown(self) -> Estimate:
@@ -247,7 +247,7 @@ class Model(Mapping[str, Estimate]):
 
         Raises:
             ModelError: if the model has a term of that id already.
-            Mistake: if it has a table that may be all that the term is.
+            UserError: if it has a table that may be all that the term is.
         """
         if term.id in {old.id for old in self.terms}:
             raise ModelError(f"the model has '{term.id}' already: each effect can be added once")
@@ -402,7 +402,7 @@ class Model(Mapping[str, Estimate]):
         """
         try:
             return cls.from_json(read_json(path, "a model is written by `Model.save` or by `identify`"))
-        except Unreadable as error:
+        except FileError as error:
             raise ModelError(str(error)) from None
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
@@ -447,10 +447,10 @@ def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
     """Read a parameter of a model file, in its unit.
 
     Raises:
-        Unreadable: if the file lacks it, or it is no number.
+        FileError: if the file lacks it, or it is no number.
     """
     if theta.get(name) is None:
-        raise Unreadable(f"'theta' lacks '{name}'")
+        raise FileError(f"'theta' lacks '{name}'")
     return convert(theta[name], ParameterFile, f"theta.{name}").estimate(unit)
 
 
@@ -467,7 +467,7 @@ def read_log_format(content: Mapping[str, Any] | None) -> Mapping[str, Any]:
     """Read the log format of a model file; empty if the file has none.
 
     Raises:
-        Unreadable: if a value is of another type, or no number of a pendulum.
+        FileError: if a value is of another type, or no number of a pendulum.
     """
     convert(content or {}, _LogFormat, "log_format")
     return content or {}

@@ -1,20 +1,20 @@
 """A model in a notebook: its torque balance and its parameters."""
 
+from pendulum_env.formatting import TextTable, join_words
 from pendulum_env.notebook import card, paragraph, shown, table
 from pendulum_env.physics.model import Model, short_name
-from pendulum_env.words import Table, listing
 
 
-def parameters_table(model: Model) -> Table:
+def parameters_table(model: Model) -> TextTable:
     """Parameters with standard errors, also as people call them."""
     named = {**model.readable, **model.derived}
     rows = [(short_name(name), e.text, e.unit) for name, e in ((name, own.shown) for name, own in named.items())]
-    return Table(("parameter", "estimate", "unit"), rows, left=("unit",))
+    return TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))
 
 
 @shown.register
 def show_model(model: Model) -> str:
     """A model: its torque balance and its parameters."""
     law = " + ".join(term.law for term in model.terms)
-    title = f"Model with {listing([term.id for term in model.terms])}"
+    title = f"Model with {join_words([term.id for term in model.terms])}"
     return card(title, paragraph(f"torque = {law}"), table(parameters_table(model)))

@@ -10,14 +10,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pendulum_env.mistake import Mistake, told
+from pendulum_env.errors import UserError, format_error
 from pendulum_env.physics import library
 from pendulum_env.physics.term import Term
 
 _loaded: dict[Path, tuple[type[Term], ...]] = {}
 
 
-class PluginError(Mistake):
+class PluginError(UserError):
     """A file of effects that cannot be used; the message says where and why."""
 
 
@@ -84,7 +84,7 @@ def _telling(file: Path, path: str | Path) -> Iterator[None]:
 
 def _fault(error: BaseException, file: Path, path: str | Path) -> PluginError:
     where = f", line {lines[-1]}" if (lines := _lines(error, file)) else ""
-    return PluginError(f"{path}{where}: {told(error)}")
+    return PluginError(f"{path}{where}: {format_error(error)}")
 
 
 def _lines(error: BaseException, file: Path) -> list[int | None]:

@@ -21,9 +21,9 @@ from msgspec import Meta, Struct
 from msgspec.structs import astuple
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term, derived
-from pendulum_env.reading import Number, Text, Unreadable, convert
+from pendulum_env.reading import Number, Text, convert
 
 FARTHEST, NARROWEST = 1e6, 1e-6  # of a table in a file [rad, rad/s]
 OF_ANGLE: dict[str, Callable[[Array], Array]] = {
@@ -64,15 +64,15 @@ def read_table(kind: type[Table], data: Any, key: str) -> Table:
     """Make a table over the extent under a key of a model file.
 
     Raises:
-        Unreadable: if it makes no sense.
+        FileError: if it makes no sense.
     """
     extent = Extent(*astuple(convert(data, _Extent, key)))
     least = 0.0 if kind.axis == "velocity" else -FARTHEST
     is_wide = extent.high - extent.low > NARROWEST * max(1.0, abs(extent.low))
     if not (least <= extent.low and extent.high <= FARTHEST and is_wide):
-        raise Unreadable(f"'{key}' has to reach from low to high, within {least:g} and {FARTHEST:g}")
+        raise FileError(f"'{key}' has to reach from low to high, within {least:g} and {FARTHEST:g}")
     if not set(extent.beside) <= OF_ANGLE.keys() or extent.pieces <= len(extent.beside):
-        raise Unreadable(f"'{key}' has to leave some of {', '.join(OF_ANGLE)} to others, fewer than it has pieces")
+        raise FileError(f"'{key}' has to leave some of {', '.join(OF_ANGLE)} to others, fewer than it has pieces")
     return kind.over(extent)()
 
 
@@ -330,11 +330,11 @@ def refuse_held(terms: Iterable[Term], new: Term) -> None:
     """Refuse a term beside a table that may be all that it is: no data could tell them apart.
 
     Raises:
-        Mistake: with both, and the order in which they can be added.
+        UserError: with both, and the order in which they can be added.
     """
     for table in terms:
         if isinstance(table, Table) and set(table.beside([new]).extent.beside) - set(table.extent.beside):
-            raise Mistake(f"'{table.id}' holds all that '{new.id}' is: add '{new.id}' first, then the table")
+            raise UserError(f"'{table.id}' holds all that '{new.id}' is: add '{new.id}' first, then the table")
 
 
 # Those that a model keeps.

@@ -1,6 +1,6 @@
 """Recordings of a pendulum: one record type, alone or together as a study, read from files and written to them."""
 
-from pendulum_env.recording.errors import RecordingError
+from pendulum_env.errors import RecordingError
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.record import Load, Recording
 from pendulum_env.recording.storage import read_recording

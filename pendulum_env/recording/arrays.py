@@ -15,10 +15,10 @@ import scipy
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
+from pendulum_env.errors import RecordingError
 from pendulum_env.reading import shown
 from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.columns import add_labels
-from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.table import WIDEST, Find, Table, first_date, is_text, need, numbers
 from pendulum_env.recording.text import may_be_number, read_cells

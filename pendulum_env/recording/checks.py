@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pendulum_env._typing import Array, Index
+from pendulum_env.errors import ColumnError, RecordingError
 from pendulum_env.reading import LARGE
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.clock import STEPS, find_plausible_unit
-from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording

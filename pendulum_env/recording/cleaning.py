@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.errors import RecordingError
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.clock import UNKNOWN, Clock, format_distinct
-from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.notes import NAMED, Note, NoteKind
 from pendulum_env.recording.vocabulary import QUANTITIES
 

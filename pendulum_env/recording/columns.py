@@ -10,10 +10,10 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from pendulum_env.errors import ColumnError
 from pendulum_env.lookup import UnknownName, find
 from pendulum_env.quantity import Quantity
 from pendulum_env.reading import shown
-from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.expression import (
     LONGEST_UNIT,
     Expression,

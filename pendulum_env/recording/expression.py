@@ -13,7 +13,7 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from pendulum_env.recording.errors import ColumnError
+from pendulum_env.errors import ColumnError
 
 GRAMMAR = "NAME:UNIT*GAIN/RATIO+OFFSET:UNIT"
 LONGEST_UNIT = 64  # characters: to look for one in a long text takes the square of its length

@@ -7,11 +7,10 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
-from pendulum_env.mistake import one_line
-from pendulum_env.reading import Unreadable, check_size
+from pendulum_env.errors import FileError, RecordingError, shorten_error
+from pendulum_env.reading import check_size
 from pendulum_env.recording.arrays import is_data, read_data, read_hdf5, read_mat, read_npz, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
-from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.table import Find, Table
 from pendulum_env.recording.text import read_csv, read_excel
 
@@ -117,7 +116,7 @@ def read_table(source: Readable, find: Find) -> Table:
         except (RecordingError, TypeError):
             raise
         except Exception as error:
-            raise RecordingError(f"not a readable table ({one_line(error)}): give arrays of numbers") from error
+            raise RecordingError(f"not a readable table ({shorten_error(error)}): give arrays of numbers") from error
     path = Path(source)
     ending = find_format(path, READERS)
     if not os.path.exists(path):
@@ -128,9 +127,9 @@ def read_table(source: Readable, find: Find) -> Table:
         return READERS[ending](path, find)
     except RecordingError:
         raise
-    except Unreadable as error:
+    except FileError as error:
         raise RecordingError(str(error).removeprefix(f"{path}: ")) from None
     except UnicodeEncodeError:
         raise RecordingError("its name is no UTF-8, which libraries need: rename it") from None
     except Exception as error:  # a damaged file may fail anywhere in zlib, zipfile, numpy or arrow
-        raise RecordingError(f"not a readable {ending} file ({one_line(error)}): export it again") from error
+        raise RecordingError(f"not a readable {ending} file ({shorten_error(error)}): export it again") from error

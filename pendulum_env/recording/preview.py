@@ -7,8 +7,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from pendulum_env._typing import Array
+from pendulum_env.errors import RecordingError
 from pendulum_env.recording.columns import Column, guess_columns, named_column
-from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.formats import Readable, label_of, read_table
 from pendulum_env.recording.table import WIDEST
 

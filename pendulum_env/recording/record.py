@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pendulum_env._typing import JSON, Array
+from pendulum_env.errors import ColumnError, RecordingError
+from pendulum_env.formatting import format_estimate
 from pendulum_env.notebook import shown
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.cleaning import Log, start_from_zero
 from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, covered, find_date, is_uniform
-from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.sampling import cut, uniform
 from pendulum_env.recording.vocabulary import QUANTITIES
 from pendulum_env.servo.drive import Drive
 from pendulum_env.units import JointUnits
-from pendulum_env.words import plus_minus
 
 T = TypeVar("T")
 NEWTON_METRE = "N m"
@@ -76,7 +76,7 @@ class TorqueConstant:
         sources = ["the load torque"] if self.by_load_torque else []
         sources += [f"{self.loads} known loads"] if self.loads > 1 else []
         source = f"from {' and '.join(sources)}" if sources else "of the model"
-        return f"{name} {plus_minus(self.value, self.std)} {self.unit}, {source}"
+        return f"{name} {format_estimate(self.value, self.std)} {self.unit}, {source}"
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""

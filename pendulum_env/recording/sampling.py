@@ -12,10 +12,10 @@ import numpy as np
 import scipy
 
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.errors import RecordingError
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import is_uniform, unevenness
-from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.notes import NAMED, Note, NoteKind
 
 

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from pendulum_env._typing import JSON, Array
+from pendulum_env.errors import ColumnError, RecordingError
 from pendulum_env.lookup import with_known_arguments
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import count_on, find_unix_unit
 from pendulum_env.recording.columns import NONE, Column, check_named, find_columns, note_ambiguous_velocity
-from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.formats import Readable, find_stem, label_of, read_table
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin

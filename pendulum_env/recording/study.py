@@ -37,10 +37,10 @@ from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON
 from pendulum_env.arguments import check_order
+from pendulum_env.errors import ColumnError, FileError, RecordingError
 from pendulum_env.files import write_whole
-from pendulum_env.reading import NonNegative, Number, Text, Unreadable, convert, read_toml, toml
+from pendulum_env.reading import NonNegative, Number, Text, convert, read_toml, toml
 from pendulum_env.recording.columns import refuse_unknown_quantity, without_joint
-from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.record import Load, Recording
 from pendulum_env.recording.storage import describe_reading, read_recording
 from pendulum_env.servo.drive import Drive
@@ -222,7 +222,7 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
     path, where, sources = Path(path), "", []
     try:
         content = read_toml(path)
-    except Unreadable as error:
+    except FileError as error:
         raise StudyError(str(error)) from None
     try:
         study = convert(content, _Study)

@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 
 from pendulum_env._typing import Array
+from pendulum_env.errors import RecordingError
 from pendulum_env.recording.columns import Column
-from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.notes import Note
 
 WIDEST = 64  # elements of a vector that become columns of their own, and columns that a person is shown

@@ -14,11 +14,10 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from pendulum_env._typing import Array
-from pendulum_env.mistake import one_line
+from pendulum_env.errors import RecordingError, shorten_error
 from pendulum_env.quantity import Quantity
 from pendulum_env.reading import shown
 from pendulum_env.recording.columns import Column, add_labels
-from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.expression import letters
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.table import Find, Table, is_text, need, numbers
@@ -428,4 +427,6 @@ def _refuse(told: str, layout: Layout, columns: dict[str, Column]) -> NoReturn:
         raise RecordingError(
             f"{row.format(found['row'])} {found['found']} cells where the header has {found['wanted']}: {remedy}"
         )
-    raise RecordingError(f"the text cannot be split into cells ({one_line(told)}): write plain comma-separated numbers")
+    raise RecordingError(
+        f"the text cannot be split into cells ({shorten_error(told)}): write plain comma-separated numbers"
+    )

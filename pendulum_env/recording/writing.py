@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 
 from pendulum_env._typing import Array
 from pendulum_env.arguments import check_order
+from pendulum_env.errors import RecordingError
 from pendulum_env.files import replacing
-from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.formats import find_format
 from pendulum_env.recording.record import Recording
 

@@ -16,8 +16,8 @@ from typing import Any, Literal, NamedTuple, Self, get_args
 import numpy as np
 
 from pendulum_env._typing import Array
+from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
 from pendulum_env.reading import shown
 
 Control = Literal["position", "velocity"]
@@ -27,7 +27,7 @@ LONGEST = 0.1  # [s], of a delay
 UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what the motor's torque is in, unless known
 
 
-class DriveError(Mistake):
+class DriveError(UserError):
     """A drive that makes no sense; the message says what is wrong and what to do."""
 
 

@@ -9,8 +9,8 @@ from estimators import add, compare, diagnose, identify
 from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.simulation.free_running import compute_deviation, compute_growth, select
 from pendulum_env.backends import record
+from pendulum_env.errors import UserError
 from pendulum_env.excitation import excitation
-from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model
 from pendulum_env.plant import make_plant, paper_plant
 from pendulum_env.recording import Recording
@@ -34,7 +34,7 @@ def test_only_what_is_asked_for_is_looked_for(days):
     assert {candidate.effect for candidate in found.candidates} == {"stribeck", "quadratic_drag"}
     with pytest.raises(ValueError, match="did you mean stribeck"):
         diagnose(*days, only=["stribek"])
-    with pytest.raises(Mistake, match="no effect is left"):
+    with pytest.raises(UserError, match="no effect is left"):
         diagnose(*days, only=["stribeck"], without=["stribeck"])
 
 

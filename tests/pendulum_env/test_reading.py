@@ -9,8 +9,9 @@ import pytest
 from msgspec import Struct
 
 from agents.network import POLICY_FOLDER, Network
+from pendulum_env.errors import FileError
 from pendulum_env.files import write_whole
-from pendulum_env.reading import DIGITS, Number, Text, Unreadable, convert, read_json, read_own, read_toml
+from pendulum_env.reading import DIGITS, Number, Text, convert, read_json, read_own, read_toml
 from pendulum_env.recording import read_recording
 
 # ------------------------------------------------------------------------------------------------------- documents
@@ -35,7 +36,7 @@ JSON, TOML = (lambda path: read_json(path, "a hint"), ".json"), (read_toml, ".to
 def test_a_document_that_no_one_meant_is_refused(tmp_path: Path, kind: Any, text: str, match: str) -> None:
     (read, ending), path = kind, tmp_path / f"a{kind[1]}"
     path.write_text(text)
-    with pytest.raises(Unreadable, match=rf"a\{ending}: {match}"):
+    with pytest.raises(FileError, match=rf"a\{ending}: {match}"):
         read(path)
 
 
@@ -68,7 +69,7 @@ class Outer(Struct):
     ],
 )
 def test_a_value_that_cannot_be_is_told_with_its_key(key: str, inner: Any, match: str) -> None:
-    with pytest.raises(Unreadable, match=match):
+    with pytest.raises(FileError, match=match):
         convert({"inner": [{"size": 1}, inner], "of a later version": 3}, Outer, key)
 
 
@@ -104,14 +105,14 @@ def test_what_makes_no_policy_is_refused_with_the_reason(tmp_path: Path, changes
         arrays = dict(file) | changes
     path = tmp_path / "policy.npz"
     np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
-    with pytest.raises(Unreadable, match=rf"policy\.npz: is no policy: {match}"):
+    with pytest.raises(FileError, match=rf"policy\.npz: is no policy: {match}"):
         Network.load(path)
 
 
 def test_nothing_is_unpickled(tmp_path: Path) -> None:
     path = tmp_path / "policy.npz"
     np.savez(path, weight0=np.array([print], dtype=object))
-    with pytest.raises(Unreadable, match="Object arrays cannot be loaded"):
+    with pytest.raises(FileError, match="Object arrays cannot be loaded"):
         Network.load(path)
 
 
@@ -123,15 +124,15 @@ def test_what_runs_when_it_is_read_has_to_be_this_users_own(tmp_path, monkeypatc
     assert path.stat().st_mode & 0o777 == 0o600
     for mode in (0o620, 0o602):
         path.chmod(mode)
-        with pytest.raises(Unreadable, match=r"others may write to it, .*: chmod go-w it"):
+        with pytest.raises(FileError, match=r"others may write to it, .*: chmod go-w it"):
             read_own(path)
     path.chmod(0o600)
     monkeypatch.setattr(os, "getuid", lambda: os.stat(path).st_uid + 1)
-    with pytest.raises(Unreadable, match="belongs to another user"):
+    with pytest.raises(FileError, match="belongs to another user"):
         read_own(path)
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    with pytest.raises(Unreadable, match="it is no file"):
+    with pytest.raises(FileError, match="it is no file"):
         read_own(pipe)
-    with pytest.raises(Unreadable, match="No such file"):
+    with pytest.raises(FileError, match="No such file"):
         read_own(tmp_path / "nowhere")

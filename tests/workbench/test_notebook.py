@@ -12,10 +12,10 @@ from estimators.signals.residual import Region
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
+from pendulum_env.formatting import format_estimate
 from pendulum_env.physics import Model, effects
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import Note, NoteKind, Recording
-from pendulum_env.words import plus_minus
 from tests.feeding import played
 from tests.terms import CubicDamping
 from workbench.narrator.diagnosis import describe_region, headline
@@ -88,12 +88,12 @@ def test_every_estimate_is_shown_with_its_error_and_every_region(results):
     text = shown(results["identification"])
     for result in results["identification"].schemes.values():
         for estimate in result.model.estimates.values():
-            assert plus_minus(estimate.value, estimate.std) in text
+            assert format_estimate(estimate.value, estimate.std) in text
     for name, estimate in results["diagnosis"].model.estimates.items():
-        assert f"{name}{plus_minus(estimate.value, estimate.std)}{estimate.unit}" in shown(results["model"])
+        assert f"{name}{format_estimate(estimate.value, estimate.std)}{estimate.unit}" in shown(results["model"])
     told, text = results["estimates"]["energy"], shown(results["estimates"])
     for pair in zip(told["theta"], np.sqrt(np.diag(told["covariance"])), strict=True):
-        assert "energy" in text and plus_minus(*pair) in text
+        assert "energy" in text and format_estimate(*pair) in text
     several = EstimateParametersVector(gym.make_vec(PENDULUM, num_envs=3), schemes=["dynamic"]).reset(seed=0)[1]
     assert "of the first of 3 pendulums" in shown(several["estimates"])
     regions, text = results["comparison"].regions, shown(results["comparison"])
@@ -105,7 +105,7 @@ def test_withheld_estimates_are_no_numbers(runs):
     found = identify(one_way)
     assert "coulomb" in found["dynamic"].withheld
     value = found["dynamic"].model.estimates["coulomb"]
-    assert plus_minus(value.value, value.std) not in shown(found["dynamic"])
+    assert format_estimate(value.value, value.std) not in shown(found["dynamic"])
     assert "unknown" in shown(found["dynamic"]) and "The velocity never changes sign" in shown(found)
 
 

@@ -13,9 +13,9 @@ from estimators.figure import broken, numbers
 from estimators.findings import Finding, Kind
 from estimators.regression.equations import IdentificationError
 from estimators.signals.residual import Region, compute_profiles, find_regions
+from pendulum_env.formatting import format_number
 from pendulum_env.physics import Samples
 from pendulum_env.thinning import thin
-from pendulum_env.words import number
 from tests.cases import diagnosed
 from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
@@ -62,9 +62,9 @@ def test_numbers_in_the_text_are_those_of_the_diagnosis(page, diagnosis):
     assert "Stribeck friction is missing" in text
     for step in diagnosis.steps:
         for errors in step.errors.values():
-            assert number(errors.torque_rms, padded=True) in text
-            assert number(errors.position_rms, padded=True) in text
-    assert number(diagnosis.noise_floor, padded=True) in text
+            assert format_number(errors.torque_rms, padded=True) in text
+            assert format_number(errors.position_rms, padded=True) in text
+    assert format_number(diagnosis.noise_floor, padded=True) in text
     for name, estimate in diagnosis.model.estimates.items():
         assert name in text
         assert f"± {estimate.std:.{1 - int(np.floor(np.log10(estimate.std)))}f}" in text
@@ -126,7 +126,7 @@ def test_the_page_shows_how_to_do_it_again_if_that_is_known(page, diagnosis):
     [(0.00739, "0.00739"), (-0.5, "−0.5"), (2.5e-7, "2.5 × 10⁻⁷"), (float("nan"), "–"), (0.0, "0"), (1234.5, "1230")],
 )
 def test_numbers_are_printed_without_exponents(value, text):
-    assert number(value) == text
+    assert format_number(value) == text
 
 
 def test_curves_are_thinned_but_for_their_peaks_and_break_where_time_has_a_gap():

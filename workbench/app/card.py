@@ -17,14 +17,14 @@ from dash.exceptions import PreventUpdate
 from estimators.figure import Figure, axis, line
 from pendulum_env._typing import Array
 from pendulum_env.arms.recording import without_units
+from pendulum_env.errors import ColumnError
+from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.columns import NONE, is_told, named_column
-from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.expression import NUMBER, Expression, letters, parse
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
 from pendulum_env.thinning import thin
-from pendulum_env.words import listing
 from workbench.app.parts import UNWRAP, aria, button, graph, labelled, panel, table
 
 COLUMN = "column"  # kind of a plot that a range is brushed in
@@ -163,7 +163,7 @@ class Card:
         for role in dict.fromkeys(choice.role for choice in self.choices if choice.role):
             headers = [header for header, choice in self._pairs if choice.role == role]
             if len(headers) > 1:
-                named = listing(list(map(repr, headers)))
+                named = join_words(list(map(repr, headers)))
                 raise ColumnError(f"{self.source.file}: columns {named} are all to be {role}: choose one")
             columns[role] = self._expression(role) or ""
         if self.is_free and "torque" not in columns and not self.joints:

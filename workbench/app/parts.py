@@ -8,9 +8,9 @@ from dash.development.base_component import Component
 
 from estimators.figure import Figure
 from pendulum_env.arms.joints import at_joints, effects_of
+from pendulum_env.formatting import capitalise
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
-from pendulum_env.words import opening
 from workbench.narrator.effects import name
 from workbench.report import page
 from workbench.report.section import Section
@@ -70,7 +70,7 @@ def effects_to_choose(body: Mechanism = PENDULUM, nothing: str = "", tables: boo
     """Names of effects by id, and perhaps of none, and of tables; of an arm at its joints, or at every one."""
     kinds = effects_of(body) | (TABLES if tables else {})
     ids = dict.fromkeys([*([] if tables else kinds), *(kind.id for kind in at_joints(kinds.values(), body))])
-    return ({"": nothing} if nothing else {}) | {id: opening(name(id)) for id in ids}
+    return ({"": nothing} if nothing else {}) | {id: capitalise(name(id)) for id in ids}
 
 
 def field(name: str) -> dict[str, str]:

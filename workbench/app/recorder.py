@@ -13,9 +13,9 @@ from agents.observer import CONSTRAINTS
 from estimators.progress import Progress
 from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.files import write_whole
+from pendulum_env.formatting import capitalise
 from pendulum_env.physics.library import MEASURED
 from pendulum_env.recording import Source
-from pendulum_env.words import opening
 from workbench.app.loaded import Loaded
 from workbench.app.parts import KEPT, dropdown, effects_to_choose, labelled, number_field
 from workbench.app.session import Session
@@ -109,7 +109,7 @@ def free_name(state: State) -> str:
 
 def fields() -> list[Component]:
     """Make the form of a run: its torque, and what is hidden in the plant; `options` reads it."""
-    torques = {id: opening(id) for id in EXCITATIONS}
+    torques = {id: capitalise(id) for id in EXCITATIONS}
     torques |= {id: f"Learnt policy, {bound} torque bounded" for id, bound in LEARNT.items()}
     hidden = {id: text for id, text in effects_to_choose(nothing="nothing").items() if id not in MEASURED}
     return [

@@ -15,9 +15,9 @@ from dash.development.base_component import Component
 
 from pendulum_env.arms.joints import Links
 from pendulum_env.arms.model import Asked
+from pendulum_env.errors import ColumnError
+from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.errors import ColumnError
-from pendulum_env.words import listing
 from workbench.app import uploads
 from workbench.app.card import Card
 from workbench.app.loaded import Loaded
@@ -193,7 +193,7 @@ class Session:
 
     def keep(self, *loaded: Loaded) -> None:
         """Add recordings; the ladder starts anew; raises InputError as `State.having`."""
-        self.change(f"load {listing([one.recording.name for one in loaded])}", self.state.having(loaded))
+        self.change(f"load {join_words([one.recording.name for one in loaded])}", self.state.having(loaded))
 
     def remove(self, id: str) -> None:
         """Remove a recording."""

@@ -18,7 +18,7 @@ from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env.arms.joints import arm_base, links_of, model_terms
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import UserError
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.recording import Recording, RecordingError, Source
@@ -104,7 +104,7 @@ class State:
         state = State(robot=robot)
         try:
             return state.anew(loaded=tuple(replace(one, recording=state.read(one.source)) for one in self.loaded))
-        except Mistake as error:
+        except UserError as error:
             raise InputError(f"what is loaded is not of this robot: {error}") from None
 
     def find(self, id: str) -> Loaded:
@@ -123,7 +123,7 @@ class State:
             known = Asked(fix=self.asked.fix, bound=self.asked.bound)
             make = prepare if self.body.can_simulate else prepare_arm
             return make(self.loaded, self.base_terms, self.is_aligned, known)
-        except (Mistake, IdentificationError) as error:
+        except (UserError, IdentificationError) as error:
             return str(error)
 
     @property

@@ -7,8 +7,8 @@ import webbrowser
 from importlib.util import find_spec
 from threading import Timer
 
+from pendulum_env.errors import ColumnError
 from pendulum_env.recording import Source
-from pendulum_env.recording.errors import ColumnError
 from workbench.inputs import given, read_all, robot_of
 from workbench.mistakes import InputError
 from workbench.options import KINDS, READING, ROBOT, declare, whole

@@ -11,11 +11,11 @@ from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import links_of
+from pendulum_env.formatting import TextTable, join_words
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import read_as
-from pendulum_env.words import Table, listing
 from workbench.inputs import Opened, opened, read_all, sources_of, tell_preprocessed
 from workbench.mistakes import InputError
 from workbench.narrator.diagnosis import comparison_json
@@ -104,9 +104,9 @@ def of_payload(found: Payload, body: Body) -> list[Part]:
     """Describe the payload of an arm, and its effect on the errors."""
     rows = [(name, one.text, one.unit) for name, one in found.estimates.items()]
     rows += [(f"centre {axis}", one.text, one.unit) for axis, one in found.center.items()]
-    content: list[Table | str] = [Table(("parameter", "estimate", "unit"), rows, left=("unit",))]
+    content: list[TextTable | str] = [TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))]
     if found.hidden:
-        content.append(f"{listing(found.hidden)}: no motion of the joints shows them")
+        content.append(f"{join_words(found.hidden)}: no motion of the joints shows them")
     if found.exists is False:
         content.append(
             "No body has the moments of the best fit, so those of the nearest body are shown: something else changed "
@@ -115,7 +115,7 @@ def of_payload(found: Payload, body: Body) -> list[Part]:
     left = [
         (at, f"{old:.4g}", f"{new:.4g}", body.units(at).unit(NEWTON_METRE)) for at, (old, new) in found.left.items()
     ]
-    explained = Table(("joint", "without payload", "with it", "unit"), left, left=("unit",))
+    explained = TextTable(("joint", "without payload", "with it", "unit"), left, left=("unit",))
     return [
         Part(f"Payload at the link behind {found.joint}, in that joint's frame", content),
         Part("Torque left, friction fitted anew", [explained]),

@@ -21,12 +21,12 @@ from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
 from pendulum_env.excitation import MOST_TORQUE, excitation
 from pendulum_env.files import write_whole
+from pendulum_env.formatting import join_words
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics import BASE, Estimate, Model, Term, effect
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
-from pendulum_env.words import listing
 from workbench.options import declare
 from workbench.outputs import check_outputs, write_page, wrote
 from workbench.story import tell_diagnosis
@@ -175,7 +175,7 @@ def verdict(hidden: Sequence[str], found: Diagnosis) -> str:
     true, named = set(hidden), set(found.selected)
     alike = {effect for group in found.ambiguous if true & set(group) for effect in group} - true
     if true == named:
-        return "found" + (f", though {listing(sorted(alike))} would look the same" if alike else "")
+        return "found" + (f", though {join_words(sorted(alike))} would look the same" if alike else "")
     if len(named) == len(true) and named <= true | alike:
-        return f"found as one of a group that looks the same: {listing(sorted(true | alike))}"
-    return f"NOT found as it is: the diagnosis says {listing(found.selected) or 'nothing'}"
+        return f"found as one of a group that looks the same: {join_words(sorted(true | alike))}"
+    return f"NOT found as it is: the diagnosis says {join_words(found.selected) or 'nothing'}"

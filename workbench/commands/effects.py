@@ -2,11 +2,11 @@
 
 import argparse
 
+from pendulum_env.formatting import join_words
 from pendulum_env.physics import BASE, Term, nameable
 from pendulum_env.physics.library import addition
 from pendulum_env.physics.table import TABLES, Table
 from pendulum_env.plant import typical
-from pendulum_env.words import listing
 from workbench.narrator.effects import description, name
 from workbench.options import declare
 from workbench.terminal import Terminal
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         left=("kind", "law", "parameters, of typical size"),
     )
     terminal.say(
-        f"what no effect is, `add` keeps as a table: {listing([f'{id} {kind.law}' for id, kind in TABLES.items()])}"
+        f"what no effect is, `add` keeps as a table: {join_words([f'{id} {kind.law}' for id, kind in TABLES.items()])}"
     )
     terminal.say(
         "hide one in a simulated recording: record --effect stribeck, --effect stribeck=0.4,0.3 (parameters in this "
@@ -48,7 +48,7 @@ def described(kind: type[Term]) -> list[str]:
     if issubclass(kind, Table):
         return [str(kind.__doc__).partition("\n")[0], "Parameters: coefficients of a spline, by `add`."]
     text = description(kind.id)
-    alike = f"Confused with {listing([name(id) for id in text.resembles])}." if text.resembles else ""
+    alike = f"Confused with {join_words([name(id) for id in text.resembles])}." if text.resembles else ""
     values = f"Parameters, of typical size: {parameters(kind)}."
     return [line for line in (text.signature, alike, f"What tells: {text.informative_experiment}.", values) if line]
 

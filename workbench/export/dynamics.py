@@ -12,6 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from pendulum_env.formatting import join_words
 from pendulum_env.physics import Estimate, Model, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.simulation import Balance, in_symbols, step
@@ -20,7 +21,6 @@ from pendulum_env.physics.term import ROOM, Memory
 from pendulum_env.recording.vocabulary import SI
 from pendulum_env.servo.drive import UNIT, Drive
 from pendulum_env.servo.loop import GAINS, Given, State, control, gains_of, taps
-from pendulum_env.words import listing
 from workbench.export.request import ExportError, Request
 from workbench.export.servo import supply_of
 
@@ -156,7 +156,7 @@ class _Parts:
         remembered: dict[str, list[str]] = {}
         given, warm = [Quantity("torque", model.units().unit("N m"))], [t.id for t in terms if t.needs == "temperature"]
         if other := [f"{term.id} (by its {term.needs})" for term in terms if term.needs not in ("", "temperature")]:
-            raise ExportError(f"{listing(other)}: no program is given that")
+            raise ExportError(f"{join_words(other)}: no program is given that")
         if warm:
             given.append(Quantity("temperature", SI["temperature"], ROOM))
             x = replace(x, temperature=cast(Any, name("temperature")))

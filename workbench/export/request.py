@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Literal
 
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP
 from pendulum_env.servo.drive import Drive
@@ -15,7 +15,7 @@ from workbench.mistakes import InputError
 Language = Literal["python", "c"]
 
 
-class ExportError(Mistake):
+class ExportError(UserError):
     """A model that a format cannot hold; the message says what, in which format, and what to do."""
 
 

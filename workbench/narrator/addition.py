@@ -5,9 +5,9 @@ import numpy as np
 from estimators.diagnosis.likeness import Likeness, find_likenesses
 from estimators.diagnosis.result import Addition
 from estimators.selection.errors import Step
+from pendulum_env.formatting import join_words
 from pendulum_env.physics.term import loads
 from pendulum_env.units import JointUnits
-from pendulum_env.words import listing
 from workbench.narrator.reasons import ERRORS, describe_objection
 
 FORMS = {
@@ -42,7 +42,7 @@ def describe_table(step: Step) -> str | None:
     if np.mean(curve.value**2) < (SIGNIFICANT * np.median(curve.std)) ** 2:  # at an end they may be large
         return f"{step.added} looks like no formula: its standard errors are nearly as large as itself."
     near = [describe_likeness(one, table.slides) for one in find_likenesses(table, curve)]
-    nearest = f"{listing(near, 'or')} of its shape" if near else "no formula that is known here"
+    nearest = f"{join_words(near, 'or')} of its shape" if near else "no formula that is known here"
     return f"{step.added} looks like {nearest}."
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 from estimators.comparison import Comparison
+from pendulum_env.formatting import format_percent
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import percent
 from workbench.narrator.findings import advise_inertia, measure
 
 
@@ -30,7 +30,7 @@ def caveat(found: Comparison) -> str | None:
     if share == 0:
         return None
     windows = f"windows of {found.horizon:g} s"
-    text = f"In {percent(share)} of the {windows} a small error grows tenfold, as with the arm upright"
+    text = f"In {format_percent(share)} of the {windows} a small error grows tenfold, as with the arm upright"
     return f"{text}: there are no others." if share == 1 else f"{text}: these are not counted in free run."
 
 

@@ -12,10 +12,10 @@ from estimators.schemes.identification import Identification
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
 from pendulum_env.excitation import signal_json
+from pendulum_env.formatting import capitalise, join_words
 from pendulum_env.recording import NoteKind
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, show_angles
-from pendulum_env.words import listing, opening
 from workbench.narrator.effects import name
 from workbench.narrator.findings import aim, describe, measure, measure_change, measure_range
 from workbench.narrator.reasons import describe_reason
@@ -33,7 +33,7 @@ def describe_region(region: Region) -> str:
     text = " ".join(texts)
     if not region.held_out:
         return text
-    where = f"In the held-out data ({listing(region.held_out)})"
+    where = f"In the held-out data ({join_words(region.held_out)})"
     return f"{where}: {text[:1].lower()}{text[1:]}" if text else f"{where}, at no one speed, angle or time."
 
 
@@ -89,17 +89,17 @@ def describe_suggestion(found: Suggestion, units: JointUnits = TURNING) -> str:
 
 def headline(found: Diagnosis) -> str:
     """State the result in a phrase: `Stribeck friction is missing`, `Cogging at elbow is missing`."""
-    where = listing([at for at in dict.fromkeys(region.at for region in found.unexplained) if at])
+    where = join_words([at for at in dict.fromkeys(region.at for region in found.unexplained) if at])
     place = f" at {where}" if where else ""
     groups = [
-        f"a payload of {measure(replace(own.numbers['mass'], std=0.0))} in {listing(own.recordings)}"
+        f"a payload of {measure(replace(own.numbers['mass'], std=0.0))} in {join_words(own.recordings)}"
         for own in found.findings
         if own.kind is Kind.PAYLOAD
     ]
-    groups += [listing([name(id) for id in group], "or") for group in found.effects]
+    groups += [join_words([name(id) for id in group], "or") for group in found.effects]
     if groups:
         rest = f", and more{place} that no known effect explains" if found.unexplained else ""
-        return f"{opening(listing(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
+        return f"{capitalise(join_words(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
     if not found.unexplained:
         return "Nothing is missing" if found.searched else "The model explains what was measured"
     return (
@@ -173,7 +173,9 @@ def remarks(found: Diagnosis) -> list[str]:
 
 def contradiction(found: Diagnosis) -> str:
     """Compare the effects that the torque of a servo calls for by itself with those of the loop."""
-    theirs, ours = (listing([name(id) for id in own]) or "nothing" for own in (found.by_torque or (), found.selected))
+    theirs, ours = (
+        join_words([name(id) for id in own]) or "nothing" for own in (found.by_torque or (), found.selected)
+    )
     return (
         f"By the logged torque alone, regressed on the motion: {theirs}; in the loop: {ours}. A simulation follows the "
         "loop."

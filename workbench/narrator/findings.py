@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
+from pendulum_env.formatting import capitalise, format_estimate, format_quantity, join_words
 from pendulum_env.settings import Blank, setting
 from pendulum_env.units import to_shown_unit
-from pendulum_env.words import listing, number_text, opening, plus_minus
 from workbench.narrator.effects import description, name
 
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
@@ -47,14 +47,14 @@ def measure(quantity: Quantity, digits: int = 3, is_parameter: bool = False) -> 
     """Return a number with its standard error, if it has one, and its unit, as they are shown."""
     factor, unit = to_shown_unit(1.0, quantity.unit, is_parameter)
     value, std = factor * quantity.value, factor * quantity.std
-    text = plus_minus(value, std) if std else number_text(value, digits)
+    text = format_estimate(value, std) if std else format_quantity(value, digits)
     return f"{text} {unit}".rstrip()
 
 
 def measure_change(before: Quantity, after: Quantity, digits: int = 3) -> str:
     """Return a number before and after in one unit: `0.2 -> 0.1 rad`."""
     old, _ = to_shown_unit(before.value, before.unit)
-    return f"{number_text(old, digits)} -> {measure(after, digits)}"
+    return f"{format_quantity(old, digits)} -> {measure(after, digits)}"
 
 
 def measure_range(low: float, high: float, unit: str, digits: int = 3) -> str:
@@ -71,7 +71,7 @@ def milliseconds(quantity: Quantity) -> str:
 
 
 def _unidentifiable(found: Finding) -> str:
-    names, first = listing(found.parameters), found.parameters[0].partition(".")[0]
+    names, first = join_words(found.parameters), found.parameters[0].partition(".")[0]
     if not found.numbers:
         return f"The data do not determine {names}. Move all joints faster, wider and together."
     best = ", ".join(measure(found.numbers[name], is_parameter=True) for name in found.parameters)
@@ -100,7 +100,8 @@ def _logged(found: Finding) -> str:
 def _uncertain(found: Finding) -> str:
     logged, inverse = found.numbers["torque_constant"].unit.partition("/")[2], found.numbers["inverse"]
     return (
-        f"the known loads give its inverse as {plus_minus(inverse.value, inverse.std)} {logged}/(N m). Take loads that "
+        f"the known loads give its inverse as {format_estimate(inverse.value, inverse.std)} {logged}/(N m). "
+        "Take loads that "
         "differ more, or move further."
     )
 
@@ -108,7 +109,8 @@ def _uncertain(found: Finding) -> str:
 def _negative(found: Finding) -> str:
     constant, load_torque = found.numbers["torque_constant"], "load_torque, " if found.parameters else ""
     return (
-        f"the known loads give {plus_minus(constant.value, constant.std)} {constant.unit}, which is negative. Turn "
+        f"the known loads give {format_estimate(constant.value, constant.std)} {constant.unit}, which is "
+        "negative. Turn "
         f"{load_torque}torque or position round with a minus sign."
     )
 
@@ -138,7 +140,7 @@ def _back_emf(found: Finding) -> str:
 
 def _of(found: Finding) -> str:
     """Return the beginning of a sentence about some recordings."""
-    return f"{listing(found.recordings)}: the" if found.recordings else "The"
+    return f"{join_words(found.recordings)}: the" if found.recordings else "The"
 
 
 def _late(remedy: str, is_sampled: bool = False) -> Callable[[Finding], str]:
@@ -235,7 +237,7 @@ def _remedy(text: str, otherwise: str = "") -> Callable[[Finding], str]:
 
     def sentence(found: Finding) -> str:
         options = [
-            f"Read {'it' if len(found.remedies) == 1 else listing(own.recordings)} with "
+            f"Read {'it' if len(found.remedies) == 1 else join_words(own.recordings)} with "
             f"{setting('columns', own.columns)} instead."
             for own in found.remedies
         ]
@@ -259,12 +261,12 @@ def _incomplete(found: Finding) -> str:
     parts = []
     if "residual" in found.numbers:
         size = f"{found.numbers['residual'].value:.2g} times the noise floor"
-        where = f" ({listing(found.joints)})" if found.joints else ""
+        where = f" ({join_words(found.joints)})" if found.joints else ""
         parts.append(f"the residual is {'up to ' * (len(found.joints) > 1)}{size}{where}")
     if "disagreement" in found.numbers:
         size = f"{found.numbers['disagreement'].value:.2g} standard errors"
         several = "up to " * (len(found.parameters) > 1)
-        parts.append(f"the schemes disagree on {listing(found.parameters)} by {several}{size}")
+        parts.append(f"the schemes disagree on {join_words(found.parameters)} by {several}{size}")
     return f"The model is incomplete: {', and '.join(parts)}."
 
 
@@ -275,7 +277,7 @@ def describe_violations(found: Finding) -> list[str]:
 
 
 def _impossible(found: Finding) -> str:
-    violated = listing(describe_violations(found))
+    violated = join_words(describe_violations(found))
     return (
         f"The best fit is unphysical: it has {violated}. Check the signs of torque and position, or record a motion of "
         "more than one frequency."
@@ -284,7 +286,7 @@ def _impossible(found: Finding) -> str:
 
 def _servo_off(found: Finding) -> str:
     worst = found.numbers.get("worst")
-    most = "" if worst is None else f", most of it in {listing(found.recordings)} ({measure(worst, 2)})"
+    most = "" if worst is None else f", most of it in {join_words(found.recordings)} ({measure(worst, 2)})"
     return (
         f"Simulated from its goal, the servo is off by {measure(found.numbers['error'], 2)}, "
         f"{found.numbers['times'].value:.2g} times the noise of the encoder{most}."
@@ -292,7 +294,7 @@ def _servo_off(found: Finding) -> str:
 
 
 def _tied(found: Finding) -> str:
-    text = f"{listing(found.effects)} look the same in these data"
+    text = f"{join_words(found.effects)} look the same in these data"
     reveals = description(found.effects[-1]).informative_experiment
     return f"{text}. To tell them apart: {reveals}." if reveals else f"{text}."
 
@@ -318,7 +320,7 @@ def describe_law(found: Finding) -> str:
 
 def _table_helps(found: Finding) -> str:
     first, *others = found.effects
-    more = f" {listing(others)} would keep others." if others else ""
+    more = f" {join_words(others)} would keep others." if others else ""
     return (
         f"Keep the unknown law as a table, which also shows its shape: `pendulum-ident add MODEL.json {first} ...`."
         f"{more}"
@@ -326,7 +328,7 @@ def _table_helps(found: Finding) -> str:
 
 
 def _fit_held_out(found: Finding) -> str:
-    return f"The model explains the fitted data, but not the held-out data ({listing(found.recordings)}): fit both."
+    return f"The model explains the fitted data, but not the held-out data ({join_words(found.recordings)}): fit both."
 
 
 def _payload(found: Finding) -> str:
@@ -337,13 +339,13 @@ def _payload(found: Finding) -> str:
     errors = [f"{at} {measure_change(before, after)}" for at, before, after in pairs]
     explained = f" Torque error there without and with it: {', '.join(errors)}." if errors else ""
     return (
-        f"The arm carries a payload of {measure(found.numbers['mass'])} in {listing(found.recordings)}, at the link "
-        f"behind {listing(found.joints)}{center} in the frame of that joint.{explained}"
+        f"The arm carries a payload of {measure(found.numbers['mass'])} in {join_words(found.recordings)}, at the link "
+        f"behind {join_words(found.joints)}{center} in the frame of that joint.{explained}"
     )
 
 
 def _beyond_limits(found: Finding) -> str:
-    aims = listing([aim(*pair) for pair in found.pairs], "or")
+    aims = join_words([aim(*pair) for pair in found.pairs], "or")
     place = found.numbers.get("place")
     there = "" if place is None else f" and go to {measure(place, 2)}, where most is left,"
     options = "--max-angle, --max-speed" + ", --max-torque" * ("torque" in found.numbers)  # without it, a free swing
@@ -357,7 +359,7 @@ def limits_text(numbers: Mapping[str, Quantity]) -> str:
     """Name the limits of an experiment: `0.5 N m, 2 rad/s and the recorded angles`."""
     given = [measure(numbers[name]) for name in LIMITS if name in numbers and np.isfinite(numbers[name].value)]
     recorded = [f"{name}s" for name in ("angle", "speed") if name not in numbers]
-    return listing([*given, *([f"the recorded {listing(recorded)}"] if recorded else [])])
+    return join_words([*given, *([f"the recorded {join_words(recorded)}"] if recorded else [])])
 
 
 def aim(effect: str, instead: str | None) -> str:
@@ -402,10 +404,10 @@ DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
         "same. Record wider swings."
     ),
     Kind.NEVER_ACTS: lambda found: (
-        f"{listing(found.parameters)} never acts in these recordings. Record motion that reaches it."
+        f"{join_words(found.parameters)} never acts in these recordings. Record motion that reaches it."
     ),
     Kind.INDISTINGUISHABLE: lambda found: (
-        f"{listing(found.parameters)} cannot be told apart: they act alike in these recordings."
+        f"{join_words(found.parameters)} cannot be told apart: they act alike in these recordings."
     ),
     Kind.UNIDENTIFIABLE: _unidentifiable,
     Kind.RELATIVE_TO_INERTIA: lambda found: (
@@ -453,8 +455,8 @@ DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
     Kind.TORQUE_CONSTANT: lambda found: "The known loads give the torque constant.",
     Kind.NARROWER_WINDOWS: lambda found: f"The windows have {found.numbers['share'].value:g} of their length.",
     Kind.IMPACTS_INCLUDED: lambda found: "Windows in contact with a stop, at reversals or at rest, are included.",
-    Kind.RECORDINGS_EXCLUDED: lambda found: f"Left out: {listing(found.recordings)}.",
-    Kind.TIMED_BESIDE: lambda found: f"Torque is timed beside {listing(found.effects)}.",
+    Kind.RECORDINGS_EXCLUDED: lambda found: f"Left out: {join_words(found.recordings)}.",
+    Kind.TIMED_BESIDE: lambda found: f"Torque is timed beside {join_words(found.effects)}.",
     Kind.PAYLOAD: _payload,
     Kind.BACK_EMF_INCLUDED: lambda found: "The base model has back-EMF.",
     Kind.GOALS_HELD: lambda found: _goals(found, "held from row to row", "that run on between rows", "ramp"),
@@ -499,14 +501,15 @@ DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
         "The gravity came out negative beside a spring: the two cancel, and neither is meaningful."
     ),
     Kind.FRICTION_NEGATIVE: lambda found: (
-        f"{listing(found.parameters)} came out negative, and no friction drives: another law acts in its place."
+        f"{join_words(found.parameters)} came out negative, and no friction drives: another law acts in its place."
     ),
     Kind.INCOMPLETE: _incomplete,
     Kind.TIED: _tied,
-    Kind.UNTESTED_RANGE: lambda found: f"{opening(describe_untested(found))}.",
+    Kind.UNTESTED_RANGE: lambda found: f"{capitalise(describe_untested(found))}.",
     Kind.IMPOSSIBLE: _impossible,
     Kind.TABLE_EXPLAINS: lambda found: (
-        f"{opening(describe_law(found))} would explain most of the residual, and no effect of the library is that law."
+        f"{capitalise(describe_law(found))} would explain most of the residual, and no effect of the library "
+        "is that law."
     ),
     Kind.NEAR_REVERSALS: lambda found: (
         "The torque fits where the joint moves freely, but free-running simulation errs by "

@@ -11,6 +11,7 @@ from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.schemes.fitting import Identified
 from estimators.schemes.identification import Identification
 from estimators.selection.errors import get_single
+from pendulum_env.formatting import TextTable, capitalise, format_unit, join_words
 from pendulum_env.notebook import (
     BLUE,
     GREEN,
@@ -32,7 +33,6 @@ from pendulum_env.notebook import headline as headlines
 from pendulum_env.recording import Note
 from pendulum_env.recording.record import NEWTON_METRE, Recording, TorqueConstant
 from pendulum_env.units import to_shown_unit
-from pendulum_env.words import Table, listing, opening, unit
 from workbench.narrator import comparison
 from workbench.narrator.addition import describe_addition
 from workbench.narrator.diagnosis import advice, headline, next_step, remarks, warnings
@@ -76,7 +76,7 @@ def show_identification(found: Identification) -> str:
     """Estimates of the schemes side by side, how they settle, and what the recordings cannot tell."""
     results, estimates = list(found.schemes.values()), schemes_table(found)
     return card(
-        f"Estimates from {listing(found.recordings)}",
+        f"Estimates from {join_words(found.recordings)}",
         *_constant(found.torque_constant),
         table(estimates),
         note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
@@ -104,7 +104,7 @@ def show_recording(recording: Recording) -> str:
     if not recording.torque.any():
         lines.append("torque is never applied: only ratios of parameters can be known")
     plots = [
-        plot(f"{label} [{unit(symbol)}] over {recording.duration:.3g} s", recording.time, curves)
+        plot(f"{label} [{format_unit(symbol)}] over {recording.duration:.3g} s", recording.time, curves)
         for label, values, symbol, color in signals
         for curves in [[Curve(own, color) for own in np.atleast_2d(values.T)]]  # a joint each
     ]
@@ -118,7 +118,7 @@ def show_identified(found: Identified) -> str:
     used, all_of_them = found.used
     return card(
         f"Estimates by the scheme {found.scheme}",
-        table(Table(("parameter", "estimate", "unit"), rows, left=("unit",))),
+        table(TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))),
         note(f"residual {found.residual_rms:.3g} {found.unit}, {used} of {all_of_them} samples used"),
         *_settling([found]),
     )
@@ -134,7 +134,9 @@ def _settling(results: Sequence[Identified]) -> list[Html]:
         middle = float(np.median([curve.values[-1] for curve in curves]))
         settled = np.concatenate([curve.values[late] for curve in curves])
         reach = 1.6 * max(float(np.abs(settled - middle).max()), 0.005 * abs(middle), 1e-12)
-        label = f"{column.name} [{unit(results[0].model.units().unit(column.unit)) or '1'}] over {time[-1]:.3g} s"
+        label = (
+            f"{column.name} [{format_unit(results[0].model.units().unit(column.unit)) or '1'}] over {time[-1]:.3g} s"
+        )
         plots.append(plot(label, time, curves, span=(middle - reach, middle + reach)))
     return plots
 
@@ -196,7 +198,7 @@ def show_addition(found: Addition) -> str:
 
 def _constant(constant: TorqueConstant | None) -> tuple[Html, ...]:
     """By which a current was turned into torque."""
-    return () if constant is None else (note(f"{opening(constant.text)}; standard errors include that of it."),)
+    return () if constant is None else (note(f"{capitalise(constant.text)}; standard errors include that of it."),)
 
 
 def _parts(parts: Sequence[Part]) -> Iterator[Html]:
@@ -204,10 +206,10 @@ def _parts(parts: Sequence[Part]) -> Iterator[Html]:
     for part in parts:
         content = [
             table(item)
-            if isinstance(item, Table)
+            if isinstance(item, TextTable)
             else note(item)
             if isinstance(item, str)
-            else bullets(map(opening, item))
+            else bullets(map(capitalise, item))
             for item in part.content
         ]
         yield from [heading(part.title), *content] if part.brief else [folded(part.title, *content)]

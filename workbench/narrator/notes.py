@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping
 
+from pendulum_env.formatting import join_words
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.settings import setting
-from pendulum_env.words import listing
 
 WARNING = "warning: "  # begins a note on a likely error
 
@@ -12,7 +12,7 @@ WARNING = "warning: "  # begins a note on a likely error
 def describe_note(note: Note) -> str:
     """Describe a note in a phrase."""
     numbers = {name: number.value for name, number in note.numbers.items()}
-    words = {"quantity": listing(note.quantities), "text": note.text, "columns": setting("columns", note.columns)}
+    words = {"quantity": join_words(note.quantities), "text": note.text, "columns": setting("columns", note.columns)}
     words |= {f"header{k or ''}": name for k, name in enumerate(note.headers)}
     if note.kind in PLACES:
         words["places"] = PLACES[note.kind](note)
@@ -28,7 +28,7 @@ def _rows(note: Note) -> str:
         return f"data row {rows[0]}"
     count = note.numbers["count"].value
     more = [f"{count - len(rows):g} more"] if count > len(rows) else []
-    return f"{count:g} data rows ({listing([*rows, *more])})"
+    return f"{count:g} data rows ({join_words([*rows, *more])})"
 
 
 def _times(note: Note) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
-from pendulum_env.words import listing
+from pendulum_env.formatting import join_words
 from workbench.narrator.effects import description
 from workbench.narrator.findings import describe_law, describe_untested, describe_violations, measure_change
 
@@ -51,7 +51,7 @@ def describe_objection(found: Finding) -> str:
         case Kind.ERRORS_FALL:
             return f"lowers the held-out {_fall(found.numbers)}"
         case Kind.ERROR_FALLS_AT_JOINT:
-            joints, share = listing(found.joints), found.numbers["share"].value
+            joints, share = join_words(found.joints), found.numbers["share"].value
             return f"lowers the held-out torque error of {joints} to {share:.1%}"
         case Kind.TIES:
             return f"predicts as well as {found.effects[0]}, or nearly"
@@ -100,4 +100,4 @@ def _gate(found: Finding) -> str:
     if name in HELD_OUT:
         where = f" at {at}" if at else ""
         return f"does not lower the held-out {HELD_OUT[name]} ({measure_change(limit, value)}){where}"
-    return f"would mean {listing(describe_violations(found))}, which no body has"
+    return f"would mean {join_words(describe_violations(found))}, which no body has"

@@ -16,12 +16,12 @@ from estimators.selection.errors import Errors, Step
 from estimators.signals.residual import SYMBOLS, Profile
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
+from pendulum_env.formatting import TextTable, draw_bar, format_quantity, join_words
 from pendulum_env.physics import Model
 from pendulum_env.physics.model_card import parameters_table
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, to_shown_unit
-from pendulum_env.words import Table, bar, listing, number_text
 from workbench.narrator.addition import describe_addition, describe_table
 from workbench.narrator.comparison import caveat, errors_in_loop
 from workbench.narrator.diagnosis import (
@@ -47,7 +47,7 @@ TRUST = f"{TIMES}: how large a scheme's standard errors are beside the smallest,
 CLEAR = "clear of stick and reversals"
 FOLLOWED = 80.0  # [%] of the motion in free runs, below which torque alone does not make a good model
 
-Content = Sequence[Table | str | tuple[str, ...]]  # a tuple is a list of points
+Content = Sequence[TextTable | str | tuple[str, ...]]  # a tuple is a list of points
 
 
 class Part(NamedTuple):
@@ -92,8 +92,8 @@ def refit_content(refit: HorizonRefit, units: JointUnits) -> Content:
     rows = []
     for name, step in steps.items():
         sizes = [size for own in step.errors.values() for size in (own.torque_rms, factor * own.position_rms)]
-        rows.append((name, *(number_text(size, 4) for size in sizes)))
-    return [Table(headers, rows), describe_refit(refit)]
+        rows.append((name, *(format_quantity(size, 4) for size in sizes)))
+    return [TextTable(headers, rows), describe_refit(refit)]
 
 
 def ends(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors, Errors]:
@@ -106,7 +106,7 @@ def judged(candidates: Sequence[Candidate], every: bool, how: str = "") -> Part:
     ranking, more = candidates_table(candidates, every)
     shown = {row[0] for row in ranking.rows}
     gates = [(one.effect, *gate.cells) for one in candidates if one.effect in shown for gate in one.gates]
-    table = Table(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
+    table = TextTable(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
     more_text = [f"and {more}{how}"] if more else []
     return Part("Candidates", [ranking, *more_text, SCORE, *([table] if gates else [])], brief=False)
 
@@ -146,7 +146,7 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     body, several = found.model.body, len(found.distances)
     regions = [(own.at, describe_region(own)) for own in found.regions]
     texts = [f"{at}: {text}" if at else text for at, text in regions]
-    where: list[Table | str | tuple[str, ...]] = [tuple(texts)]
+    where: list[TextTable | str | tuple[str, ...]] = [tuple(texts)]
     axes = [region.axis for region in found.regions if region.axis != "frequency"]
     profile = next((item for axis in axes for item in found.profiles if item.axis == axis), None)
     if profile is not None and not is_drawn:
@@ -166,7 +166,7 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
             "rest, `diagnose` tells what may"
         )
     in_words = [text for text in (errors_in_loop(found), caveat(found)) if text]
-    title = f"Errors of the model with {listing([term.id for term in found.model.terms])}"
+    title = f"Errors of the model with {join_words([term.id for term in found.model.terms])}"
     table = distances_table(found)
     if not body.can_simulate:
         title = f"Torque errors, {CLEAR}"
@@ -180,7 +180,7 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
 
 def joints_table(
     columns: Sequence[Errors], floors: Mapping[str, float], model: Model, headers: Sequence[str] = ("before", "after")
-) -> Table:
+) -> TextTable:
     """A row a joint: torque errors of models, what noise alone leaves, and the share of the torque that is left."""
     rows = [
         (
@@ -192,10 +192,10 @@ def joints_table(
         )
         for at, share in columns[-1].shares.items()
     ]
-    return Table(("joint", *headers, "noise floor", "unit", "of its torque"), rows, left=("unit",))
+    return TextTable(("joint", *headers, "noise floor", "unit", "of its torque"), rows, left=("unit",))
 
 
-def errors_table(steps: Sequence[Step], units: JointUnits = TURNING) -> Table:
+def errors_table(steps: Sequence[Step], units: JointUnits = TURNING) -> TextTable:
     """Errors step by step, with a bar that shrinks; ratios are held-out errors over the base's."""
     base = steps[0].errors["holdout"]
     headers, rows = ["model"], [["as it was" if step.added is None else f"+ {step.added}"] for step in steps]
@@ -204,9 +204,9 @@ def errors_table(steps: Sequence[Step], units: JointUnits = TURNING) -> Table:
         headers += [f"{what}, fitted [{unit}]", f"{what}, held out [{unit}]", "ratio"]
         for row, step in zip(rows, steps, strict=True):
             train, holdout = (getattr(step.errors[part], kind) for part in ("train", "holdout"))
-            ratio = number_text(holdout / max(getattr(base, kind), 1e-300), 3)
-            row += [number_text(factor * train, 4), number_text(factor * holdout, 4), ratio]
-    return Table([*headers, ""], [[*row, bar(float(row[3]))] for row in rows], left=("",))
+            ratio = format_quantity(holdout / max(getattr(base, kind), 1e-300), 3)
+            row += [format_quantity(factor * train, 4), format_quantity(factor * holdout, 4), ratio]
+    return TextTable([*headers, ""], [[*row, draw_bar(float(row[3]))] for row in rows], left=("",))
 
 
 def fit_text(steps: Sequence[Step]) -> str:
@@ -216,13 +216,13 @@ def fit_text(steps: Sequence[Step]) -> str:
     first, last = (step.errors["holdout"] for step in (steps[0], steps[-1]))
     course = " -> " if len(steps) > 1 else ""
     torque, position = (
-        f"{number_text(old, 4, '%')}{course}{number_text(new, 4, '%') if course else ''}"
+        f"{format_quantity(old, 4, '%')}{course}{format_quantity(new, 4, '%') if course else ''}"
         for old, new in ((first.torque_fit, last.torque_fit), (first.position_fit, last.position_fit))
     )
     return f"fit of what was held out: torque {torque}, position {position}"
 
 
-def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tuple[Table, str]:
+def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tuple[TextTable, str]:
     """The candidates that matter, or all, and in words which ones are not shown; empty if none.
 
     Those that matter are all but the less likely of those left out.
@@ -236,20 +236,20 @@ def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tu
     blind = [c.effect for c in hidden if c.verdict is Verdict.NOT_EXCITED]
     worse = len(hidden) - len(blind)
     parts = [f"{worse} more that are no better"] if worse else []
-    parts += [f"{len(blind)} that could not be judged ({listing(blind)})"] if blind else []
-    return Table(("effect", "verdict", "score", "reason"), rows, left=("verdict", "reason")), " and ".join(parts)
+    parts += [f"{len(blind)} that could not be judged ({join_words(blind)})"] if blind else []
+    return TextTable(("effect", "verdict", "score", "reason"), rows, left=("verdict", "reason")), " and ".join(parts)
 
 
-def detectable_table(found: Sequence[Detectable]) -> Table:
+def detectable_table(found: Sequence[Detectable]) -> TextTable:
     """Tabulate the smallest detectable sizes of effects."""
-    return Table(
+    return TextTable(
         ("effect", "would have shown"),
         [(one.effect, describe_detectable(one)) for one in found],
         left=("would have shown",),
     )
 
 
-def parameters_by_scheme(found: Identification) -> Table:
+def parameters_by_scheme(found: Identification) -> TextTable:
     """Estimates of every scheme, a row a parameter, a column a scheme."""
     models = [one.model.estimates for one in found.schemes.values()]
     rows = [(name, *(own[name].shown.text for own in models), one.shown.unit) for name, one in models[0].items()]
@@ -258,10 +258,10 @@ def parameters_by_scheme(found: Identification) -> Table:
         errors = np.array([[one.std for one in own.values()] for own in models])
         times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
         rows.append((TIMES, *(f"{own:.2g}" for own in times.tolist()), ""))
-    return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
+    return TextTable(("parameter", *found.schemes, "unit"), rows, left=("unit",))
 
 
-def schemes_table(found: Identification, by_instruments: Model | None = None) -> Table:
+def schemes_table(found: Identification, by_instruments: Model | None = None) -> TextTable:
     """Tabulate the estimates of every scheme, one a row, and those by instruments last; of an arm one a column."""
     if isinstance(found.body, Body):
         return parameters_by_scheme(found)
@@ -275,10 +275,12 @@ def schemes_table(found: Identification, by_instruments: Model | None = None) ->
     if by_instruments is not None:
         shown = by_instruments.withholding({name for own in found.findings for name in own.withheld})
         rows.append(("instruments", *(shown.estimates[name].text for name in names), ""))
-    return Table(("scheme", *(f"{column.name} [{units.unit(column.unit)}]" for column in columns), "residual"), rows)
+    return TextTable(
+        ("scheme", *(f"{column.name} [{units.unit(column.unit)}]" for column in columns), "residual"), rows
+    )
 
 
-def trust_text(shown: Table) -> str:
+def trust_text(shown: TextTable) -> str:
     """Say what the row of errors in a table of schemes means, if the table has one."""
     return TRUST if any(row[0] == TIMES for row in shown.rows) else ""
 
@@ -302,14 +304,14 @@ def kin(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
     return family, "filtered" in scheme
 
 
-def distances_table(found: Comparison) -> Table:
+def distances_table(found: Comparison) -> TextTable:
     """Errors of a model on every recording, and on all together if there are several."""
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
     units = found.model.units()
     unit, (factor, angle) = units.unit(NEWTON_METRE), to_shown_unit(1.0, units.unit("rad"))
     free = f"free-running position{'' if found.horizon in (None, HORIZON) else f' over {found.horizon:g} s'} [{angle}]"
     errors = (f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", free, "fit [%]")
-    return Table(
+    return TextTable(
         (
             "recording",
             *errors,
@@ -321,8 +323,8 @@ def distances_table(found: Comparison) -> Table:
                 f"{item.errors.torque_rms:.4g}",
                 f"{item.errors.torque_fit:.4g}",
                 f"{item.noise_floor:.4g}",
-                number_text(factor * item.errors.position_rms, 4),
-                number_text(item.errors.position_fit, 4),
+                format_quantity(factor * item.errors.position_rms, 4),
+                format_quantity(item.errors.position_fit, 4),
                 *(
                     f"{factor * error:.4g}"
                     for error in (item.errors.in_loop, item.errors.in_loop_rms)
@@ -334,7 +336,7 @@ def distances_table(found: Comparison) -> Table:
     )
 
 
-def profile_table(profile: Profile) -> Table:
+def profile_table(profile: Profile) -> TextTable:
     """Mean residual over one quantity, with bars to either side of zero."""
     largest = float(np.abs(profile.mean).max()) or 1.0
     edges, along = to_shown_unit(profile.edges, profile.unit)
@@ -343,10 +345,10 @@ def profile_table(profile: Profile) -> Table:
         for (low, high), mean in zip(pairwise(edges), profile.mean.tolist(), strict=True)
     ]
     unit = profile.units.unit(NEWTON_METRE)
-    return Table((f"{SYMBOLS[profile.axis]} [{along}]", f"mean residual [{unit}]", ""), rows, left=("",))
+    return TextTable((f"{SYMBOLS[profile.axis]} [{along}]", f"mean residual [{unit}]", ""), rows, left=("",))
 
 
 def _to_either_side(share: float, width: int = 12) -> str:
     """Bar from the middle to the left or to the right."""
-    left, right = ("", bar(share, width)) if share > 0 else (bar(-share, width), "")
+    left, right = ("", draw_bar(share, width)) if share > 0 else (draw_bar(-share, width), "")
     return f"{left:>{width}}│{right:<{width}}"

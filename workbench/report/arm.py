@@ -8,8 +8,8 @@ from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
 from estimators.signals.residual import REGIONS, compute_profiles
 from estimators.weak_form.torque_windows import NEGLIGIBLE
+from pendulum_env.formatting import format_percent
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import percent
 from workbench.narrator.diagnosis import describe_region, headline, next_step
 from workbench.report.case import Case, Drawn, ends
 from workbench.report.failures import key, profile_figure
@@ -82,5 +82,10 @@ def strips(models: Sequence[Drawn], prepared: RegressionData) -> Section:
         ]
         found.append({"joint": joint, "figures": figures, "regions": standing_out})
     entries = key(curves, standing[0], len(standing) > 1 and standing[-1])
-    content = {"strips": found, "key": entries, "threshold": REGIONS.stands_out, "negligible": percent(NEGLIGIBLE)}
+    content = {
+        "strips": found,
+        "key": entries,
+        "threshold": REGIONS.stands_out,
+        "negligible": format_percent(NEGLIGIBLE),
+    }
     return Section("strips", "Where it fails", "Where each joint's torque is not the model's", content)

@@ -9,10 +9,10 @@ from estimators.figure import DRAWING, Figure, axis, band, before_and_after, bro
 from estimators.in_loop.fit import simulate_recording
 from estimators.simulation.free_running import HORIZON, Segments, follow
 from pendulum_env._typing import Array
+from pendulum_env.formatting import capitalise
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import POINTS, thin
-from pendulum_env.words import opening
 from workbench.narrator.diagnosis import describe_region, headline, next_step, remarks
 from workbench.report.case import Case
 from workbench.report.section import Section
@@ -124,7 +124,7 @@ def loop(
         "figures": figures,
         "lists": [("Left unexplained", left), ("What to do next", advice)],
     }
-    return Section("loop", "In the loop", opening(headline), content)
+    return Section("loop", "In the loop", capitalise(headline), content)
 
 
 def of_diagnosis(case: Case) -> Section:

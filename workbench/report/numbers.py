@@ -13,10 +13,10 @@ from estimators.figure import DRAWING, Figure, axis, band, line, segment
 from estimators.schemes.identification import Identification
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON
+from pendulum_env.formatting import capitalise, format_number, format_unit
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.table import Curve, Table
 from pendulum_env.units import JointUnits, to_shown_unit
-from pendulum_env.words import number, opening, unit
 from workbench.narrator.effects import name
 from workbench.narrator.results import kin
 from workbench.report.case import Case
@@ -96,7 +96,7 @@ def ladder(case: Case, quantity: str, title: str, floor: float | None, factor: f
             showgrid=False,
             zeroline=False,
         ),
-        "yaxis": axis(title, type="log", range=[low, high], tickvals=ticks, ticktext=[number(t) for t in ticks]),
+        "yaxis": axis(title, type="log", range=[low, high], tickvals=ticks, ticktext=[format_number(t) for t in ticks]),
     }
     return Figure(f"ladder-{quantity}", f"{title} after every step", data, layout, 320)
 
@@ -127,7 +127,7 @@ def parameters(case: Case) -> Section:
 
 def _drawn(table: Table, curve: Curve, units: JointUnits) -> Figure:
     """A table as a function, with its band."""
-    title = f"{opening(name(table.id))}, {table.law}"
+    title = f"{capitalise(name(table.id))}, {table.law}"
     quantity, of = ("angle", "rad") if table.axis == "position" else ("speed", "rad/s")
     (x, along), of_torque = to_shown_unit(curve.x, units.unit(of)), units.unit(table.unit)
     argument = f"{units.name(quantity)} [{along}]"
@@ -193,11 +193,11 @@ def convergence_figure(found: Identification, column: int, strokes: dict[str, JS
         estimate = course.theta[:, column]
         late = course.time >= course.time[0] + DRAWING.settled * (course.time[-1] - course.time[0])
         settled.append(estimate[late])
-        data.append(line(course.time, estimate, name(id), "", unit(of), line=strokes[id]))
+        data.append(line(course.time, estimate, name(id), "", format_unit(of), line=strokes[id]))
     values = np.concatenate(settled)
     middle = float(np.median([result[-1] for result in settled]))
     reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / DRAWING.frame
-    title = f"{parameter.name} [{unit(of)}]" if unit(of) else parameter.name
+    title = f"{parameter.name} [{format_unit(of)}]" if format_unit(of) else parameter.name
     between = {"color": "--muted", "width": 1, "dash": "dot"}  # recordings
     layout = {
         "xaxis": axis("time [s]"),

@@ -14,9 +14,17 @@ from plotly.offline import get_plotlyjs, get_plotlyjs_version
 from estimators.comparison import Comparison
 from estimators.diagnosis.result import Diagnosis
 from estimators.selection.errors import Step
-from pendulum_env import words
 from pendulum_env.arguments import check_order
 from pendulum_env.files import write_whole
+from pendulum_env.formatting import (
+    capitalise,
+    format_number,
+    format_percent,
+    format_unit,
+    join_words,
+    split_estimate,
+    typeset,
+)
 from workbench.narrator.comparison import caveat, errors_in_loop, headline
 from workbench.narrator.diagnosis import describe_detectable, describe_disagreement, describe_region, warnings
 from workbench.narrator.effects import name
@@ -51,10 +59,9 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    names = ("opening", "listing", "number", "unit", "typeset", "value_and_error", "percent")
-    environment.filters |= {word: getattr(words, word) for word in names}
+    formats = (capitalise, join_words, format_number, format_unit, typeset, split_estimate, format_percent)
     narrators = (caveat, describe_detectable, describe_disagreement, describe_reason, describe_region, name, warnings)
-    environment.filters |= {function.__name__: function for function in narrators}
+    environment.filters |= {function.__name__: function for function in (*formats, *narrators)}
     return environment
 
 
@@ -153,4 +160,4 @@ def render_comparison(compared: Comparison) -> str:
 
 def _whole(case: Case, sections: Sequence[Section], kind: str) -> str:
     """HTML of a page about recordings."""
-    return assemble(sections, f"{kind} {words.listing([recording.name for recording in case.data.recordings])}")
+    return assemble(sections, f"{kind} {join_words([recording.name for recording in case.data.recordings])}")

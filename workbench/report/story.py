@@ -12,9 +12,9 @@ from estimators.figure import Figure, axis, line
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
 from estimators.simulation.free_running import HORIZON
 from estimators.weak_form.windows import Windows
+from pendulum_env.formatting import format_number, join_words
 from pendulum_env.physics import nameable
 from pendulum_env.quantity import Quantity
-from pendulum_env.words import listing, number
 from workbench.narrator.diagnosis import advice, describe_refit, headline, next_step, remarks
 from workbench.narrator.effects import name
 from workbench.narrator.findings import aim, measure, measure_range
@@ -88,7 +88,9 @@ def misled(diagnosis: Diagnosis) -> list[str]:
         share, off = wrong.value / right.value - 1.0, abs(wrong.value - right.value)
         # an error is worth a word from one per cent of the parameter and three standard errors on
         if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(wrong.std, right.std)):  # standard errors
-            wrong_by.append(f"{name(parameter)} {number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}")
+            wrong_by.append(
+                f"{name(parameter)} {format_number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}"
+            )
     return wrong_by
 
 
@@ -112,7 +114,7 @@ def held_out(case: Case) -> str:
     """Which data the errors are from."""
     if not case.data.holdout:
         return "the last 30 % of each recording, which no parameter was fitted to"
-    return f"held-out data that no parameter was fitted to ({listing([r.name for r in case.data.holdout])})"
+    return f"held-out data that no parameter was fitted to ({join_words([r.name for r in case.data.holdout])})"
 
 
 def candidates(case: Case) -> Section:

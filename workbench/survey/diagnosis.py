@@ -13,7 +13,7 @@ import numpy as np
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
 from pendulum_env._typing import JSON
-from pendulum_env.mistake import told
+from pendulum_env.errors import format_error
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import fault
 from pendulum_env.recording import Source
@@ -85,7 +85,7 @@ def diagnose_source(source: Source, settings: Settings) -> JSON:
 
 def describe_error(error: Exception, source: Source) -> str:
     """Make one sentence of an error, without the name of the file."""
-    error = error if isinstance(error, MISTAKES) else fault(error) or InputError(told(error))
+    error = error if isinstance(error, MISTAKES) else fault(error) or InputError(format_error(error))
     return sentence(error).removeprefix(f"{source.file}: ")
 
 

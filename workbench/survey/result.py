@@ -7,7 +7,8 @@ import msgspec
 from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON
-from pendulum_env.reading import Unreadable, read_bytes
+from pendulum_env.errors import FileError
+from pendulum_env.reading import read_bytes
 
 
 class _Parameter(Struct):
@@ -46,6 +47,6 @@ def read_result(file: Path) -> JSON | None:
     """Read a result; None if there is none, or it is damaged."""
     try:
         content: JSON = msgspec.to_builtins(msgspec.json.decode(read_bytes(file), type=_Result))
-    except (Unreadable, msgspec.MsgspecError):
+    except (FileError, msgspec.MsgspecError):
         return None
     return content

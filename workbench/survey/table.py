@@ -14,8 +14,8 @@ import scipy
 from estimators.trends import Trend, fit_trend
 from pendulum_env._typing import JSON, Array
 from pendulum_env.files import replacing
+from pendulum_env.formatting import TextTable, format_estimate, format_number
 from pendulum_env.recording.clock import find_date
-from pendulum_env.words import Table, number, plus_minus
 from workbench.survey.diagnosis import version
 from workbench.survey.recordings import SurveyedRecording, is_future
 
@@ -162,7 +162,7 @@ def _write(path: Path, rows: Sequence[JSON], columns: dict[str, pa.DataType]) ->
             write(table, file)
 
 
-def recordings_table(rows: Sequence[JSON]) -> Table:
+def recordings_table(rows: Sequence[JSON]) -> TextTable:
     """Make the table of recordings for a reader: failed ones first, then those with an effect or a residual."""
     columns: dict[str, Callable[[JSON], str]] = {
         "recording": lambda row: row["recording"],
@@ -178,7 +178,7 @@ def recordings_table(rows: Sequence[JSON]) -> Table:
     if not any(row["joint"] for row in rows):
         del columns["joint"]
     cells = [tuple(make(row) for make in columns.values()) for row in sorted(rows, key=order)]
-    return Table(tuple(columns), cells, left=[name for name in ("joint", "date", "result") if name in columns])
+    return TextTable(tuple(columns), cells, left=[name for name in ("joint", "date", "result") if name in columns])
 
 
 def _error(row: JSON) -> str:
@@ -191,14 +191,14 @@ def _result(row: JSON) -> str:
     return ", ".join(filter(None, (row["effects"], "unexplained residual" * row["unexplained"]))) or "nothing missing"
 
 
-def changes_table(series: Sequence[Series]) -> Table:
+def changes_table(series: Sequence[Series]) -> TextTable:
     """Make the table of the parameters that change, for a reader."""
     rows = []
     for own in series:
         jump, low, high = own.trend.jump, *own.trend.interval
         size = f"{own.trend.drift:+.3g} ({low:+.3g} to {high:+.3g}) a week"
         if own.change == "jump" and jump is not None:
-            size = f"{'+' if jump.size > 0 else ''}{plus_minus(jump.size, jump.std)} on {own.jump_date:%Y-%m-%d}"
+            size = f"{'+' if jump.size > 0 else ''}{format_estimate(jump.size, jump.std)} on {own.jump_date:%Y-%m-%d}"
         if own.change:
-            rows.append((own.label, own.change, size, own.unit, number(own.mean), f"{own.trend.p_value:.1g}"))
-    return Table(("parameter", "change", "size", "unit", "mean", "p-value"), rows, left=("change", "size", "unit"))
+            rows.append((own.label, own.change, size, own.unit, format_number(own.mean), f"{own.trend.p_value:.1g}"))
+    return TextTable(("parameter", "change", "size", "unit", "mean", "p-value"), rows, left=("change", "size", "unit"))

@@ -14,11 +14,12 @@ from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import process
 from pendulum_env.backends.hardware.config import load, mark_checked
+from pendulum_env.errors import FileError
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import PAPER
-from pendulum_env.reading import Unreadable, read_text, toml
+from pendulum_env.reading import read_text, toml
 
 MARK = "# written by an emulator, and overwritten by the next one\n"
 TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which acts in time anyway
@@ -141,7 +142,7 @@ def _plant(plant: Model) -> dict[str, Any]:
 
 def _own(path: Path) -> None:
     """Refuse to overwrite what describes a real rig."""
-    with suppress(Unreadable):  # no text, or no file at all
+    with suppress(FileError):  # no text, or no file at all
         if not path.exists() or read_text(path).startswith(MARK):
             return
     raise FileExistsError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")

@@ -17,17 +17,17 @@ from typing import Annotated, Any, Literal, cast
 from msgspec import Meta
 
 from pendulum_env.backends.hardware.drive import Settings, adapters, find_adapter
+from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
 from pendulum_env.plant import PAPER
-from pendulum_env.reading import LARGE, NonNegative, Text, Unreadable, convert, read_text, read_toml
+from pendulum_env.reading import LARGE, NonNegative, Text, convert, read_text, read_toml
 
 CHECKED = ".checked"  # ending of the file beside a configuration that says which wiring has passed the check
 
 
-class ConfigError(Mistake):
+class ConfigError(UserError):
     """A configuration cannot be used; the message names the file, the key, what is wrong and what to do."""
 
 
@@ -190,7 +190,7 @@ def load(path: str | Path) -> RigConfig:
     path = Path(path)
     try:
         data = read_toml(path)
-    except Unreadable as error:
+    except FileError as error:
         raise ConfigError(f"{error} (docs/hardware.md has a whole one)") from None
     try:
         config = _rig(path, data)
@@ -198,7 +198,7 @@ def load(path: str | Path) -> RigConfig:
         raise ConfigError(f"{path}: {error}") from None
     try:
         return replace(config, checked=read_text(config.note).strip() == config.wiring)
-    except Unreadable:  # there is no note
+    except FileError:  # there is no note
         return config
 
 

@@ -10,8 +10,8 @@ from dataclasses import is_dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple, Protocol
 
+from pendulum_env.errors import UserError, format_error, shorten_error
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake, one_line, told
 
 ENTRY_POINTS = "pendulum_ident.drives"
 HERE = "pendulum_env.backends.hardware"
@@ -39,7 +39,7 @@ def driver_errors(what: str, remedy: str) -> Iterator[None]:
     except DriveError:
         raise
     except Exception as error:
-        raise DriveError(f"{what} ({one_line(error)}): {remedy}") from None
+        raise DriveError(f"{what} ({shorten_error(error)}): {remedy}") from None
 
 
 class Reading(NamedTuple):
@@ -106,7 +106,7 @@ def register(name: str, adapter: Adapter) -> None:
 
     Raises:
         ValueError: if the name is that of a built-in adapter.
-        Mistake: if it has no dataclass `settings`.
+        UserError: if it has no dataclass `settings`.
     """
     if name in BUILT_IN:
         raise ValueError(f"adapter name '{name}' is taken: choose another one")
@@ -128,7 +128,7 @@ def find_adapter(name: str) -> Adapter:
     """Load the adapter of a name; the packages that it needs are imported now.
 
     Raises:
-        Mistake: if there is none, or what a package offers cannot be used.
+        UserError: if there is none, or what a package offers cannot be used.
         ModuleNotFoundError: if the extra `hardware` is not installed.
     """
     find("adapter", name, adapters())  # which refuses an unknown one
@@ -144,8 +144,8 @@ def find_adapter(name: str) -> Adapter:
             raise ModuleNotFoundError(
                 f"the {name} rig needs {error.name}: pip install 'pendulum-ident[hardware]'"
             ) from None
-        why = one_line(told(error))
-        raise Mistake(
+        why = shorten_error(format_error(error))
+        raise UserError(
             f"the adapter '{name}' cannot be loaded from {found.value} ({why}): mend or reinstall its package"
         ) from None
     _refuse_without_settings(name, adapter, found.value)
@@ -156,4 +156,4 @@ def _refuse_without_settings(name: str, adapter: object, origin: str) -> None:
     """Refuse an adapter whose settings are no dataclass; `origin` says where it comes from."""
     settings = getattr(adapter, "settings", None)
     if not (isinstance(settings, type) and is_dataclass(settings)):
-        raise Mistake(f"the adapter '{name}' ({origin}) has no dataclass 'settings': see docs/how-to/drive.md")
+        raise UserError(f"the adapter '{name}' ({origin}) has no dataclass 'settings': see docs/how-to/drive.md")

@@ -19,7 +19,7 @@ from nidaqmx.system.watchdog import DOExpirationState, WatchdogTask
 
 from pendulum_env.backends.hardware.config import DaqSettings, RigConfig
 from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent
-from pendulum_env.mistake import one_line
+from pendulum_env.errors import shorten_error
 
 LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of when a count is taken: by the driver here, over gRPC
 
@@ -193,11 +193,11 @@ class NiDaq:
         except nidaqmx.errors.RpcError as error:
             raise DriveError(
                 f"the device server {self._link.server} did not answer within {1e3 * self._patience.seconds:.0f} ms "
-                f"({one_line(error)}): check that it runs, and the network"
+                f"({shorten_error(error)}): check that it runs, and the network"
             ) from None
         except (nidaqmx.errors.Error, ValueError) as error:  # ValueError: a channel that was closed
             if getattr(error, "error_code", None) == self.reserved:
                 raise DriveError(
                     "the card is reserved by another program, or by one that was killed: end it, or reset the device"
                 ) from None
-            raise DriveError(f"the card refuses ({one_line(error)}): check the channels in [nidaq]") from None
+            raise DriveError(f"the card refuses ({shorten_error(error)}): check the channels in [nidaq]") from None

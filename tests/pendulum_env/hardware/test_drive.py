@@ -4,7 +4,7 @@ import pytest
 
 from pendulum_env.backends.hardware.config import ConfigError, EncoderSettings, load, mark_checked
 from pendulum_env.backends.hardware.drive import BUILT_IN, adapters, find_adapter, register
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import UserError
 from tests.pendulum_env.packages import install, install_bench
 
 
@@ -78,7 +78,7 @@ def test_the_check_holds_for_the_settings_of_any_adapter_until_they_change(tmp_p
 
 @pytest.mark.parametrize("settings", [None, 3, EncoderSettings()])
 def test_an_adapter_without_a_dataclass_of_settings_is_not_registered(settings):
-    with pytest.raises(Mistake, match=r"the adapter 'bench' \(Bench\) has no dataclass 'settings': see docs"):
+    with pytest.raises(UserError, match=r"the adapter 'bench' \(Bench\) has no dataclass 'settings': see docs"):
         register("bench", type("Bench", (), {"settings": settings}))
     assert "bench" not in adapters()
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from pendulum_env.mistake import Mistake
+from pendulum_env.errors import UserError
 from pendulum_env.physics import Model, ModelError, Samples
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import QuadraticDrag
@@ -153,7 +153,9 @@ def test_a_model_of_many_tables_and_their_covariance_can_be_read_again():
 def test_what_a_table_may_be_is_added_before_it():
     by_angle, friction = in_model(KINDS[0]), in_model(KINDS[2])
     for known in (TorqueOffset(), Spring(), GravityTilt()):
-        with pytest.raises(Mistake, match=f"'torque_by_angle' holds all that '{known.id}' is: add '{known.id}' first"):
+        with pytest.raises(
+            UserError, match=f"'torque_by_angle' holds all that '{known.id}' is: add '{known.id}' first"
+        ):
             by_angle.add(known)
         assert friction.add(known).terms[-1] == known
     assert by_angle.add(QuadraticDrag()).terms[-1] == QuadraticDrag()

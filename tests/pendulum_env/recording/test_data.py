@@ -11,9 +11,9 @@ import pyarrow as pa
 import pytest
 
 from estimators import add, compare, diagnose, identify
+from pendulum_env.errors import ColumnError
 from pendulum_env.physics import BASE, Model
 from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
-from pendulum_env.recording.errors import ColumnError
 from pendulum_env.settings import as_argument, use_writer
 from tests.notes import noted
 

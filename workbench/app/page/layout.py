@@ -8,8 +8,8 @@ from dash.dependencies import MATCH
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
+from pendulum_env.formatting import capitalise, format_number, join_words
 from pendulum_env.lookup import find
-from pendulum_env.words import listing, number, opening
 from workbench.app import uploads
 from workbench.app.card import COLUMN
 from workbench.app.parts import LINKED, PLOT, SPEC, aria, button
@@ -85,7 +85,7 @@ def navigation(here: Stage, trouble: str) -> list[Component]:
     def link(stage: Stage) -> Component:
         now = aria(current="page") if stage is here else {}
         if stage.needs_model and trouble:
-            now |= {"title": opening(trouble), **aria(disabled="true")}
+            now |= {"title": capitalise(trouble), **aria(disabled="true")}
         else:
             now["href"] = f"#{stage.id}"
         return html.A(stage.title, id=f"to-{stage.id}", **now)
@@ -121,13 +121,15 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
     robot = f"{state.robot.file.name} · " if state.robot is not None else ""
     kicker = f"{robot}{count} recording{'s' if count != 1 else ''}, {state.seconds:.3g} s"
     if state.trouble:
-        return kicker, "Nothing can be fitted yet", [f"{opening(state.trouble)}."]
+        return kicker, "Nothing can be fitted yet", [f"{capitalise(state.trouble)}."]
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name(effect)}' for effect in state.added)}"
     unit = state.model.units().unit("N m")
-    diagnosis, names = state.told, listing([name(effect) for effect in state.added])
+    diagnosis, names = state.told, join_words([name(effect) for effect in state.added])
     first, last = ends(state.ladder)
     if state.robot is not None:
-        left = listing(["–" if share is None else f"{number(100 * share, 2)} %" for share in last.shares.values()])
+        left = join_words(
+            ["–" if share is None else f"{format_number(100 * share, 2)} %" for share in last.shares.values()]
+        )
         lead = ["On data it was not fitted to, the model leaves ", html.B(left), " of the joints' torque."]
         smaller, joint = max((first.joints[at] / last.joints[at], at) for at in last.joints)
         error = f"torque error of {joint}"
@@ -136,14 +138,14 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
         lead += [", that of the base model ", _b(first.torque_rms, unit)] if state.added else []
         lead.append(f"; noise alone would leave {_unbroken(diagnosis.noise_floor, unit)}.")
         if state.found:
-            would, found = ends(diagnosis.steps)[1].torque_rms, listing([name(effect) for effect in state.found])
+            would, found = ends(diagnosis.steps)[1].torque_rms, join_words([name(effect) for effect in state.found])
             lead += [f" With {found} it would be ", _b(would, unit), "."]
         smaller, error = first.torque_rms / last.torque_rms, "torque error"
     if state.found or not state.added:
         return kicker, headline(diagnosis), lead
     if smaller < 1.05:  # times smaller, from which an error has become smaller
-        return kicker, f"{opening(names)} hardly lowers the error", lead
-    return kicker, f"With {names} the {error} is {number(smaller, 2)} times smaller", lead
+        return kicker, f"{capitalise(names)} hardly lowers the error", lead
+    return kicker, f"With {names} the {error} is {format_number(smaller, 2)} times smaller", lead
 
 
 def _b(value: float, unit: str) -> Component:
@@ -151,7 +153,7 @@ def _b(value: float, unit: str) -> Component:
 
 
 def _unbroken(value: float, unit: str) -> str:
-    return f"{number(value)} {unit}".replace(" ", NBSP)
+    return f"{format_number(value)} {unit}".replace(" ", NBSP)
 
 
 def running(session: Session) -> list[Component]:
@@ -168,7 +170,7 @@ def running(session: Session) -> list[Component]:
 def show(session: Session, stage: Stage) -> list[Component]:
     """A stage, or the way to it."""
     if stage.needs_model and session.state.trouble:
-        why = html.P(f"{opening(session.state.trouble)}.")
+        why = html.P(f"{capitalise(session.state.trouble)}.")
         return [html.Section([why, html.A("Go to Data", href="#data")], className="panel empty")]
     return stage.show(session)
 

@@ -11,7 +11,7 @@ from estimators.diagnosis.addition import add
 from estimators.diagnosis.result import Addition
 from estimators.selection.errors import Step
 from pendulum_env.arms.joints import kind_at
-from pendulum_env.words import listing, number, opening
+from pendulum_env.formatting import capitalise, format_number, join_words
 from workbench.app.parts import button, effects_to_choose, field, fragment, graph, labelled, panel
 from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
@@ -46,10 +46,10 @@ def said(steps: Sequence[Step]) -> str:
         return "The ladder has one rung, the base model. Add an effect and watch both errors, fitted and held out."
     told, unit = [], steps[-1].model.units().unit("N m")
     for part, where in (("train", "fitted"), ("holdout", "held-out")):
-        old, new = (number(step.errors[part].torque_rms) for step in steps[-2:])
+        old, new = (format_number(step.errors[part].torque_rms) for step in steps[-2:])
         told.append(f"from {old} to {new} {unit} on {where} data")
     added = steps[-1].added or ""
-    fall = f"With {name(added)} the torque error goes {listing(told)}."
+    fall = f"With {name(added)} the torque error goes {join_words(told)}."
     shape = describe_table(steps[-1])
     return fall if shape is None else f"{fall} It {shape.removeprefix(added).strip()}"
 
@@ -72,7 +72,7 @@ def settled(state: Work) -> str:
     """Render the next step after all selected effects are added."""
     rest = "something is left that no effect of the library explains" if state.told.unexplained else ""
     if not state.called:
-        return f"{opening(rest) or 'The diagnosis calls for no effect'}."
+        return f"{capitalise(rest) or 'The diagnosis calls for no effect'}."
     return f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
 
 
@@ -89,7 +89,7 @@ def choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
 def start(session: Session, id: str | None) -> None:
     """Add an effect to the ladder's last model, in the background.
 
-    Raises Mistake if it is none, or in the model already.
+    Raises UserError if it is none, or in the model already.
     """
     if not id:
         raise InputError("choose an effect to add")

@@ -18,10 +18,10 @@ from estimators.data.regression_data import RegressionData
 from estimators.figure import Figure, axis, broken, line, numbers, span
 from estimators.signals.residual import AXES, Region, compute_profiles, find_regions, makes_whole_turns, wrap_angles
 from pendulum_env._typing import JSON, Array, Mask
+from pendulum_env.formatting import capitalise, format_number
 from pendulum_env.physics import Samples
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
-from pendulum_env.words import number, opening
 from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, graph, labelled, panel
 from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State as Work
@@ -192,7 +192,7 @@ def _strips(state: Work, id: str) -> list[Component]:
         texts: list[Component] = []
         for own in strip["regions"]:
             texts.append(html.P(f"Under the {own['label']}{':' if own['regions'] else ' nothing stands out.'}"))
-            texts.append(html.Ul([html.Li(opening(text)) for text in own["regions"]], className="regions-list"))
+            texts.append(html.Ul([html.Li(capitalise(text)) for text in own["regions"]], className="regions-list"))
         plots = [graph(figure) for figure in strip["figures"]]
         parts.append(panel(strip["joint"], html.Div(plots, className="grid strip"), *texts))
     return parts
@@ -211,9 +211,9 @@ def _flown(case: Case, recording: Recording) -> Component:
 
 def _regions(points: Points, shown: int) -> Component:
     rows = [
-        html.Button(opening(describe_region(region)), id={"region": k}, n_clicks=0, type="button", className="link")
+        html.Button(capitalise(describe_region(region)), id={"region": k}, n_clicks=0, type="button", className="link")
         if region.axis != "frequency"
-        else opening(describe_region(region))
+        else capitalise(describe_region(region))
         for k, region in enumerate(points.regions(shown))
     ]
     listed = html.Ul([html.Li(row) for row in rows], className="regions-list")
@@ -262,8 +262,10 @@ def say(points: Points, selected: Mask, shown: int) -> str:
     mean, rms = float(residual.mean()), float(np.sqrt(np.mean(residual**2)))
     unit = points.case.units.unit("N m")
     return (
-        f"{len(time)} of {len(selected)} windows, from {time.min():.3g} to {time.max():.3g} s: residual {number(mean)} "
-        f"{unit} on average, {number(rms)} {unit} RMS; noise alone would leave {number(points.noise)} {unit}."
+        f"{len(time)} of {len(selected)} windows, from {time.min():.3g} to {time.max():.3g} s: residual "
+        f"{format_number(mean)} "
+        f"{unit} on average, {format_number(rms)} {unit} RMS; noise alone would leave "
+        f"{format_number(points.noise)} {unit}."
     )
 
 

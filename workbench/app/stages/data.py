@@ -9,11 +9,11 @@ from dash.development.base_component import Component
 
 from estimators.figure import Figure, line, stacked
 from pendulum_env.arms.body import Body
+from pendulum_env.formatting import capitalise, format_number, format_percent, join_words
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
 from pendulum_env.units import JointUnits
-from pendulum_env.words import listing, number, opening, percent
 from workbench.app import card, recorder, uploads
 from workbench.app.loaded import Loaded
 from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, panel, saves, table
@@ -56,7 +56,7 @@ def _robot(state: State, body: Body) -> Component:
     is_light = state.robot is not None and state.robot.weightless
     gravity = button(f"Its torques are with{'' if is_light else 'out'} gravity", "turn-gravity")
     leave = button("Leave the robot", "leave-robot")
-    return panel("The robot", *(html.P(f"{opening(text)}.") for text in texts), leave, " ", gravity)
+    return panel("The robot", *(html.P(f"{capitalise(text)}.") for text in texts), leave, " ", gravity)
 
 
 def _courses(state: State, k: int, recording: Recording) -> list[Figure]:
@@ -135,15 +135,15 @@ def _row(one: Loaded, recording: Recording, stick: dict[int, float]) -> tuple[An
     return (
         [
             html.Strong(label),
-            *(html.Div(opening(describe_note(note)), className="note") for note in recording.notes),
+            *(html.Div(capitalise(describe_note(note)), className="note") for note in recording.notes),
             columns,
         ],
         f"{recording.duration:.3g}",
         f"{recording.rate:.4g}",
         f"{len(recording):,}".replace(",", " "),
-        percent(stick[id(recording)]) if id(recording) in stick else "–",
-        number(float(np.ptp(recording.position, axis=0).max()) / (2 * np.pi), 2),
-        number(float(np.abs(recording.torque).max()), 2),
+        format_percent(stick[id(recording)]) if id(recording) in stick else "–",
+        format_number(float(np.ptp(recording.position, axis=0).max()) / (2 * np.pi), 2),
+        format_number(float(np.abs(recording.torque).max()), 2),
         html.Div(roles, className="views", role="group"),
         html.Div(ways, className="row"),
     )
@@ -162,10 +162,10 @@ def _telling(state: State) -> Component:
     withheld = {parameter for doubt in state.doubts for parameter in doubt.withheld}
     terms = BASE if state.trouble else state.model.terms
     known = [name(column.name) for term in terms for column in term.columns if column.name not in withheld]
-    can = [] if state.trouble or not known else [html.P(["They tell ", html.Strong(listing(known)), "."])]
+    can = [] if state.trouble or not known else [html.P(["They tell ", html.Strong(join_words(known)), "."])]
     texts = [state.trouble] if state.trouble else []
     texts += [*map(describe_disagreement, state.disagreements), *map(describe, state.doubts)]
-    cannot = html.Ul([html.Li(opening(text)) for text in texts])
+    cannot = html.Ul([html.Li(capitalise(text)) for text in texts])
     nothing = html.P("Nothing in them stands in the way of the model's parameters.")
     return panel("What these recordings tell, and what not", *can, cannot if texts else nothing)
 

@@ -9,7 +9,7 @@ from dash.development.base_component import Component
 
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
-from pendulum_env.words import listing
+from pendulum_env.formatting import join_words
 from workbench import options
 from workbench.app import recorder
 from workbench.app.asked import NOTHING, Asked
@@ -89,7 +89,7 @@ def _next(state: Work, busy: bool) -> list[Component]:
     suggestion = state.diagnosis.suggestion if state.diagnosis is not None else None
     if suggestion is None or recorder.simulated(state) is None:
         return []
-    aims = listing([aim(own.effect, own.instead) for own in suggestion.settles])
+    aims = join_words([aim(own.effect, own.instead) for own in suggestion.settles])
     what = f"The same simulated pendulum can play it now: {suggestion.seconds:g} s to {aims}."
     press = button("Record the next experiment", "record-next", primary=not state.found, disabled=busy)
     return [panel("The next experiment", html.P(what), press)]

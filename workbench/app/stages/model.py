@@ -3,7 +3,7 @@
 from dash import html
 from dash.development.base_component import Component
 
-from pendulum_env.words import opening
+from pendulum_env.formatting import capitalise
 from workbench.app.parts import button, drop, fragment, graph, panel, table
 from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
@@ -17,7 +17,7 @@ def show(session: Session) -> list[Component]:
     """Terms, parameters, schemes."""
     state = session.state
     terms = [
-        html.Li([html.Strong(opening(name(term.id))), " ", html.Span(term.law, className="law")])
+        html.Li([html.Strong(capitalise(name(term.id))), " ", html.Span(term.law, className="law")])
         for term in state.model.terms
     ]
     about = html.P("The torque that moves a joint is the sum of these terms:")
@@ -33,8 +33,8 @@ def _schemes(state: Work) -> list[Component]:
     """Estimates by each scheme: a table of those that have been found already, or else the section of the report."""
     if state.prepared.schemes is not None:
         found = schemes_table(state.prepared.schemes)
-        headers = {opening(name(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)}
-        return [table(headers, found.rows, "Schemes"), html.P(f"{opening(TRUST)}.")]
+        headers = {capitalise(name(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)}
+        return [table(headers, found.rows, "Schemes"), html.P(f"{capitalise(TRUST)}.")]
     section = schemes(state.standing)
     if section is None:
         return [html.P("These recordings are too poor for the schemes.")]
