@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.draws import make_generator
 from benchmarks.excitation import filtered_noise
 from benchmarks.independent_plant import LIBRARY, Array, Case, random_case, simulate
 from benchmarks.parallel import each
@@ -100,8 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     take_workers(parser)
     arguments = parser.parse_args(argv)
     terminal = Terminal()
-    rng = np.random.default_rng(arguments.seed)
-    studies = [poor_study(rng, k) for k in range(arguments.n)]
+    studies = [poor_study(arguments.seed, k) for k in range(arguments.n)]
 
     def show(row: Row) -> None:
         terminal.say(row.line)
@@ -111,9 +111,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0 if len(rows) == len(studies) else 130
 
 
-def poor_study(rng: np.random.Generator, k: int) -> Study:
+def poor_study(seed: int, k: int) -> Study:
     """The k-th plant, every effect in turn and every tenth with none, of little friction."""
     hidden = () if k % 10 == 9 else (LIBRARY[k % len(LIBRARY)],)
+    rng = make_generator(seed, k if k % 10 == 9 else k // len(LIBRARY), *hidden)
     case = random_case(rng, hidden, rate=float(rng.choice(RATES)), coulomb=float(rng.uniform(0.2, 0.5)))
     return Study(case, POOR[rng.integers(len(POOR))], int(rng.integers(2**31)))
 

@@ -71,7 +71,7 @@ def generate(
         terminal.say(f"recordings taken from {folder}; delete it to simulate them anew")
         return truths
     (folder / "truth.json").unlink(missing_ok=True)
-    cases = blind_set(np.random.default_rng(seed), n, *counts, **options)
+    cases = blind_set(seed, n, *counts, **options)
     with terminal.progress("simulating") as progress:
         for j, case in enumerate(cases):
             progress(f"{j} of {n}", j / n)

@@ -14,7 +14,6 @@ import gzip
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,6 +21,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.draws import choose_pairs, make_generator, shuffle_keys
 from benchmarks.excitation import CLOSED_LOOP, EXCITATIONS, OPEN_LOOP
 
 Array = NDArray[np.float64]
@@ -74,6 +74,11 @@ EFFECTS: dict[str, dict[str, float]] = {
 OUTSIDE_LIBRARY = ("cubic_damping", "knocks", "random_walk_torque", "friction_spot", "gain_falls_with_speed")
 LIBRARY = tuple(effect for effect in EFFECTS if effect not in OUTSIDE_LIBRARY)
 _TRANSMISSION = frozenset({"backlash", "joint_flexibility"})
+# pairs that no data tell apart, or that no plant has
+INSEPARABLE = {
+    frozenset({"torque_offset", "coulomb_asymmetry"}),
+    *(frozenset({id, other}) for id in _TRANSMISSION for other in LIBRARY),
+}
 _STIFF = frozenset({"presliding", "hard_stop"})
 _NEUTRAL = {name: value for parameters in EFFECTS.values() for name, value in parameters.items()}
 
@@ -769,7 +774,7 @@ def write_case(folder: str | Path, name: str, train: SimulatedRecording, holdout
 
 
 def blind_set(
-    rng: np.random.Generator,
+    seed: int,
     n: int = 60,
     nulls: int = 10,
     pairs: int = 8,
@@ -779,25 +784,25 @@ def blind_set(
 ) -> list[Case]:
     """`n` random cases: nothing hidden, pairs, effects outside the library, and every library effect in turn.
 
-    Misfits have an effect of the library and one that it lacks.
+    Misfits have an effect of the library and one that it lacks. Draws are keyed by effect: see `benchmarks.draws`.
     """
-    couples = [pair for pair in combinations(LIBRARY, 2) if not _TRANSMISSION & set(pair)]
-    couples.remove(("torque_offset", "coulomb_asymmetry"))  # the same set of torques: no data can tell them apart
-    chosen = rng.permutation(len(couples))[:pairs].tolist()
     alone = n - nulls - pairs - outside - misfits
     if alone < 0:
         raise ValueError(f"n = {n} is less than nulls + pairs + outside + misfits = {n - alone}: raise n")
-    hidden: list[Sequence[str]] = [() for _ in range(nulls)] + [couples[j] for j in chosen]
-    hidden += [(OUTSIDE_LIBRARY[j % len(OUTSIDE_LIBRARY)],) for j in range(outside)]
-    order = rng.permutation(len(LIBRARY)).tolist() if misfits else []
-    hidden += [(LIBRARY[order[j % len(LIBRARY)]], OUTSIDE_LIBRARY[j % len(OUTSIDE_LIBRARY)]) for j in range(misfits)]
+    lacking = [OUTSIDE_LIBRARY[j % len(OUTSIDE_LIBRARY)] for j in range(max(outside, misfits))]
+    own = [str(id) for (id,) in shuffle_keys(seed, ((id,) for id in LIBRARY))]
+    hidden: list[tuple[str, ...]] = [()] * nulls + choose_pairs(seed, LIBRARY, INSEPARABLE)[:pairs]
+    hidden += [(id,) for id in lacking[:outside]]
+    hidden += [(own[j % len(own)], id) for j, id in enumerate(lacking[:misfits])]
     hidden += [(LIBRARY[j % len(LIBRARY)],) for j in range(alone)]
+    counted = [(hidden[:j].count(effects), *effects) for j, effects in enumerate(hidden)]
     cases = []
-    for effects in (hidden[j] for j in rng.permutation(len(hidden)).tolist()):
+    for key in shuffle_keys(seed, counted):
+        rng = make_generator(seed, *key)
         sensors = {
             "rate": float(rng.choice([200, 500, 1000, 2000], p=[0.2, 0.2, 0.4, 0.2])),
             "counts": int(rng.choice([8192, 65536, 1_024_000], p=[0.25, 0.25, 0.5])),
             "torque_noise": float(rng.choice([0.02, 0.05, 0.1], p=[0.6, 0.2, 0.2])),
         }
-        cases.append(random_case(rng, effects, **(sensors | options)))
+        cases.append(random_case(rng, [str(id) for id in key[1:]], **(sensors | options)))
     return cases

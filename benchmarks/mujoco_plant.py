@@ -18,13 +18,15 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from benchmarks.draws import choose_pairs, make_generator
+from benchmarks.independent_plant import LIBRARY
 
 Array = NDArray[np.float64]
 
@@ -205,13 +207,12 @@ def _effect(name: str, plant: Plant, size: float, rng: np.random.Generator) -> H
     raise ValueError(f"unknown effect {name}")
 
 
-LIBRARY = (
-    "torque_offset gravity_tilt coulomb_asymmetry viscous_asymmetry stribeck quadratic_drag load_dependent_friction "
-    "position_dependent_friction cogging torque_ripple spring actuator_lag dead_time torque_saturation friction_drift "
-    "payload_change periodic_disturbance joint_flexibility backlash presliding encoder_eccentricity hard_stop"
-).split()
 OUTSIDE = ("square_root_friction", "gain_drift", "relaxing_spring", "bump", "deadzone")
-INSEPARABLE = {("torque_offset", "coulomb_asymmetry"), ("joint_flexibility", "backlash"), ("actuator_lag", "dead_time")}
+INSEPARABLE = [
+    frozenset({"torque_offset", "coulomb_asymmetry"}),
+    frozenset({"joint_flexibility", "backlash"}),
+    frozenset({"actuator_lag", "dead_time"}),
+]
 HANGING = {"gravity_tilt", "payload_change", "hard_stop", "joint_flexibility", "backlash"}  # nothing for a bare wheel
 
 
@@ -428,16 +429,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args(argv)
-    hidden = [(), *((name,) for name in (*LIBRARY, *OUTSIDE))]
-    wanted = hidden[:1] * arguments.nulls + hidden[1:] * arguments.each
-    rng = np.random.default_rng(arguments.seed)
-    couples = [couple for couple in combinations(LIBRARY, 2) if couple not in INSEPARABLE]
-    wanted += [couples[k] for k in rng.permutation(len(couples))[: arguments.pairs].tolist()]
-    seeds = rng.integers(2**31, size=len(wanted)).tolist()
+    wanted = [((), copy) for copy in range(arguments.nulls)]
+    wanted += [((name,), copy) for copy in range(arguments.each) for name in (*LIBRARY, *OUTSIDE)]
+    wanted += [(couple, 0) for couple in choose_pairs(arguments.seed, LIBRARY, INSEPARABLE)[: arguments.pairs]]
+    seeds = [int(make_generator(arguments.seed, copy, *hidden).integers(2**31)) for hidden, copy in wanted]
     arguments.out.mkdir(parents=True, exist_ok=True)
     truth = {}
     with ProcessPoolExecutor(arguments.workers) as pool:
-        for k, (run, held, entry) in enumerate(pool.map(case, wanted, seeds)):
+        for k, (run, held, entry) in enumerate(pool.map(case, [hidden for hidden, _ in wanted], seeds)):
             name = f"case_{k:03d}"
             write(arguments.out, f"{name}.train", run)
             write(arguments.out, f"{name}.holdout", held)

@@ -22,7 +22,7 @@ from pendulum_env.physics import BASE, effects, nameable
 from pendulum_env.physics.description import Symptom
 from workbench.cli import COMMANDS, main
 from workbench.commands.effects import parameters
-from workbench.narrator.effects import description, name
+from workbench.narrator.effects import description, find_look_alikes, name
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "workbench" / "app" / "assets" / "gallery"  # the app shows the same
@@ -170,7 +170,7 @@ def which_effect() -> str:
             f"## {capitalise(name(id))} {{ #{id} }}",
             f"![Residual over angle, velocity, torque and time where {id} is hidden](gallery/{id}.svg)",
             texts[id].signature,
-            f"Confused with {join_words([_link(other) for other in texts[id].resembles])}. "
+            f"Confused with {join_words([_link(other) for other in find_look_alikes(id)])}. "
             f"What tells: {texts[id].informative_experiment}. "
             f"Law: {_law(kind.law)} ([`{id}`](reference/effects.md#{id})).",
         ]

@@ -7,7 +7,7 @@ from pendulum_env.physics import BASE, Term, nameable
 from pendulum_env.physics.library import addition
 from pendulum_env.physics.table import TABLES, Table
 from pendulum_env.plant import typical
-from workbench.narrator.effects import description, name
+from workbench.narrator.effects import description, find_look_alikes, name
 from workbench.options import declare
 from workbench.terminal import Terminal
 
@@ -48,7 +48,8 @@ def described(kind: type[Term]) -> list[str]:
     if issubclass(kind, Table):
         return [str(kind.__doc__).partition("\n")[0], "Parameters: coefficients of a spline, by `add`."]
     text = description(kind.id)
-    alike = f"Confused with {join_words([name(id) for id in text.resembles])}." if text.resembles else ""
+    look_alikes = [name(id) for id in find_look_alikes(kind.id)]
+    alike = f"Confused with {join_words(look_alikes)}." if look_alikes else ""
     values = f"Parameters, of typical size: {parameters(kind)}."
     return [line for line in (text.signature, alike, f"What tells: {text.informative_experiment}.", values) if line]
 

@@ -1,7 +1,5 @@
 """Texts about the built-in effects and the base terms; a user's effect brings its own `Description`, or its id only."""
 
-from collections.abc import Mapping
-
 from pendulum_env.physics.description import DESCRIPTIONS, Description
 
 NAMES = {  # of schemes, where an id with its underscores taken out does not read well
@@ -16,6 +14,15 @@ def description(effect: str) -> Description:
     return DESCRIPTIONS.get(id) or EFFECTS.get(id) or Description()
 
 
+def find_look_alikes(id: str) -> list[str]:
+    """List the ids of terms that an effect is confused with; either of two effects may name the other."""
+    known = EFFECTS | DESCRIPTIONS
+    return [
+        *description(id).resembles,
+        *(o for o in known if id in known[o].resembles and o not in description(id).resembles),
+    ]
+
+
 def name(effect: str) -> str:
     """Name an effect within a sentence, `Stribeck friction`; of an arm `Stribeck friction at elbow`."""
     id, at, joint = effect.partition("@")
@@ -23,7 +30,7 @@ def name(effect: str) -> str:
     return f"{title} at {joint}" if at else title
 
 
-EFFECTS: Mapping[str, Description] = {
+EFFECTS: dict[str, Description] = {
     "inertia": Description(informative_experiment="faster reversals"),
     "gravity": Description(informative_experiment="swings beyond 30 degrees"),
     "viscous": Description(

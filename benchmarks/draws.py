@@ -1,0 +1,24 @@
+"""Random draws keyed by their subject, so that one more effect in a library changes no draw of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from itertools import combinations
+
+import numpy as np
+
+
+def make_generator(seed: int, *key: str | int) -> np.random.Generator:
+    """Make the generator of random numbers of one subject, such as an effect and the number of its copy."""
+    return np.random.default_rng([seed, *" ".join(map(str, key)).encode()])
+
+
+def shuffle_keys(seed: int, keys: Iterable[tuple[str | int, ...]]) -> list[tuple[str | int, ...]]:
+    """Sort keys at random; the order of two of them does not depend on the others."""
+    return sorted(keys, key=lambda key: make_generator(seed, "order", *key).random())
+
+
+def choose_pairs(seed: int, effects: Sequence[str], excluded: Collection[frozenset[str]]) -> list[tuple[str, str]]:
+    """List all pairs of effects but the excluded ones in random order; the first ones serve as a sample."""
+    couples = [couple for couple in combinations(sorted(effects), 2) if frozenset(couple) not in excluded]
+    return sorted(couples, key=lambda couple: make_generator(seed, "pair", *couple).random())

@@ -1,0 +1,129 @@
+"""Every effect of the library is complete; a failure lists the missing parts with the files and lines to extend."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+from benchmarks import independent_plant, mujoco_plant
+from benchmarks.independent_plant import Plant, random_case, simulate
+from benchmarks.truth import Truth
+from estimators.search_hints import SearchHints, find_hints
+from pendulum_env.physics import effects, nameable
+from pendulum_env.physics.library import BUILT_IN
+from tests.cases import CASES
+from tools.prose import README, ROOT
+from workbench.narrator.effects import description
+
+EXACT = {"seconds": 4.0, "excitation": "two_tone", "counts": None, "torque_noise": 0.0}
+
+
+def is_described(id: str) -> bool:
+    text = description(id)
+    return all((text.symptom, text.signature, text.resembles, text.informative_experiment, text.omission))
+
+
+def can_be_searched(id: str) -> bool:
+    """Return whether hints, or else the bounds, give starting values of all nonlinear parameters."""
+    kind = effects()[id]
+    sought = [own for own in kind.nonlinear_parameters if own.nominal is None and not own.follows]
+    has_bounds = all(own.instant or np.isfinite([own.low, own.high]).all() for own in sought)
+    return has_bounds or find_hints(kind) != SearchHints()
+
+
+def has_random_size(id: str) -> bool:
+    try:
+        random_case(np.random.default_rng(1), [id], **EXACT)
+    except (NotImplementedError, ValueError):
+        return False
+    return True
+
+
+def changes_the_motion(id: str) -> bool:
+    if not has_random_size(id):
+        return False
+    case = random_case(np.random.default_rng(1), [id], **EXACT)
+    with_effect, without = simulate([(case.plant, case.train), (Plant(**base(case.plant)), case.train)])
+    return not np.array_equal(with_effect.position, without.position)
+
+
+def base(plant: Plant) -> dict[str, float]:
+    return {name: getattr(plant, name) for name in ("inertia", "gravity", "viscous", "coulomb")}
+
+
+def has_true_parameters(id: str) -> bool:
+    """Return whether the parameters of the plant are translated into those of the library."""
+    if not has_random_size(id):
+        return False
+    case, kind = random_case(np.random.default_rng(1), [id], **EXACT), effects()[id]
+    (run,) = simulate([(case.plant, case.train)])
+    names = {column.name for column in kind().columns} | {f"{id}.{own.name}" for own in kind.nonlinear_parameters}
+    return bool(names & Truth.of(id, run.truth).parameters.keys())
+
+
+def is_in_mujoco(id: str) -> bool:
+    machine = mujoco_plant.MACHINES["rig"]
+    plant = mujoco_plant.Plant("rig", machine.inertia, machine.gravity, machine.viscous, machine.coulomb)
+    try:
+        return plant.effect(id) != mujoco_plant.Hidden()
+    except ValueError:
+        return False
+
+
+def is_counted(id: str) -> bool:
+    text = README.read_text(encoding="utf-8")
+    return f"a library of {len(nameable())} effects" in text
+
+
+def has_row(id: str) -> bool:
+    table = README.read_text(encoding="utf-8").partition("## Effects and schemes")[2].partition("## ")[0]
+    return table.count(f"`{id}`") == 1
+
+
+GALLERY = ROOT / "workbench" / "app" / "assets" / "gallery"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a complete effect: check of an id, task if it fails, and file with a text of the line to extend."""
+
+    is_there: Callable[[str], bool]
+    task: str
+    file: str
+    beside: str
+
+    @property
+    def place(self) -> str:
+        lines = (ROOT / self.file).read_text(encoding="utf-8").splitlines()
+        return f"{self.file}:{next(k for k, line in enumerate(lines, 1) if self.beside in line)}"
+
+
+PLANT = "benchmarks/independent_plant.py"
+PARTS = (
+    Part(is_described, "add a Description with all texts", "workbench/narrator/effects.py", "EFFECTS: "),
+    Part(can_be_searched, "add hints, since bounds are infinite", "estimators/search_hints.py", "_HINTS: "),
+    Part(lambda id: id in independent_plant.EFFECTS, "add parameters that switch it off", PLANT, "EFFECTS: "),
+    Part(has_random_size, "add a random size", PLANT, "def _random_effect("),
+    Part(changes_the_motion, "add the law", PLANT, "def _motor_torque("),
+    Part(has_true_parameters, "translate the plant's parameters", "benchmarks/truth.py", "def _effect_parameters("),
+    Part(is_in_mujoco, "add another form of the law", "benchmarks/mujoco_plant.py", "def _effect("),
+    Part(lambda id: id in CASES and id in CASES[id].hidden, "add a case", "tests/cases.py", "TOLD = {"),
+    Part(lambda id: (GALLERY / f"{id}.svg").exists(), "run `python -m tools.pictures`", "tools/pictures.py", "GALLERY"),
+    Part(has_row, "add the id to the table of effects", "README.md", "## Effects and schemes"),
+    Part(is_counted, f"write 'a library of {len(nameable())} effects'", "README.md", "a library of "),
+)
+
+
+@pytest.mark.parametrize("id", [kind.id for kind in BUILT_IN])
+def test_effect_is_complete(id):
+    missing = [f"{part.place}: {part.task}" for part in PARTS if not part.is_there(id)]
+    assert not missing, f"{id} is incomplete:\n" + "\n".join(missing)
+
+
+def test_an_effect_without_entries_lacks_every_part_that_has_its_id():
+    by_id = [part for part in PARTS if part.is_there not in (can_be_searched, is_counted)]
+    assert not [part.task for part in by_id if part.is_there("unlisted")]
+    assert all(part.place for part in PARTS)
