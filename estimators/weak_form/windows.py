@@ -28,7 +28,6 @@ import scipy
 from estimators.signals.differentiation import (
     correlate_averages,
     differentiate_position,
-    differentiate_velocity,
     estimate_white_noise,
     find_near_reversals,
 )
@@ -371,9 +370,6 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     window, load = make_bump(m), get_known_load(recording)
     noise = math.hypot(estimate_white_noise(recording.torque), estimate_white_noise(load.along(recording.time)))
     motion = differentiate_position(recording, window, smoothing)
-    measured = differentiate_velocity(recording, window, smoothing)
-    if measured and measured.acceleration_noise < 0.7 * motion.acceleration_noise:
-        motion = measured
     v = motion.velocity
     moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
     guard = m + 1 + smoothing // 3  # the smoothed velocity may cross zero a little off the true one
