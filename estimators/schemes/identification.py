@@ -6,14 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import combinations
 
 import numpy as np
 
 from estimators.arguments import Recordings, Terms, apply_limits, select_recordings, select_terms
-from estimators.checks.closed_loop import find_feedback
-from estimators.checks.homogeneity import AGREEMENT, Own, find_disagreements, find_misfits, fit_each_recording
-from estimators.checks.remedies import find_far_zero, find_wrong_columns
+from estimators.checks.completeness import check_arm, check_joint
 from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData, fit_terms
@@ -31,7 +28,6 @@ from estimators.schemes.identifiability import (
     has_effective_torque,
 )
 from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, select_schemes
-from estimators.selection.physical import find_driving_friction
 from estimators.signals.measurements import Measurements, measure_joints, measure_segments, remember
 from estimators.weak_form.torque_windows import TorqueWindows, prepare
 from pendulum_env._typing import JSON
@@ -52,8 +48,6 @@ from pendulum_env.settings import setting
 
 SCHEMA = "pendulum-ident/identification@2"
 SAVED = "filtered_dynamic"  # scheme whose model of an arm is the one to go on with
-APART = 5.0  # standard errors between two schemes, to which noise alone does not bring them: 2.3 is the most seen,
-COARSE = 0.05  # and share of a parameter, to which slow sampling does not: 0.034 is what 50 Hz do
 SHOWN = 3  # recordings, at most, whose names are printed
 FEWEST = 10  # that hold motion, below which standard errors mean little
 
@@ -221,17 +215,10 @@ def _identify_joint(
     else:
         results = {id: own.per(recordings[0].units).with_known(original, recordings) for id, own in results.items()}
     results, doubts = _withhold_estimates(results, measurements, doubts)
-    mistakes = find_wrong_columns(first, recordings)
     data = None
     with suppress(IdentificationError):  # windows need more motion than some schemes
         data = prepare(recordings)
-        mistakes = mistakes or find_far_zero(data, terms, recordings)
-    mistakes = mistakes or find_driving_friction(first)
-    with suppress(IdentificationError):
-        if data is not None:
-            mistakes = [*mistakes, *_check_recordings(given, fit_each_recording([data], terms), terms)]
-            if not mistakes:
-                mistakes, results = _check_completeness(results, RegressionData(data), terms)
+    mistakes, results = check_joint(first, results, given, data, terms)
     unknown = (given.doubt,) if given.doubt is not None else ()
     ends = tuple(np.cumsum([sum(len(m) * m.period for (m,) in own) for own in segments]).tolist())
     return Identification(
@@ -281,12 +268,8 @@ def _identify_arm(
     if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
         doubts.append(Finding(Kind.UNIDENTIFIABLE, parameters=tuple(alone)))
     results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
-    doubts += find_driving_friction(next(iter(results.values())).model)
-    with suppress(IdentificationError):
-        prepared = RegressionData.of_arm(recordings, terms)
-        missing, results = _check_completeness(results, prepared, terms)
-        doubts += missing
-    return Identification(results, tuple(doubts), tuple(recording.name for recording in recordings))
+    found, results = check_arm(results, recordings, terms)
+    return Identification(results, (*doubts, *found), tuple(recording.name for recording in recordings))
 
 
 def _join_names(recordings: Sequence[Recording]) -> str:
@@ -352,57 +335,6 @@ def _fit_schemes(
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
         results[scheme.id] = fit_equations(scheme, data, terms, lender)
     return results
-
-
-def _check_recordings(given: FitData, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:
-    """Check the recordings: timing of torque, feedback, agreement."""
-    timed = given.timed()
-    return [
-        *timed.timing(True),
-        *find_feedback(given.recordings),
-        *(timed.timing(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
-        *(one.finding for one in find_disagreements(fits, only_if_all_fit=True)),
-        *(one.finding for one in find_misfits(fits)),
-    ]
-
-
-def _check_completeness(
-    results: dict[str, Identified], prepared: RegressionData, terms: Sequence[Term]
-) -> tuple[list[Finding], dict[str, Identified]]:
-    """Test whether the terms explain the recordings: by the residual, and by the agreement of the schemes.
-
-    Schemes share the noise, so that their estimates differ by less than independent ones. A missing effect biases each
-    of them differently.
-
-    Returns:
-        A finding where an effect is missing, and the results, with the estimates marked on which the schemes disagree;
-        of a single scheme, all estimates.
-    """
-    data, floors = prepared.data, prepared.floors
-    left = prepared.joint_errors(prepared.residual(terms))
-    least = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in left}
-    times = {at: error / max(floors[at], 1e-300) for at, error in left.items() if error > least[at]}
-    gaps = sorted(_compute_scheme_differences(list(results.values())))
-    disputed = {name: gap for gap, name in gaps if gap > APART}  # of each name the largest
-    numbers = {"residual": Quantity(max(times.values()))} if times else {}
-    numbers |= {"disagreement": Quantity(max(disputed.values()))} if disputed else {}
-    joints, names = (tuple(sorted(filter(None, own), key=lambda one: -own[one])) for own in (times, disputed))
-    if not numbers:
-        return [], results
-    marked = {
-        id: replace(own, model=own.model.biased(disputed if len(results) > 1 else None)) for id, own in results.items()
-    }
-    return [Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], marked
-
-
-def _compute_scheme_differences(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
-    """Compute the largest difference of two schemes in a parameter, in standard errors, and its name."""
-    for one, other in combinations(results, 2):
-        for name in one.model.estimates.keys() - one.withheld - other.withheld:
-            first, second = (own.model.estimates[name] for own in (one, other))
-            gap = abs(first.value - second.value)
-            if first.std > 0 and second.std > 0 and gap > COARSE * max(abs(first.value), abs(second.value)):
-                yield gap / float(np.hypot(first.std, second.std)), name
 
 
 def _slow_filter(scheme: Regressor, rate: float) -> Regressor:

@@ -1,0 +1,118 @@
+"""Checks of identified models: columns that were read wrongly, recordings that disagree, and missing effects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from estimators.checks.closed_loop import find_feedback
+from estimators.checks.homogeneity import AGREEMENT, Own, find_disagreements, find_misfits, fit_each_recording
+from estimators.checks.remedies import find_far_zero, find_wrong_columns
+from estimators.data.fit_data import FitData
+from estimators.data.regression_data import RegressionData
+from estimators.findings import Finding, Kind, Quantity
+from estimators.regression.equations import IdentificationError
+from estimators.schemes.fitting import Identified
+from estimators.selection.physical import find_driving_friction
+from estimators.weak_form.torque_windows import TorqueWindows
+from pendulum_env.physics import Model, Term
+from pendulum_env.recording import Recording
+
+DISAGREEMENT = 5.0  # standard errors between two schemes, which noise alone does not reach: 2.3 is the most seen,
+COARSE = 0.05  # and share of a parameter, which slow sampling does not reach: 0.034 at 50 Hz
+
+Results = dict[str, Identified]
+
+
+def check_joint(
+    first: Model, results: Results, given: FitData, data: TorqueWindows | None, terms: Sequence[Term]
+) -> tuple[list[Finding], Results]:
+    """Check the results of one joint: first the columns of the recordings, then these, then the model.
+
+    Args:
+        first: model of the first scheme, in the unit of the recorded torque, with all estimates.
+        results: by scheme.
+        given: the recordings.
+        data: windows of the recordings; None if there are too few.
+        terms: of the model.
+
+    Returns:
+        Findings, and the results with estimates marked that a missing effect biases.
+    """
+    found = find_wrong_columns(first, given.recordings)
+    with suppress(IdentificationError):
+        if data is not None:
+            found = found or find_far_zero(data, terms, given.recordings)
+    found = found or find_driving_friction(first)
+    with suppress(IdentificationError):
+        if data is not None:
+            found = [*found, *_check_recordings(given, fit_each_recording([data], terms), terms)]
+            if not found:
+                return _check_completeness(results, RegressionData(data), terms)
+    return found, results
+
+
+def check_arm(
+    results: Results, recordings: Sequence[Recording], terms: Sequence[Term]
+) -> tuple[list[Finding], Results]:
+    """Check the results of an arm, whose first term is its links; see `check_joint`."""
+    found = find_driving_friction(next(iter(results.values())).model)
+    with suppress(IdentificationError):
+        missing, results = _check_completeness(results, RegressionData.of_arm(recordings, terms), terms)
+        found = [*found, *missing]
+    return found, results
+
+
+def _check_recordings(given: FitData, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:
+    """Check the recordings: timing of torque, feedback, agreement."""
+    timed = given.timed()
+    return [
+        *timed.timing(True),
+        *find_feedback(given.recordings),
+        *(timed.timing(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
+        *(one.finding for one in find_disagreements(fits, only_if_all_fit=True)),
+        *(one.finding for one in find_misfits(fits)),
+    ]
+
+
+def _check_completeness(
+    results: Results, prepared: RegressionData, terms: Sequence[Term]
+) -> tuple[list[Finding], Results]:
+    """Test whether the terms explain the recordings: by the residual, and by the agreement of the schemes.
+
+    Schemes share the noise, so that their estimates differ by less than independent ones. A missing effect biases each
+    of them differently.
+
+    Returns:
+        A finding where an effect is missing, and the results, with the estimates marked on which the schemes disagree;
+        of a single scheme, all estimates.
+    """
+    data, floors = prepared.data, prepared.floors
+    left = prepared.joint_errors(prepared.residual(terms))
+    least = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in left}
+    times = {at: error / max(floors[at], 1e-300) for at, error in left.items() if error > least[at]}
+    gaps = sorted(_compute_scheme_differences(list(results.values())))
+    disputed = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # of each name the largest
+    numbers = {"residual": Quantity(max(times.values()))} if times else {}
+    numbers |= {"disagreement": Quantity(max(disputed.values()))} if disputed else {}
+    joints, names = (tuple(sorted(filter(None, own), key=lambda one: -own[one])) for own in (times, disputed))
+    if not numbers:
+        return [], results
+    marked = {
+        id: replace(own, model=own.model.biased(disputed if len(results) > 1 else None)) for id, own in results.items()
+    }
+    return [Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], marked
+
+
+def _compute_scheme_differences(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
+    """Compute the largest difference of two schemes in a parameter, in standard errors, and its name."""
+    for one, other in combinations(results, 2):
+        for name in one.model.estimates.keys() - one.withheld - other.withheld:
+            first, second = (own.model.estimates[name] for own in (one, other))
+            gap = abs(first.value - second.value)
+            if first.std > 0 and second.std > 0 and gap > COARSE * max(abs(first.value), abs(second.value)):
+                yield gap / float(np.hypot(first.std, second.std)), name
