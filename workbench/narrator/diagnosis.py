@@ -17,7 +17,7 @@ from pendulum_env.recording import NoteKind
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, show_angles
 from workbench.narrator.effects import name
-from workbench.narrator.findings import aim, describe, measure, measure_change, measure_range
+from workbench.narrator.findings import describe, describe_aim, measure, measure_change, measure_range
 from workbench.narrator.reasons import describe_reason
 
 FOR_DIAGNOSE = {Kind.INCOMPLETE, Kind.FRICTION_NEGATIVE}  # findings of `identify` that a diagnosis follows up
@@ -71,7 +71,7 @@ def describe_alignment(found: Alignment) -> str | None:
 
 def describe_suggestion(found: Suggestion, units: JointUnits = TURNING) -> str:
     """Describe a suggested experiment."""
-    aims = ", ".join(aim(own.effect, own.instead) for own in found.settles)
+    aims = ", ".join(describe_aim(own.effect, own.instead) for own in found.settles)
     angle, speed = units.unit("rad"), measure(Quantity(found.peak_speed, unit=units.unit("rad/s")), 2)
     if found.signal is None:
         return (

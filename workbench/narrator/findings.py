@@ -1,7 +1,8 @@
-"""Sentences for findings, with numbers in the unit that is shown and the options of the command line."""
+"""Texts of findings, with numbers in the shown unit and the options of the command line."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,42 @@ def describe(finding: Finding) -> str:
     """
     if not isinstance(finding, Finding):
         raise TypeError(f"describe takes one finding, not {type(finding).__name__}: give one of `findings` of a result")
-    return DESCRIBED[finding.kind](finding)
+    text = DESCRIBED[finding.kind]
+    return text.format(**_collect_words(finding)) if isinstance(text, str) else text(finding)
+
+
+class _Measured(Quantity):
+    """Quantity in a text: `{angle}`, `{angle:2}` with two digits, `{angle.plain}` without its unit."""
+
+    @property
+    def plain(self) -> str:
+        """Return value and standard error without the unit."""
+        return format_estimate(self.value, self.std)
+
+    def __format__(self, digits: str) -> str:
+        return measure(self, int(digits or 3))
+
+
+def _collect_words(found: Finding) -> dict[str, Any]:
+    """Collect the names that the texts in `DESCRIBED` may contain."""
+    words: dict[str, Any] = {id: _Measured(own.value, own.std, own.unit) for id, own in found.numbers.items()}
+    words |= {kind: join_words(getattr(found, kind)) for kind in ("parameters", "effects", "recordings")}
+    words |= {"begin": _begin(found), "without_torque": setting("columns", {"torque": "none"})}
+    if "torque_constant" in found.numbers:
+        logged = found.numbers["torque_constant"].unit.partition("/")[2]
+        words["name"] = "torque constant" if logged == "A" else "torque gain"
+        words["logged"], words["channel"] = logged, LOGGED.get(logged, logged)
+        words["unknown"] = f"The {words['name']} is unknown, and every parameter is per {logged}"
+    if "number" in found.numbers:
+        own, *others = found.recordings
+        than = "the others" if len(others) > 1 else f"'{others[0]}'" if others else "the model"
+        words["disagrees"] = f"Recording {found.numbers['number'].value:g} ({own}) disagrees with {than}"
+    return words
+
+
+def _begin(found: Finding) -> str:
+    """Begin a sentence about some recordings."""
+    return f"{join_words(found.recordings)}: the" if found.recordings else "The"
 
 
 def advise_inertia() -> str:
@@ -63,14 +99,14 @@ def measure_range(low: float, high: float, unit: str, digits: int = 3) -> str:
     return f"{ends[0][0]:.{digits}g} to {ends[1][0]:.{digits}g} {ends[0][1]}".rstrip()
 
 
-def milliseconds(quantity: Quantity) -> str:
+def format_milliseconds(quantity: Quantity) -> str:
     """Return a time in ms, its standard error to one digit: `9.90 ± 0.04 ms`."""
     value, std = 1e3 * abs(quantity.value), 1e3 * quantity.std
     digits = min(3, max(0, -int(np.floor(np.log10(max(std, 1e-3)))))) if np.isfinite(std) else 3
     return f"{value:.{digits}f} ± {std:.{digits}f} ms"
 
 
-def _unidentifiable(found: Finding) -> str:
+def _describe_unidentifiable(found: Finding) -> str:
     names, first = join_words(found.parameters), found.parameters[0].partition(".")[0]
     if not found.numbers:
         return f"The data do not determine {names}. Move all joints faster, wider and together."
@@ -81,102 +117,36 @@ def _unidentifiable(found: Finding) -> str:
     )
 
 
-def _constant(reason: Callable[[Finding], str]) -> Callable[[Finding], str]:
-    """Describe why a torque constant is unknown."""
+def describe_late(finding: Finding, remedy: str = "") -> str:
+    """Describe torque that is logged late or filtered, and how it is corrected.
 
-    def sentence(found: Finding) -> str:
-        logged = found.numbers["torque_constant"].unit.partition("/")[2]
-        name = "torque constant" if logged == "A" else "torque gain"
-        return f"The {name} is unknown, and every parameter is per {logged}: {reason(found)}"
-
-    return sentence
-
-
-def _logged(found: Finding) -> str:
-    unit = found.numbers["torque_constant"].unit.partition("/")[2]
-    return LOGGED.get(unit, unit)
-
-
-def _uncertain(found: Finding) -> str:
-    logged, inverse = found.numbers["torque_constant"].unit.partition("/")[2], found.numbers["inverse"]
-    return (
-        f"the known loads give its inverse as {format_estimate(inverse.value, inverse.std)} {logged}/(N m). "
-        "Take loads that "
-        "differ more, or move further."
-    )
+    Args:
+        finding: to describe.
+        remedy: sentence to add; empty for that of the command line.
+    """
+    delay, lag = finding.numbers.get("delay"), finding.numbers.get("lag")
+    is_sampled = finding.kind in (Kind.TORQUE_SAMPLED, Kind.TORQUE_SAMPLED_CORRECTED)
+    law = ["logged half a sample late"] if is_sampled and not delay else []
+    law += [f"logged {format_milliseconds(delay)} late"] if delay else []
+    law += [f"logged through a low-pass filter with a time constant of {format_milliseconds(lag)}"] if lag else []
+    how = ". It was sampled like the position, and not held until the next sample" if is_sampled else ""
+    is_corrected = finding.kind in (Kind.TORQUE_LATE_CORRECTED, Kind.TORQUE_SAMPLED_CORRECTED)
+    remedy = remedy or (CORRECTED if is_corrected else CORRECT_IT)
+    return f"{_begin(finding)} torque is {' and '.join(law)}{_describe_rival(finding)}{how}. {remedy}"
 
 
-def _negative(found: Finding) -> str:
-    constant, load_torque = found.numbers["torque_constant"], "load_torque, " if found.parameters else ""
-    return (
-        f"the known loads give {format_estimate(constant.value, constant.std)} {constant.unit}, which is "
-        "negative. Turn "
-        f"{load_torque}torque or position round with a minus sign."
-    )
-
-
-def _gear(cause: Callable[[Finding], str]) -> Callable[[Finding], str]:
-    """Describe why the losses of a gear are part of the torque constant."""
-
-    def sentence(found: Finding) -> str:
-        constant = found.numbers["torque_constant"]
-        name = "torque constant" if constant.unit.endswith("/A") else "torque gain"
-        return (
-            f"{cause(found)}, so the losses of its gears and the {name} are one number, {constant.value:.4g} "
-            f"{constant.unit}. A weight that is let down slowly, and turns the motor, would tell them apart."
-        )
-
-    return sentence
-
-
-def _back_emf(found: Finding) -> str:
-    constant = found.numbers["back_emf"]
-    logged = LOGGED[constant.unit.partition(" ")[0]]
-    return (
-        f"The log has {logged}: back-EMF is part of the viscous friction, and its constant k_e is at most "
-        f"{constant.value:.3g} {constant.unit}."
-    )
-
-
-def _of(found: Finding) -> str:
-    """Return the beginning of a sentence about some recordings."""
-    return f"{join_words(found.recordings)}: the" if found.recordings else "The"
-
-
-def _late(remedy: str, is_sampled: bool = False) -> Callable[[Finding], str]:
-    """Describe torque that is logged late or filtered."""
-
-    def sentence(found: Finding) -> str:
-        delay, lag = found.numbers.get("delay"), found.numbers.get("lag")
-        law = ["logged half a sample late"] if is_sampled and not delay else []
-        law += [f"logged {milliseconds(delay)} late"] if delay else []
-        law += [f"logged through a low-pass filter with a time constant of {milliseconds(lag)}"] if lag else []
-        how = ": it was sampled like the position, and not held until the next sample" if is_sampled else ""
-        return " ".join([f"{_of(found)} torque is {' and '.join(law)}{how}{_rival(found)}.", *filter(None, [remedy])])
-
-    return sentence
-
-
-def describe_late(finding: Finding, remedy: str) -> str:
-    """Describe torque that is logged late, with a remedy of one's own."""
-    return _late(remedy, is_sampled=finding.kind is Kind.TORQUE_SAMPLED)(finding)
-
-
-def _acts_late(found: Finding) -> str:
+def _describe_lag(found: Finding) -> str:
     delay = found.numbers.get("delay")
-    law = (
-        f"{milliseconds(delay)} after its time stamp"
-        if delay
-        else f"with a lag of {milliseconds(found.numbers['lag'])}"
-    )
+    lag = f"with a lag of {format_milliseconds(found.numbers['lag'])}" if delay is None else ""
+    law = f"{format_milliseconds(delay)} after its time stamp" if delay else lag
     return (
-        f"{_of(found)} torque acts {law}{_rival(found)}. Possible causes: the drive (dead_time, actuator_lag), early "
-        "time stamps, or a flexible joint. Log current or torque at the motor to distinguish them."
+        f"{_begin(found)} torque acts {law}{_describe_rival(found)}. Possible causes: the drive (dead_time, "
+        "actuator_lag), early time stamps, or a flexible joint. Log current or torque at the motor to distinguish them."
     )
 
 
-def _rival(found: Finding) -> str:
-    """Return the other of delay and filter, where it explains as much."""
+def _describe_rival(found: Finding) -> str:
+    """Describe the other of delay and filter, where it explains as much."""
     lag = "with a lag" if found.kind is Kind.ACTS_LATE else "through a low-pass filter with a time constant"
     for rival, law in (("rival_delay", "by a delay"), ("rival_lag", lag)):
         if rival in found.numbers:
@@ -185,32 +155,7 @@ def _rival(found: Finding) -> str:
     return ""
 
 
-def _feedback(remedy: str) -> Callable[[Finding], str]:
-    """Describe torque that answers the motion."""
-
-    def sentence(found: Finding) -> str:
-        gain = measure(found.numbers["gain"], 2)
-        return (
-            f"{_of(found)} torque answers the motion ({gain} between samples), so reactions of a controller may be "
-            f"taken for physics. {remedy}"
-        )
-
-    return sentence
-
-
-def _outlier(what: Callable[[Finding], str]) -> Callable[[Finding], str]:
-    """Describe a recording of another plant."""
-
-    def sentence(found: Finding) -> str:
-        name, *others = found.recordings
-        one = f"'{others[0]}'" if others else "the model"
-        number = f"{found.numbers['number'].value:g}"
-        return f"Recording {number} ({name}) disagrees with {'the others' if len(others) > 1 else one}: {what(found)}."
-
-    return sentence
-
-
-def _differences(found: Finding) -> str:
+def _describe_differences(found: Finding) -> str:
     parts = []
     for parameter in found.parameters:
         own, others = found.numbers[parameter], found.numbers[f"others.{parameter}"]
@@ -221,21 +166,13 @@ def _differences(found: Finding) -> str:
         else:
             percent = float(f"{100 * abs(share):.2g}")
             parts.append(f"{parameter} {percent:g} % {'higher' if share > 0 else 'lower'}")
-    return ", ".join(parts)
+    return f"{_collect_words(found)['disagrees']}: {', '.join(parts)}."
 
 
-def _misfit(found: Finding) -> str:
-    left, times = measure(found.numbers["residual"], 2), found.numbers["times"].value
-    return (
-        f"no parameters fit it. The residual is {left}, {times:.2g} times the noise floor: something was changed, or "
-        "an effect shows there only"
-    )
+def _with_remedy(text: str, otherwise: str = "") -> Callable[[Finding], str]:
+    """Describe a column that was read wrongly, with the option that reads it correctly, ready to paste."""
 
-
-def _remedy(text: str, otherwise: str = "") -> Callable[[Finding], str]:
-    """Describe a column that was read wrongly, with the option that reads it rightly, ready to paste."""
-
-    def sentence(found: Finding) -> str:
+    def describe_column(found: Finding) -> str:
         options = [
             f"Read {'it' if len(found.remedies) == 1 else join_words(own.recordings)} with "
             f"{setting('columns', own.columns)} instead."
@@ -243,10 +180,10 @@ def _remedy(text: str, otherwise: str = "") -> Callable[[Finding], str]:
         ]
         return " ".join([f"{text}.", *(options or filter(None, [otherwise]))])
 
-    return sentence
+    return describe_column
 
 
-def _zero_shifted(found: Finding) -> str:
+def _describe_zero(found: Finding) -> str:
     angle = found.numbers["angle"]
     size, error = abs(np.degrees(angle.value)), np.degrees(angle.std)
     digits = int(np.clip(-np.floor(np.log10(max(error, 1e-9))), 0, 3))
@@ -254,10 +191,10 @@ def _zero_shifted(found: Finding) -> str:
         f"The zero of the position is {size:.{digits}f} ± {error:.{digits}f} degrees off, or the base is tilted by "
         "that angle (gravity_tilt)"
     )
-    return _remedy(text)(found)
+    return _with_remedy(text)(found)
 
 
-def _incomplete(found: Finding) -> str:
+def _describe_incomplete(found: Finding) -> str:
     parts = []
     if "residual" in found.numbers:
         size = f"{found.numbers['residual'].value:.2g} times the noise floor"
@@ -276,15 +213,7 @@ def describe_violations(found: Finding) -> list[str]:
     return [PHRASES.get(name, f"{name} = {{}}").format(number) for name, number in numbers.items()]
 
 
-def _impossible(found: Finding) -> str:
-    violated = join_words(describe_violations(found))
-    return (
-        f"The best fit is unphysical: it has {violated}. Check the signs of torque and position, or record a motion of "
-        "more than one frequency."
-    )
-
-
-def _servo_off(found: Finding) -> str:
+def _describe_servo(found: Finding) -> str:
     worst = found.numbers.get("worst")
     most = "" if worst is None else f", most of it in {join_words(found.recordings)} ({measure(worst, 2)})"
     return (
@@ -293,10 +222,10 @@ def _servo_off(found: Finding) -> str:
     )
 
 
-def _tied(found: Finding) -> str:
+def _describe_tie(found: Finding) -> str:
     text = f"{join_words(found.effects)} look the same in these data"
     reveals = description(found.effects[-1]).informative_experiment
-    return f"{text}. To tell them apart: {reveals}." if reveals else f"{text}."
+    return f"{text}. To distinguish them, record {reveals}." if reveals else f"{text}."
 
 
 def describe_untested(found: Finding) -> str:
@@ -318,218 +247,209 @@ def describe_law(found: Finding) -> str:
     return name(found.effects[0]) if power is None else f"friction that grows as |q'|^{power.value:.2g}"
 
 
-def _table_helps(found: Finding) -> str:
+def _describe_table(found: Finding) -> str:
     first, *others = found.effects
     more = f" {join_words(others)} would keep others." if others else ""
-    return (
-        f"Keep the unknown law as a table, which also shows its shape: `pendulum-ident add MODEL.json {first} ...`."
-        f"{more}"
-    )
+    command = f"`pendulum-ident add MODEL.json {first} ...`"
+    return f"Keep the unknown law as a table, which also shows its shape: {command}.{more}"
 
 
-def _fit_held_out(found: Finding) -> str:
-    return f"The model explains the fitted data, but not the held-out data ({join_words(found.recordings)}): fit both."
-
-
-def _payload(found: Finding) -> str:
+def _describe_payload(found: Finding) -> str:
     axes = [f"{axis} = {measure(found.numbers[axis])}" for axis in "xyz" if axis in found.numbers]
-    center = f", with its centre at {', '.join(axes)}" if axes else ""
+    center = f" Its centre is at {', '.join(axes)} in the frame of that joint." if axes else ""
     joints = [name.removesuffix(".before") for name in found.numbers if name.endswith(".before")]
     pairs = [(at, found.numbers[f"{at}.before"], found.numbers[f"{at}.after"]) for at in joints]
     errors = [f"{at} {measure_change(before, after)}" for at, before, after in pairs]
     explained = f" Torque error there without and with it: {', '.join(errors)}." if errors else ""
     return (
         f"The arm carries a payload of {measure(found.numbers['mass'])} in {join_words(found.recordings)}, at the link "
-        f"behind {join_words(found.joints)}{center} in the frame of that joint.{explained}"
+        f"behind {join_words(found.joints)}.{center}{explained}"
     )
 
 
-def _beyond_limits(found: Finding) -> str:
-    aims = join_words([aim(*pair) for pair in found.pairs], "or")
+def _describe_limits(found: Finding) -> str:
+    aims = join_words([describe_aim(*pair) for pair in found.pairs], "or")
     place = found.numbers.get("place")
-    there = "" if place is None else f" and go to {measure(place, 2)}, where most is left,"
+    there = "" if place is None else f" and go to {measure(place, 2)}, where the residual is largest"
     options = "--max-angle, --max-speed" + ", --max-torque" * ("torque" in found.numbers)  # without it, a free swing
-    return (
-        f"No experiment within {limits_text(found.numbers)} would {aims}{there}: allow more ({options}) if the "
-        "rig bears it."
-    )
+    limits = list_limits(found.numbers)
+    return f"No experiment within {limits} would {aims}{there}. Allow more ({options}) if the rig bears it."
 
 
-def limits_text(numbers: Mapping[str, Quantity]) -> str:
+def list_limits(numbers: Mapping[str, Quantity]) -> str:
     """Name the limits of an experiment: `0.5 N m, 2 rad/s and the recorded angles`."""
     given = [measure(numbers[name]) for name in LIMITS if name in numbers and np.isfinite(numbers[name].value)]
     recorded = [f"{name}s" for name in ("angle", "speed") if name not in numbers]
     return join_words([*given, *([f"the recorded {join_words(recorded)}"] if recorded else [])])
 
 
-def aim(effect: str, instead: str | None) -> str:
-    """Describe what an experiment settles: `tell spring from gravity_tilt`, `show spring if it is there`."""
+def describe_aim(effect: str, instead: str | None) -> str:
+    """Describe the aim of an experiment: `tell spring from gravity_tilt`, `show spring if it is there`."""
     return f"tell {effect} from {instead}" if instead else f"show {effect} if it is there"
 
 
 CORRECT_IT = "Correct it with --align (`FitData.of(recordings).timed()` in Python)."
 CORRECTED = "It is corrected here; other commands correct it with --align."
-PLANNED = "Record the reference of the controller as well (column `reference`), or a torque that is planned."
-INSTRUMENTS = "--instruments reference keeps them out of the base model of `identify` and `diagnose`."
+ANSWERS = (
+    "{begin} torque answers the motion ({gain:2} between samples). Reactions of a controller may be taken for physics. "
+)
+GEAR_LOSSES = (
+    ". The losses of its gears and the {name} are then one number, {torque_constant.value:.4g} {torque_constant.unit}. "
+    "To distinguish them, let a weight down slowly, so that it turns the motor."
+)
 
 
-def _goals(found: Finding, reading: str, other: str, key: str) -> str:
+def _compare_goals(found: Finding, reading: str, other: str, key: str) -> str:
     gain = found.numbers["gain"]
     sizes = [f"{own.value * 1000:.1f} ms" for id, own in found.numbers.items() if id != "gain"]
     late = f" with {name(found.effects[0])} of {sizes[0]}" if sizes else ""
-    size = f"{abs(gain.value):.0f} ± {gain.std or 0.0:.0f} nat"
+    size = f"{abs(gain.value):.0f} ± {gain.std or 0.0:.0f} nat of log likelihood"
     fit = f"Goals {other}{late} are less likely by {size}."
     if gain.value < 2 * (gain.std or 0.0):
-        fit = f"Goals {other}{late} fit about equally well (a difference of {size})."
+        fit = f"Goals {other}{late} fit about equally well ({size})."
     return f'Goals are read as {reading}. {fit} If they are so, give `goal = "{key}"` in `[drive]`.'
 
 
-DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
-    Kind.NO_MOTION: lambda found: (
-        "The joint hardly moves, so no parameter can be identified. Record wider or faster motion."
-    ),
-    Kind.TORQUE_IS_NOISE: lambda found: (
+DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the names of `_collect_words`, or functions
+    Kind.NO_MOTION: "The joint hardly moves, so no parameter can be identified. Record wider or faster motion.",
+    Kind.TORQUE_IS_NOISE: (
         "The torque is noise alone, so only ratios of parameters are known. Read the file without it "
-        f"({setting('columns', {'torque': 'none'})})."
+        "({without_torque})."
     ),
-    Kind.TORQUE_IS_CONSTANT: lambda found: (
-        f"The torque is constant at {measure(found.numbers['torque'], 3)}, and the motion does not follow it. "
-        f"Read the file without it ({setting('columns', {'torque': 'none'})}), or look for an offset."
+    Kind.TORQUE_IS_CONSTANT: (
+        "The torque is constant at {torque}, and the motion does not follow it. Read the file without it "
+        "({without_torque}), or look for an offset."
     ),
-    Kind.ONE_DIRECTION: lambda found: (
+    Kind.ONE_DIRECTION: (
         "The velocity never changes sign, so coulomb and torque_offset cannot be told apart. Record both directions."
     ),
-    Kind.SMALL_ANGLES: lambda found: (
-        f"The position stays small, within {measure(found.numbers['angle'], 2)}: gravity and a spring look the "
-        "same. Record wider swings."
+    Kind.SMALL_ANGLES: (
+        "The position stays small, within {angle:2}: gravity and a spring look the same. Record wider swings."
     ),
-    Kind.NEVER_ACTS: lambda found: (
-        f"{join_words(found.parameters)} never acts in these recordings. Record motion that reaches it."
-    ),
-    Kind.INDISTINGUISHABLE: lambda found: (
-        f"{join_words(found.parameters)} cannot be told apart: they act alike in these recordings."
-    ),
-    Kind.UNIDENTIFIABLE: _unidentifiable,
+    Kind.NEVER_ACTS: "{parameters} never acts in these recordings. Record motion that reaches it.",
+    Kind.INDISTINGUISHABLE: "{parameters} cannot be told apart: they act alike in these recordings.",
+    Kind.UNIDENTIFIABLE: _describe_unidentifiable,
     Kind.RELATIVE_TO_INERTIA: lambda found: (
         "No torque is applied: every parameter is relative to the inertia"
         f"{' of the joint with its known load' if found.recordings else ''}, which is 1. A known value makes them "
         f"absolute ({setting('fixed', {'inertia': Blank('VALUE')})})."
     ),
-    Kind.LOADS_UNKNOWN: _constant(
-        lambda found: (
-            f"the log has {_logged(found)} for the torque, and known loads that differ are needed. {OTHER_LOAD}"
-        )
+    Kind.LOADS_UNKNOWN: (
+        "{unknown}. The log has {channel} for the torque, and known loads that differ are needed. " + OTHER_LOAD
     ),
-    Kind.LOADS_EQUAL: _constant(
-        lambda found: (
-            f"the log has {_logged(found)} for the torque, and all recordings have the same load. {OTHER_LOAD}"
-        )
+    Kind.LOADS_EQUAL: (
+        "{unknown}. The log has {channel} for the torque, and all recordings have the same load. " + OTHER_LOAD
     ),
-    Kind.CONSTANT_TOO_SHORT: _constant(
-        lambda found: "too little of the motion is clear of the ends of the recordings. Record longer."
+    Kind.CONSTANT_TOO_SHORT: (
+        "{unknown}: too little of the motion is clear of the ends of the recordings. Record longer."
     ),
-    Kind.ONE_LOAD_MOVED: _constant(
-        lambda found: (
-            f"of {found.numbers['loads'].value:g} known loads only one was moved. Move the joint under each of them, "
-            "clear of stick."
-        )
+    Kind.ONE_LOAD_MOVED: (
+        "{unknown}: of {loads.value:g} known loads only one was moved. Move the joint under each of them, clear of "
+        "stick."
     ),
-    Kind.CONSTANT_UNCERTAIN: _constant(_uncertain),
-    Kind.CONSTANT_NEGATIVE: _constant(_negative),
-    Kind.INTEGRAL_CONTROLLER: _constant(
-        lambda found: (
-            "the torque of a controller with an integral is not known well enough to find its gain from known loads. "
-            "Give the drive a gain."
-        )
+    Kind.CONSTANT_UNCERTAIN: (
+        "{unknown}: the known loads give its inverse as {inverse.plain} {logged}/(N m). Take loads that differ more, "
+        "or move further."
     ),
-    Kind.GEAR_LOSS_UNKNOWN: _gear(
-        lambda found: f"The motor pushes along the motion {found.numbers['share'].value:.0%} of the time"
+    Kind.CONSTANT_NEGATIVE: lambda found: (
+        "{unknown}: the known loads give {torque_constant.plain} {torque_constant.unit}, which is negative. Turn "
+        f"{'load_torque, ' if found.parameters else ''}torque or position round with a minus sign."
+    ).format(**_collect_words(found)),
+    Kind.INTEGRAL_CONTROLLER: (
+        "{unknown}: the controller has an integral, and known loads do not tell its torque. Give the drive a gain."
     ),
-    Kind.LOAD_BRAKES: _gear(lambda found: "The load torque opposes the motion nearly always"),
-    Kind.BACK_EMF: _back_emf,
-    Kind.TORQUE_LATE: _late(CORRECT_IT),
-    Kind.TORQUE_LATE_CORRECTED: _late(CORRECTED),
-    Kind.TORQUE_SAMPLED: _late(CORRECT_IT, is_sampled=True),
-    Kind.TORQUE_SAMPLED_CORRECTED: _late(CORRECTED, is_sampled=True),
-    Kind.ACTS_LATE: _acts_late,
-    Kind.TORQUE_CONSTANT: lambda found: "The known loads give the torque constant.",
-    Kind.NARROWER_WINDOWS: lambda found: f"The windows have {found.numbers['share'].value:g} of their length.",
-    Kind.IMPACTS_INCLUDED: lambda found: "Windows in contact with a stop, at reversals or at rest, are included.",
-    Kind.RECORDINGS_EXCLUDED: lambda found: f"Left out: {join_words(found.recordings)}.",
-    Kind.TIMED_BESIDE: lambda found: f"Torque is timed beside {join_words(found.effects)}.",
-    Kind.PAYLOAD: _payload,
-    Kind.BACK_EMF_INCLUDED: lambda found: "The base model has back-EMF.",
-    Kind.GOALS_HELD: lambda found: _goals(found, "held from row to row", "that run on between rows", "ramp"),
-    Kind.GOALS_RUN_ON: lambda found: _goals(found, "running on between rows", "that are held from row to row", "held"),
-    Kind.FEEDBACK: _feedback(PLANNED),
-    Kind.FEEDBACK_WITH_REFERENCE: _feedback(INSTRUMENTS),
-    Kind.OUTLIER_RECORDING: _outlier(_differences),
-    Kind.SCALED_TORQUE: _outlier(
-        lambda found: f"its torque is {found.numbers['factor'].value:.3g} times what the same motion takes there"
+    Kind.GEAR_LOSS_UNKNOWN: "The motor pushes along the motion {share.value:.0%} of the time" + GEAR_LOSSES,
+    Kind.LOAD_BRAKES: "The load torque opposes the motion nearly always" + GEAR_LOSSES,
+    Kind.BACK_EMF: lambda found: (
+        f"The log has {LOGGED[found.numbers['back_emf'].unit.partition(' ')[0]]}: back-EMF is part of the viscous "
+        f"friction, and its constant k_e is at most {measure(found.numbers['back_emf'])}."
     ),
-    Kind.SCALED_INERTIA: _outlier(lambda found: f"its inertia is {found.numbers['factor'].value:.3g} times that there"),
-    Kind.TURNED_ROUND: _outlier(lambda found: "torque or position has the opposite sign in it"),
-    Kind.MISFIT: _outlier(_misfit),
-    Kind.FEW_STRETCHES: lambda found: (
-        f"Only {found.numbers['count'].value:g} stretches of motion are clear of stick and reversals, and many effects "
-        "would not show. Record longer, faster or wider motion."
+    Kind.TORQUE_LATE: describe_late,
+    Kind.TORQUE_LATE_CORRECTED: describe_late,
+    Kind.TORQUE_SAMPLED: describe_late,
+    Kind.TORQUE_SAMPLED_CORRECTED: describe_late,
+    Kind.ACTS_LATE: _describe_lag,
+    Kind.TORQUE_CONSTANT: "The known loads give the torque constant.",
+    Kind.NARROWER_WINDOWS: "The windows have {share.value:g} of their length.",
+    Kind.IMPACTS_INCLUDED: "Windows in contact with a stop, at reversals or at rest, are included.",
+    Kind.RECORDINGS_EXCLUDED: "Left out: {recordings}.",
+    Kind.TIMED_BESIDE: "Torque is timed beside {effects}.",
+    Kind.PAYLOAD: _describe_payload,
+    Kind.BACK_EMF_INCLUDED: "The base model has back-EMF.",
+    Kind.GOALS_HELD: lambda found: _compare_goals(found, "held from row to row", "that run on between rows", "ramp"),
+    Kind.GOALS_RUN_ON: lambda found: _compare_goals(
+        found, "running on between rows", "that are held from row to row", "held"
     ),
-    Kind.FILTER_SLOWED: lambda found: (
-        f"At {found.numbers['rate'].value:.4g} Hz the filters would pass everything: their cutoff is lowered to "
-        f"{found.numbers['rate'].value:.4g} rad/s."
+    Kind.FEEDBACK: (
+        ANSWERS + "Record the reference of the controller as well (column `reference`), or a torque that is planned."
     ),
-    Kind.SPEED_RATE_UNKNOWN: lambda found: (
+    Kind.FEEDBACK_WITH_REFERENCE: (
+        ANSWERS + "--instruments reference keeps them out of the base model of `identify` and `diagnose`."
+    ),
+    Kind.OUTLIER_RECORDING: _describe_differences,
+    Kind.SCALED_TORQUE: "{disagrees}: its torque is {factor.value:.3g} times what the same motion takes there.",
+    Kind.SCALED_INERTIA: "{disagrees}: its inertia is {factor.value:.3g} times that there.",
+    Kind.TURNED_ROUND: "{disagrees}: torque or position has the opposite sign in it.",
+    Kind.MISFIT: (
+        "{disagrees}: no parameters fit it. The residual is {residual:2}, {times.value:.2g} times the noise floor: "
+        "something was changed, or an effect shows there only."
+    ),
+    Kind.FEW_STRETCHES: (
+        "Only {count.value:g} stretches of motion are clear of stick and reversals, and many effects would not show. "
+        "Record longer, faster or wider motion."
+    ),
+    Kind.FILTER_SLOWED: (
+        "At {rate.value:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate.value:.4g} rad/s."
+    ),
+    Kind.SPEED_RATE_UNKNOWN: (
         "If the drive computes its speed from two readings of its encoder, give the rate of the readings (`rate`). At "
-        f"{found.numbers['rate'].value:g} readings a second, the inertia is "
-        f"{measure(found.numbers['inertia'], 2)} larger than stated here."
+        "{rate.value:g} readings a second, the inertia is {inertia:2} larger than stated here."
     ),
-    Kind.TORQUE_SCALED: lambda found: (
-        f"The logged torque is {found.numbers['factor'].value:.2f} times the torque that the described drive asks for, "
-        "and all parameters are by the drive. Check its gains and limit, and the unit of the torque column."
+    Kind.TORQUE_SCALED: (
+        "The logged torque is {factor.value:.2f} times the torque that the described drive asks for, and all "
+        "parameters are by the drive. Check its gains and limit, and the unit of the torque column."
     ),
-    Kind.LOAD_TORQUE_TURNED: _remedy(
+    Kind.LOAD_TORQUE_TURNED: _with_remedy(
         "The motion follows load_torque with the opposite sign: a load torque that drives the joint is positive"
     ),
-    Kind.INERTIA_NEGATIVE: _remedy(
-        "The inertia came out negative: torque and position have opposite signs", "Turn one of them round."
+    Kind.INERTIA_NEGATIVE: _with_remedy(
+        "The inertia came out negative: torque and position have opposite signs", "Give one of them a minus sign."
     ),
-    Kind.ZERO_SHIFTED: _zero_shifted,
-    Kind.ZERO_UPRIGHT: _remedy(
+    Kind.ZERO_SHIFTED: _describe_zero,
+    Kind.ZERO_UPRIGHT: _with_remedy(
         "The gravity came out negative: position 0 seems to be the upright position, and must be the hanging one"
     ),
-    Kind.GRAVITY_BESIDE_SPRING: lambda found: (
+    Kind.GRAVITY_BESIDE_SPRING: (
         "The gravity came out negative beside a spring: the two cancel, and neither is meaningful."
     ),
-    Kind.FRICTION_NEGATIVE: lambda found: (
-        f"{join_words(found.parameters)} came out negative, and no friction drives: another law acts in its place."
-    ),
-    Kind.INCOMPLETE: _incomplete,
-    Kind.TIED: _tied,
+    Kind.FRICTION_NEGATIVE: "{parameters} came out negative, and no friction drives: another law acts in its place.",
+    Kind.INCOMPLETE: _describe_incomplete,
+    Kind.TIED: _describe_tie,
     Kind.UNTESTED_RANGE: lambda found: f"{capitalise(describe_untested(found))}.",
-    Kind.IMPOSSIBLE: _impossible,
+    Kind.IMPOSSIBLE: lambda found: (
+        f"The best fit is unphysical: it has {join_words(describe_violations(found))}. Check the signs of torque and "
+        "position, or record a motion of more than one frequency."
+    ),
     Kind.TABLE_EXPLAINS: lambda found: (
-        f"{capitalise(describe_law(found))} would explain most of the residual, and no effect of the library "
-        "is that law."
+        f"{capitalise(describe_law(found))} would explain most of the residual, and no effect of the library is that law."
     ),
-    Kind.NEAR_REVERSALS: lambda found: (
-        "The torque fits where the joint moves freely, but free-running simulation errs by "
-        f"{measure(found.numbers['error'], 2)}: something acts near reversals or at rest."
+    Kind.NEAR_REVERSALS: (
+        "The torque fits where the joint moves freely, but free-running simulation errs by {error:2}: something acts "
+        "near reversals or at rest."
     ),
-    Kind.NOWHERE: lambda found: (
-        f"The residual is {measure(found.numbers['residual'], 2)}, {found.numbers['times'].value:.2g} times the "
-        "noise floor, at no one speed, angle or time: something acts faster than the windows resolve, or rarely."
+    Kind.NOWHERE: (
+        "The residual is {residual:2}, {times.value:.2g} times the noise floor, at no one speed, angle or time. "
+        "Something acts faster than the windows resolve, or rarely."
     ),
-    Kind.SERVO_OFF: _servo_off,
-    Kind.TABLE_HELPS: _table_helps,
-    Kind.NO_EFFECT_OPEN: lambda found: (
-        "No library effect explains the rest of the residual. Write your own effect, or keep a table."
-    ),
-    Kind.FIT_HELD_OUT: _fit_held_out,
+    Kind.SERVO_OFF: _describe_servo,
+    Kind.TABLE_HELPS: _describe_table,
+    Kind.NO_EFFECT_OPEN: "No library effect explains the rest of the residual. Write your own effect, or keep a table.",
+    Kind.FIT_HELD_OUT: "The model explains the fitted data, but not the held-out data ({recordings}): fit both.",
     Kind.INERTIA_UNKNOWN: lambda found: (
         f"The motion of an experiment cannot be predicted without the inertia. {advise_inertia()}"
     ),
-    Kind.BEYOND_LIMITS: _beyond_limits,
-    Kind.CHECK_DRIVE: lambda found: (
+    Kind.BEYOND_LIMITS: _describe_limits,
+    Kind.CHECK_DRIVE: (
         "No effect that was tried explains the residual. Check the gains and limits of the drive, and record under "
         "more gains."
     ),

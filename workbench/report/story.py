@@ -17,7 +17,7 @@ from pendulum_env.physics import nameable
 from pendulum_env.quantity import Quantity
 from workbench.narrator.diagnosis import advice, describe_refit, headline, next_step, remarks
 from workbench.narrator.effects import name
-from workbench.narrator.findings import aim, measure, measure_range
+from workbench.narrator.findings import describe_aim, measure, measure_range
 from workbench.narrator.notes import describe_note
 from workbench.report.case import Case
 from workbench.report.section import Section
@@ -150,7 +150,7 @@ def next_experiment(case: Case) -> Section | None:
     content = {
         "figure": figure,
         "expected": expected,
-        "aims": [aim(own.effect, own.instead) for own in suggestion.settles],
+        "aims": [describe_aim(own.effect, own.instead) for own in suggestion.settles],
     }
     return Section("next", "What next", "The next experiment", content)
 

@@ -19,7 +19,7 @@ from workbench.app.stages.add import calls
 from workbench.app.stages.data import timing
 from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import headline
-from workbench.narrator.findings import aim
+from workbench.narrator.findings import describe_aim
 from workbench.report.arm import joints
 from workbench.report.case import ends
 from workbench.report.story import ranked, story
@@ -89,7 +89,7 @@ def _next(state: Work, busy: bool) -> list[Component]:
     suggestion = state.diagnosis.suggestion if state.diagnosis is not None else None
     if suggestion is None or recorder.simulated(state) is None:
         return []
-    aims = join_words([aim(own.effect, own.instead) for own in suggestion.settles])
+    aims = join_words([describe_aim(own.effect, own.instead) for own in suggestion.settles])
     what = f"The same simulated pendulum can play it now: {suggestion.seconds:g} s to {aims}."
     press = button("Record the next experiment", "record-next", primary=not state.found, disabled=busy)
     return [panel("The next experiment", html.P(what), press)]
