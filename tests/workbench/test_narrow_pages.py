@@ -12,14 +12,11 @@ from tests import slow
 from tests.cases import diagnosed
 from tests.patience import wait_until
 from tests.workbench.app.plants import recorded
-from tests.workbench.surveys import surveyed_rows
 from workbench.cli import main
 from workbench.report import render, render_comparison
 from workbench.report.case import Case
 from workbench.report.numbers import errors, ladder
 from workbench.report.page import assemble
-from workbench.report.survey import render as render_survey
-from workbench.survey.table import find_series
 
 TELEPHONE = {"width": 420, "height": 900}  # [px]
 CUT = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
@@ -65,10 +62,6 @@ def of_a_comparison(folder: Path) -> str:
     return render_comparison(compare(found().steps[0].model, data.holdout))
 
 
-def of_a_survey(folder: Path) -> str:
-    return render_survey(surveyed_rows(), find_series(surveyed_rows()))
-
-
 def of_an_arm(folder: Path) -> str:
     assert main(["demo", "--robot", "two-link", "-o", str(folder / "page.html")]) == 0
     return (folder / "page.html").read_text(encoding="utf-8")
@@ -79,9 +72,7 @@ def page(browser):
     return browser.new_page(viewport=TELEPHONE)
 
 
-@pytest.mark.parametrize(
-    "write", slow.but_first([of_many_curves, of_a_pendulum, of_a_comparison, of_a_survey, of_an_arm])
-)
+@pytest.mark.parametrize("write", slow.but_first([of_many_curves, of_a_pendulum, of_a_comparison, of_an_arm]))
 def test_nothing_is_cut(page, tmp_path, write):
     (tmp_path / "shown.html").write_text(write(tmp_path), encoding="utf-8")
     page.goto((tmp_path / "shown.html").as_uri())

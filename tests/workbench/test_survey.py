@@ -20,14 +20,12 @@ from benchmarks.two_link import TwoLink
 from estimators import diagnose
 from pendulum_env.recording import RecordingError, read_recording, write_recording
 from tests.patience import PATIENCE, wait_until
-from tests.workbench.pages import whole
 from tests.workbench.surveys import BEGAN, surveyed_rows
 from workbench.cli import main
 from workbench.commands.survey import configure
 from workbench.mistakes import InputError
 from workbench.processes import local_workers
-from workbench.report.survey import render
-from workbench.survey.diagnosis import Settings, content_hash, joint_rows
+from workbench.survey.diagnosis import Settings, joint_rows
 from workbench.survey.recordings import TABLES, find_recordings
 from workbench.survey.run import DIED, RESULTS, survey
 from workbench.survey.table import find_series
@@ -79,8 +77,7 @@ class Counted:
 def run(folder, output, *task, options=(), start=ThreadPoolExecutor, workers=1):
     asked = arguments(folder, *options)
     found = find_recordings(folder, asked)
-    hashes = [content_hash(own.source.file) for own in found]
-    return survey(found, hashes, Settings.of(asked), output, start, workers, **({"task": task[0]} if task else {}))
+    return survey(found, Settings.of(asked), output, start, workers, **({"task": task[0]} if task else {}))
 
 
 @pytest.fixture
@@ -279,14 +276,6 @@ def test_a_row_has_no_value_of_an_unknown_parameter_and_says_what_is_biased(swin
     assert row["parameters"][second]["value"] == found.model.estimates[second].value
 
 
-def test_the_report_is_one_page_with_the_parameters_that_change_or_none(rows):
-    page = whole(render(rows, find_series(rows)))
-    assert [trace["name"] for trace in page.figures[0]["data"]] == ["drifts coulomb", "jumps inertia"]
-    assert sum(tag == "tr" for tag, _ in page.tags) == 1 + 2 + 1 + len(rows)
-    failed = [row | {"parameters": {}, "error": "it is <damaged>"} for row in rows]
-    assert "it is <damaged>" in whole(render(failed, find_series(failed))).text
-
-
 # ------------------------------------------------------------------------------------------------------ the command
 
 
@@ -299,12 +288,10 @@ def recordings(tmp_path, swing):
     return tmp_path / "data"
 
 
-def test_the_command_writes_tables_of_diagnoses_and_of_a_damaged_file(tmp_path, recordings, done):
+def test_the_command_writes_tables_of_diagnoses_and_of_a_damaged_file(recordings, done):
     command = ["survey", str(recordings), "-o", str(recordings / "out"), "--only", ",".join(FEW), "--workers", "1"]
-    page = tmp_path / "page.html"
-    told = done(*command, "--report", str(page))
+    told = done(*command)
     assert "0 known from before, 1 diagnosed, 1 failed" in told and "no column for torque" in told
-    assert "no column for torque" in whole(page.read_text()).text
     good, damaged = pq.read_table(recordings / "out" / "survey.parquet").to_pylist()
     assert damaged["error"].startswith("no column for torque among") and damaged["inertia"] is None
     found = diagnose(read_recording(recordings / "elbow" / "2026-03-01.csv"), only=FEW)

@@ -9,9 +9,9 @@ from pendulum_env.arms.joints import arm_base
 from workbench.inputs import body_of_arguments, read_model
 from workbench.mistakes import InputError, Interrupted
 from workbench.options import LIMITS, READING, ROBOT, declare, whole
-from workbench.outputs import check_outputs, write_page, wrote
+from workbench.outputs import wrote
 from workbench.processes import local_workers
-from workbench.survey.diagnosis import Settings, content_hash
+from workbench.survey.diagnosis import Settings
 from workbench.survey.recordings import TABLES, find_recordings
 from workbench.survey.run import cluster_workers, survey
 from workbench.survey.table import changes_table, find_series, recordings_table, write_tables
@@ -28,7 +28,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         folder FOLDER  recordings in it and below it, each diagnosed on its own; the recordings of one folder are of
             one machine; a study.toml says how those that it names are read
         -o, --output OUT  folder of the tables, survey and trends, as Parquet and CSV; run again to continue
-        --report
         --workers N  processes on this computer (default: one for each core)
         --scheduler ADDRESS  scheduler of a Dask cluster to use instead, as tcp://host:8786 (needs the extra fleet);
             its workers see the same files
@@ -44,15 +43,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     folder, output = Path(arguments.folder), Path(arguments.output)
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file: name a folder for the tables")
-    check_outputs([arguments.report])
     _check_options(arguments)
     settings, found = Settings.of(arguments), find_recordings(folder, arguments, output)
     start = local_workers if arguments.scheduler is None else lambda _: cluster_workers(arguments.scheduler)
-    with terminal.progress("reading files") as progress:
-        hashes = []
-        for k, own in enumerate(found):
-            progress(f"{k} of {len(found)}", k / len(found))
-            hashes.append(content_hash(own.source.file))
     counts = []
     with terminal.progress("diagnosing", timed=True) as progress:
 
@@ -61,7 +54,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             progress(f"{done} of {total}", done / total)
 
         try:
-            rows = survey(found, hashes, settings, output, start, arguments.workers, tell)
+            rows = survey(found, settings, output, start, arguments.workers, tell)
         except KeyboardInterrupt:
             raise Interrupted(f"results are kept in {output}: run again to continue") from None
     known, failed, machines = counts[0], sum("error" in row for row in rows), len({own.machine for own in found})
@@ -77,12 +70,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if len(rows) > PRINTED:
         terminal.say(f"and {len(rows) - PRINTED} more in {output / TABLES[1]}")
     terminal.heading("Parameters that change")
-    if changes.rows:
-        terminal.table(*changes)
-    else:
-        terminal.say("none")
-    write_page(arguments.report, terminal, "workbench.report.survey:render", rows, series)
-    wrote([*(output / name for name in TABLES), arguments.report], terminal)
+    terminal.table(*changes) if changes.rows else terminal.say("none")
+    wrote([output / name for name in TABLES], terminal)
 
 
 def _count(number: int, noun: str) -> str:

@@ -431,7 +431,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         "position, or record a motion of more than one frequency."
     ),
     Kind.TABLE_EXPLAINS: lambda found: (
-        f"{capitalise(describe_law(found))} would explain most of the residual, and no effect of the library is that law."
+        f"{capitalise(describe_law(found))} would explain most of the residual. No effect of the library is that law."
     ),
     Kind.NEAR_REVERSALS: (
         "The torque fits where the joint moves freely, but free-running simulation errs by {error:2}: something acts "

@@ -1,4 +1,4 @@
-"""Diagnosis of one recording of a survey: settings, the work itself, and the rows that come of it."""
+"""Diagnosis of one recording of a survey: settings, the diagnosis itself, its rows, and the file that keeps them."""
 
 import hashlib
 import os
@@ -7,15 +7,18 @@ from argparse import Namespace
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
+from typing import Annotated, TypedDict
 
+import msgspec
 import numpy as np
 
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
 from pendulum_env._typing import JSON
-from pendulum_env.errors import format_error
+from pendulum_env.errors import FileError, format_error
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import fault
+from pendulum_env.reading import read_bytes
 from pendulum_env.recording import Source
 from workbench.inputs import open_sources
 from workbench.mistakes import MISTAKES, InputError, sentence
@@ -24,6 +27,46 @@ from workbench.terminal import Terminal
 ASKED = ("only", "without", "fixed", "bounds")  # of a diagnosis, as it is
 READING = ("columns", "unwrap", "drive", "joints", "rotors", "base", "no_gravity", "instruments")
 NAMED = ("robot", "model")  # files
+
+
+class ParameterEstimate(TypedDict):
+    """Estimate of a parameter; without a value if it is unknown."""
+
+    value: float | None
+    std: float | None
+    unit: str
+
+
+class JointRow(TypedDict):
+    """Result at a joint; a pendulum has one, without a name."""
+
+    joint: str
+    effects: str
+    selected: list[str]
+    unexplained: bool
+    biased: bool
+    error_before: float | None
+    error_after: float | None
+    noise_floor: float | None
+    error_unit: str
+    position_rms_before: float | None
+    position_rms_after: float | None
+    parameters: dict[str, ParameterEstimate]
+
+
+class SurveyResult(TypedDict):
+    """Result of a recording, as its file keeps it."""
+
+    start: float | None  # time of the first sample [s since 1970], if the recording's clock tells it
+    rows: Annotated[list[JointRow], msgspec.Meta(min_length=1)]
+
+
+def read_result(file: Path) -> SurveyResult | None:
+    """Read a result; None if there is none, or it is damaged."""
+    try:
+        return msgspec.json.decode(read_bytes(file), type=SurveyResult)
+    except (FileError, msgspec.MsgspecError):
+        return None
 
 
 @dataclass(frozen=True)
@@ -70,15 +113,14 @@ def diagnose_source(source: Source, settings: Settings) -> JSON:
     """Diagnose a recording as `diagnose` does, alone and whatever its role in a study.
 
     Returns:
-        `rows`, one for each joint, and `start`, seconds since 1970 if the recording's clock tells them; or `error`, a
-        sentence on why there is no diagnosis.
+        a `SurveyResult`, or a dictionary with `error`, a sentence on why there is no diagnosis.
     """
     try:
         for path in settings.plugins:
             load_plugin(Path(path))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the result says what matters
-            return _diagnose(source, settings.options)
+            return {**_diagnose(source, settings.options)}
     except Exception as error:  # a fault of the program in one recording must not cost the others
         return {"error": describe_error(error, source)}
 
@@ -89,7 +131,7 @@ def describe_error(error: Exception, source: Source) -> str:
     return sentence(error).removeprefix(f"{source.file}: ")
 
 
-def _diagnose(source: Source, options: Namespace) -> JSON:
+def _diagnose(source: Source, options: Namespace) -> SurveyResult:
     terminal = Terminal(quiet=True)
     opened = open_sources(options, (replace(source, role="fit"),), terminal)
     given = opened.preprocessed(terminal)
@@ -104,11 +146,11 @@ def _diagnose(source: Source, options: Namespace) -> JSON:
     return {"start": None if date is None else date.timestamp(), "rows": joint_rows(found)}
 
 
-def joint_rows(found: Diagnosis) -> list[JSON]:
-    """Make a row for each joint of a diagnosis; a pendulum has one, without a name."""
+def joint_rows(found: Diagnosis) -> list[JointRow]:
+    """Make a row for each joint of a diagnosis."""
     first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
     joints = tuple(found.floors)
-    parameters: dict[str, JSON] = {joint: {} for joint in joints}
+    parameters: dict[str, dict[str, ParameterEstimate]] = {joint: {} for joint in joints}
     biased = set()
     for name, own in found.model.readable.items():
         joint, quantity = _at_joint(name, joints)

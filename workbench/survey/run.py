@@ -18,9 +18,8 @@ from pendulum_env.files import write_whole
 from pendulum_env.recording import Source
 from pendulum_env.settings import use_writer
 from workbench.mistakes import InputError, write_option
-from workbench.survey.diagnosis import Settings, describe_error, diagnose_source
+from workbench.survey.diagnosis import Settings, content_hash, describe_error, diagnose_source, read_result
 from workbench.survey.recordings import SurveyedRecording
-from workbench.survey.result import read_result
 from workbench.survey.table import label_rows
 
 RESULTS = "recordings"  # folder of the results
@@ -32,7 +31,6 @@ Start = Callable[[int], AbstractContextManager[Executor]]  # starts that many wo
 
 def survey(
     found: Sequence[SurveyedRecording],
-    hashes: Sequence[str | None],
     settings: Settings,
     output: Path,
     start: Start,
@@ -44,7 +42,6 @@ def survey(
 
     Args:
         found: the recordings.
-        hashes: of their contents, see `content_hash`.
         settings: of the diagnoses.
         output: folder of the results; those that are there stay, however this ends.
         start: starts the workers: `local_workers`, or a function that returns `cluster_workers`.
@@ -60,10 +57,11 @@ def survey(
         InputError: if the cluster is lost.
     """
     (output / RESULTS).mkdir(parents=True, exist_ok=True)
+    hashes = [content_hash(own.source.file) for own in found]
     keys = [settings.key(own.source, content) for own, content in zip(found, hashes, strict=True)]
     files = [output / RESULTS / f"{key}.json" for key in keys]
     # by index in `found`: several recordings may have the same name, or be of the same file
-    results = {k: kept for k, file in enumerate(files) if (kept := read_result(file)) is not None}
+    results: dict[int, JSON] = {k: {**kept} for k, file in enumerate(files) if (kept := read_result(file)) is not None}
     tell(len(results), len(found))
 
     def keep(k: int, result: JSON) -> None:
