@@ -31,14 +31,10 @@ def place(folder: Path) -> None:
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not on this machine")
-@pytest.mark.parametrize("path", [PAGE, ROOT / "docs" / "how-to" / "arms.md"], ids=["machines", "arms"])
-def test_what_a_page_shows_of_real_machines_is_what_is_printed(tmp_path: Path, path: Path) -> None:
+def test_what_the_page_shows_of_real_machines_is_what_is_printed(tmp_path: Path) -> None:
     place(tmp_path)
-    (tmp_path / "tx40.toml").write_text('[[recording]]\nfile = "tx40.csv.gz"\nrange = [0.1, 7.5]\n')  # as on the first
-    found = [replace(one, why=None) if one.why == TAKES else one for one in blocks(path.read_text(encoding="utf-8"))]
-    if path != PAGE:  # what needs no recordings is run with all pages
-        found = [one for one in found if "tx40" in one.text]
+    found = [replace(one, why=None) if one.why == TAKES else one for one in blocks(PAGE.read_text(encoding="utf-8"))]
     with own_folder(tmp_path):
-        for output in outputs(path, found):
+        for output in outputs(PAGE, found):
             line = first_untold(output.shown, output.printed)
             assert line is None, f"{output.where}: shows what is not printed: {line}\n\n{output.printed}"
