@@ -195,10 +195,10 @@ def tell_preprocessed(given: FitData, align: bool | None, terminal: Terminal) ->
     if given.constant is not None:
         terminal.say(given.constant.text)
     align = align if all(own.has_logged_torque for own in given.recordings) else None
-    timed = given if align is None else given.timed()
+    timed = given if align is None else given.with_timing()
     if align and not timed.has_moved:
         terminal.say("no torque shows to be logged late: taken as it was logged")
-    for finding in timed.timing(True):
+    for finding in timed.find_timing(True):
         text = describe_late(finding, "It is corrected." if align else "Correct it with --align.")
         terminal.say(text if align else f"warning: {text}", style="yellow")
     return timed if align else given

@@ -93,11 +93,11 @@ class Alignment:
         return self.channel.is_late
 
     @property
-    def is_half(self) -> bool:
+    def is_half_sample(self) -> bool:
         """Return whether torque was sampled with the position: half a sample late, for any sampling period."""
         return self.channel.is_sampled and self.delay_std == 0
 
-    def excels(self, other: Alignment, by_chance: float = 0.0) -> bool:
+    def beats(self, other: Alignment, by_chance: float = 0.0) -> bool:
         """Return whether it predicts significantly better, by the scatter between clusters of time.
 
         A channel acts always: what fits a single event better is no delay.
@@ -113,18 +113,18 @@ class Alignment:
         return bool((self.density.sum(axis=1) > other.density.sum(axis=1)).all())
 
     @property
-    def is_sure(self) -> bool:
+    def is_significant(self) -> bool:
         """Return whether each parameter differs significantly from zero, and lies inside the search range."""
         pairs = ((self.delay, self.delay_std), (self.lag, self.lag_std))
         return all(SEARCH.sure * std < abs(value) < SEARCH.reach for value, std in pairs if std > 0)
 
-    def stands(self, none: Alignment) -> bool:
+    def is_supported(self, none: Alignment) -> bool:
         """Return whether it predicts significantly better than no shift, with significant parameters."""
-        return self.is_sure and self.excels(none, SEARCH.by_chance)
+        return self.is_significant and self.beats(none, SEARCH.by_chance)
 
     def agrees(self, other: Alignment) -> bool:
         """Return whether delay and lag agree with those of another alignment within their errors."""
-        if self.is_half and other.is_half:  # each of its own period
+        if self.is_half_sample and other.is_half_sample:  # each of its own period
             return True
         apart = self.delay + self.lag - other.delay - other.lag
         spread = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
@@ -138,7 +138,7 @@ class Alignment:
         if not self.is_late:
             return recording
         period = 1.0 / recording.rate
-        channel = replace(self.channel, delay=0.5 * period) if self.is_half else self.channel
+        channel = replace(self.channel, delay=0.5 * period) if self.is_half_sample else self.channel
         edge = 2 * self.channel.is_sampled  # samples whose cubic has no neighbours
         first = max(edge, int(self.lag > 0))
         beyond = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + edge
@@ -160,7 +160,7 @@ class Alignment:
     @property
     def _note(self) -> Note:
         """Note the parts of the law that was corrected; half a sample has none."""
-        parts = {} if self.is_half else {"delay": self.delay, "lag": self.lag}
+        parts = {} if self.is_half_sample else {"delay": self.delay, "lag": self.lag}
         return Note(NoteKind.ALIGNED, numbers={name: Quantity(size, unit="s") for name, size in parts.items() if size})
 
     @property
@@ -168,7 +168,9 @@ class Alignment:
         """Finding on the timing; None if torque and motion are in time. Sampled torque may have no delay of its own."""
         if not self.is_found:
             return None
-        numbers = {"delay": Quantity(abs(self.delay), self.delay_std, "s")} if self.delay and not self.is_half else {}
+        numbers = (
+            {"delay": Quantity(abs(self.delay), self.delay_std, "s")} if self.delay and not self.is_half_sample else {}
+        )
         numbers |= {"lag": Quantity(abs(self.lag), self.lag_std, "s")} if self.lag else {}
         if self.rival is not None:
             law = "rival_delay" if self.rival.delay else "rival_lag"

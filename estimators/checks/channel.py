@@ -112,16 +112,16 @@ class ChannelFits:
         where = Blocks(stretch, recording, recording[begin], stretch)
         weighted = phi[rows] * data.weights[rows, None]
         found = cls(data, rows, weighted, np.zeros_like(weighted), where, carried)
-        return found.under_its_own(partial(found._pressed, of_torque)) if of_torque else found
+        return found.with_columns_of_torque(partial(found._columns_under, of_torque)) if of_torque else found
 
-    def beside(self, columns: Array, by_torque: Array | None = None) -> Self:
+    def with_columns(self, columns: Array, by_torque: Array | None = None) -> Self:
         """Return the fits with more columns (R, P), and their derivatives by the torque."""
         weighted = columns * self.data.weights[self.rows, None]
         slopes = np.zeros_like(columns) if by_torque is None else by_torque
         phi, by_torque = np.column_stack([self.phi, weighted]), np.column_stack([self.by_torque, slopes])
         return replace(self, phi=phi, by_torque=by_torque)
 
-    def _pressed(self, terms: Sequence[Term], torque: Array) -> Array:
+    def _columns_under(self, terms: Sequence[Term], torque: Array) -> Array:
         """Compute columns (R, P) of torque-dependent effects for another torque (R,) [N m], interpolated in time."""
         windows, first = [], 0
         for w in self.data.windows:
@@ -135,31 +135,33 @@ class ChannelFits:
         parts = [(moved.where(term.at), moved.columns([term])[0][0]) for term in terms]
         return place_columns(len(self.data.weights), parts)[self.rows]
 
-    def rubbing(self) -> Self:
+    def with_motor_friction(self) -> Self:
         """Return the fits with friction that depends on the motor torque."""
         parts = [
             self.data.averages.column(column, self.data.averages.samples)[self.rows, None] for column in (MOTOR, SENSE)
         ]
-        return self.beside(*parts)
+        return self.with_columns(*parts)
 
-    def under_its_own(self, columns: Callable[[Array], Array]) -> Self:
+    def with_columns_of_torque(self, columns: Callable[[Array], Array]) -> Self:
         """Return the fits with columns (R, P) of the torque (R,) of the model [N m], which is never late."""
         torque, weights, found = self.torque(self.channel(self.start)), self.data.weights[self.rows], self
         for _ in range(SEARCH.bends):
             fitted = (torque - found.residual(torque)) / weights + self.carried[self.rows]
-            found = self.beside(columns(fitted))
+            found = self.with_columns(columns(fitted))
         return found
 
-    def bent(self) -> Self:
+    def with_nonlinear_gain(self) -> Self:
         """Return the fits with columns of the torque of the model: friction under load, and nonlinear gain."""
         sign = np.sign(self.data.samples.velocity[self.rows])
-        return self.under_its_own(lambda torque: np.column_stack([np.abs(torque) * sign, torque**2, torque**3]))
+        return self.with_columns_of_torque(
+            lambda torque: np.column_stack([np.abs(torque) * sign, torque**2, torque**3])
+        )
 
-    def drifting(self) -> Self:
+    def with_drift(self) -> Self:
         """Return the fits with parameters that change along each recording."""
         passed = np.concatenate([2 * w.centers / len(w.recording) - 1 for w in self.data.windows])
         base = np.column_stack([self.data.columns([term])[0][0] for term in BASE])
-        return self.beside((base * passed[:, None])[self.rows])
+        return self.with_columns((base * passed[:, None])[self.rows])
 
     @cached_property
     def span(self) -> Array:
@@ -179,12 +181,12 @@ class ChannelFits:
         delays = SEARCH.reach * np.linspace(-1.0, 1.0, SEARCH.starts)
         return min(np.outer(delays, [1.0, 0.0]), key=lambda x: float(np.linalg.norm(self.misfit(x))))
 
-    def sharpest(self) -> Self:
+    def select_most_precise(self) -> Self:
         """Return the fits with the model that determines a delay most precisely: this one, or a larger one."""
-        return min((self, self.drifting(), self.bent()), key=lambda own: own.delayed.delay_std)
+        return min((self, self.with_drift(), self.with_nonlinear_gain()), key=lambda own: own.delay_fit.delay_std)
 
     @cached_property
-    def delayed(self) -> Alignment:
+    def delay_fit(self) -> Alignment:
         """Return the law with a free delay."""
         return self.fit([np.zeros(2), self.start], (0,))
 
@@ -258,28 +260,28 @@ class ChannelFits:
             lag_std *= channel.lag**2 / (x[1] * (x[1] + self.period))
         gain = float(fits[0].theta[0]), float(errors[0])
         density = cross_validated(balance, self.where)
-        raised = np.log(self.raised(channel)) * np.bincount(self.where.block)
+        raised = np.log(self.compute_noise_gain(channel)) * np.bincount(self.where.block)
         return Alignment(channel, delay_std, lag_std, None, gain, np.stack([density, density + raised]))
 
-    def simplest(self) -> Alignment:
+    def select_law(self) -> Alignment:
         """Return the simplest law that predicts significantly better than the others.
 
         A filter shorter than a sample cannot be distinguished from a delay by a share of it.
         """
-        none, delay = self.fit([np.zeros(2)]), self.delayed
+        none, delay = self.fit([np.zeros(2)]), self.delay_fit
         late = delay.delay
         lag = self.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
-        if not delay.stands(none) or self.is_negligible(late):  # a filtered torque is late, too
+        if not delay.is_supported(none) or self.is_negligible(late):  # a filtered torque is late, too
             # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
             spread = max(delay.delay_std, abs(late) / SEARCH.sure), max(lag.lag_std, abs(lag.lag) / SEARCH.sure)
             return replace(none, delay_std=spread[0], lag_std=spread[1])
         if late > 0:
             both = self.fit([late * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)
-            if both.stands(none) and both.lag > self.period and both.excels(delay) and both.excels(lag):
+            if both.is_supported(none) and both.lag > self.period and both.beats(delay) and both.beats(lag):
                 return both
-        is_filter = lag.predicts_better(delay) and lag.stands(none) and abs(lag.lag) >= self.period
+        is_filter = lag.predicts_better(delay) and lag.is_supported(none) and abs(lag.lag) >= self.period
         law, other = (lag, delay) if is_filter else (delay, lag)
-        return law if law.excels(other) or not other.stands(none) else replace(law, rival=other.channel)
+        return law if law.beats(other) or not other.is_supported(none) else replace(law, rival=other.channel)
 
     def is_negligible(self, delay: float) -> bool:
         """Return whether a delay [s] is within the exactness of clocks, and torque is predicted as well without it."""
@@ -288,7 +290,7 @@ class ChannelFits:
         before, after = (np.hypot(np.linalg.norm(self.misfit(np.array([own, 0.0]))), exactness) for own in (0.0, delay))
         return bool(abs(delay) < SEARCH.negligible * self.period and after > (1 - Criterion.error_margin) * before)
 
-    def raised(self, channel: Channel) -> float:
+    def compute_noise_gain(self, channel: Channel) -> float:
         """Compute the largest gain of white noise of the log in the windows by the inverse filter."""
         factors, reach = [], int(np.ceil(5 * SEARCH.reach / self.period))
         impulse = np.eye(1, 2 * reach + 1, reach)[0]
@@ -348,24 +350,25 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
         fits = None
     if fits is None:
         return NO_ALIGNMENT
-    fits = fits if fits.data.shared_columns else fits.sharpest()  # what links and smooth laws follow is wide enough
-    found, sampled = fits.simplest(), replace(fits, is_sampled=True)
-    free = fits.delayed
-    if not (found.is_late or (free.is_sure and not found.is_found)):
+    if not fits.data.shared_columns:  # the columns of links and smooth laws follow any motion
+        fits = fits.select_most_precise()
+    found, sampled = fits.select_law(), replace(fits, is_sampled=True)
+    free = fits.delay_fit
+    if not (found.is_late or (free.is_significant and not found.is_found)):
         return found
     half = sampled.fit([np.array([0.5 * fits.period, 0.0])])
     if not found.is_late:
-        is_half = half.agrees(free) and half.predicts_better(found) and not free.excels(half)
+        is_half = half.agrees(free) and half.predicts_better(found) and not free.beats(half)
         return half if is_half else found
-    other = sampled.simplest()
+    other = sampled.select_law()
     late, spread = (found.delay + found.lag) / fits.period, (found.delay_std + found.lag_std) / fits.period
     if late + SEARCH.sure * spread < SEARCH.least_sampled:
         return found
     is_usual = late < 0.5 + SEARCH.sure * spread
-    is_sampled = not found.excels(other) if is_usual else other.excels(found)
+    is_sampled = not found.beats(other) if is_usual else other.beats(found)
     if not (is_sampled and other.is_late):
         return found
-    return half if half.agrees(other) and not other.excels(half) else replace(other, rival=None)
+    return half if half.agrees(other) and not other.beats(half) else replace(other, rival=None)
 
 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:

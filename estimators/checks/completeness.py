@@ -69,11 +69,11 @@ def check_arm(
 
 def _check_recordings(given: FitData, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:
     """Check the recordings: timing of torque, feedback, agreement."""
-    timed = given.timed()
+    timed = given.with_timing()
     return [
-        *timed.timing(True),
+        *timed.find_timing(True),
         *find_feedback(given.recordings),
-        *(timed.timing(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
+        *(timed.find_timing(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
         *(one.finding for one in find_disagreements(fits, only_if_all_fit=True)),
         *(one.finding for one in find_misfits(fits)),
     ]

@@ -103,7 +103,7 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
     if len(moved) < 2 and not by_load_torque:
         return explain_unknown_constant(Kind.ONE_LOAD_MOVED, unit, loads=Quantity(len(set(loads))))
     is_plain = compute_driven_share(fits.data, fits.data.torque()) > DRIVEN or is_brake(fits.data)
-    share, std = (fits if is_plain else fits.rubbing()).delayed.gain  # 1/K
+    share, std = (fits if is_plain else fits.with_motor_friction()).delay_fit.gain  # 1/K
     if abs(share) <= LEAST * std:
         return explain_unknown_constant(Kind.CONSTANT_UNCERTAIN, unit, inverse=Quantity(share, std, f"{unit}/(N m)"))
     if share < 0:

@@ -106,13 +106,13 @@ class FitData:
         """Return whether the data had a treatment."""
         return any(treatment.kind is kind for treatment in self.treatments)
 
-    def timed(self, effects: Sequence[Term] = ()) -> FitData:
+    def with_timing(self, effects: Sequence[Term] = ()) -> FitData:
         """Correct the time between torque and motion under a model with some effects: see `estimators.align`.
 
         The timing of the log is no part of the model, so held-out and excluded recordings determine it, too.
         """
         if self.whole is not None:
-            return self.whole.timed(effects).without(self.excluded)
+            return self.whole.with_timing(effects).without(self.excluded)
         raw, terms = self.untimed or self, [term for term in self.terms if isinstance(term, Term)]
         every, count = (*raw.recordings, *raw.holdout), len(raw.recordings)
         alignments = align_each(every, [*terms, *effects])
@@ -235,9 +235,9 @@ class FitData:
             Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED,
             Kind.TORQUE_SAMPLED: Kind.TORQUE_SAMPLED_CORRECTED,
         }
-        return [replace(finding, kind=kinds[finding.kind]) for finding in self.timing(True)]
+        return [replace(finding, kind=kinds[finding.kind]) for finding in self.find_timing(True)]
 
-    def timing(self, is_late: bool) -> tuple[Finding, ...]:
+    def find_timing(self, is_late: bool) -> tuple[Finding, ...]:
         """Return findings on torque that is logged late, or acts late; with names of recordings if these differ."""
         every = zip((*self.recordings, *self.holdout), self.alignments, strict=bool(self.alignments))
         found: list[Finding] = []

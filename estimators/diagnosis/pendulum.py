@@ -148,9 +148,11 @@ def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
     findings += whole.corrections
     named = {id for group in found.effects for id in group}
     if named & {"dead_time", "actuator_lag"}:
-        findings += whole.timing(False)
-    elif found.unexplained and whole.timing(False):  # not where the effects explain the delay
-        findings += whole.timed([term for term in found.model.terms if term.id in found.selected]).timing(False)
+        findings += whole.find_timing(False)
+    elif found.unexplained and whole.find_timing(False):  # not where the effects explain the delay
+        findings += whole.with_timing([term for term in found.model.terms if term.id in found.selected]).find_timing(
+            False
+        )
     return [*findings, *find_feedback(whole.recordings)]
 
 

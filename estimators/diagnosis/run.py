@@ -100,5 +100,5 @@ def diagnose(
     progress("reading the motion", 0.0)
     data, setting = case.prepare(fitted, unseen, setting)
     progress("timing the torque", 0.0)
-    best, tried = choose_treatment(case, data.timed() if case.is_timed else data, setting)
+    best, tried = choose_treatment(case, data.with_timing() if case.is_timed else data, setting)
     return explain(best, tried)

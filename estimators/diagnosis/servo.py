@@ -176,7 +176,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     base = found.steps[0].model.terms
     alone = replace(trial.setting, base=base, library=library, progress=no_progress)
     with suppress(IdentificationError):  # too little motion for a regression
-        by_torque = search(replace(PENDULUM.evaluator(data.timed(), alone), tables=()))
+        by_torque = search(replace(PENDULUM.evaluator(data.with_timing(), alone), tables=()))
         found = replace(found, by_torque=tuple(sorted(ids(by_torque.terms) - ids(base))))
     return found
 

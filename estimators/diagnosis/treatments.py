@@ -123,5 +123,5 @@ def align_with_effects(trial: Trial) -> FitData | None:
     effects = [term for term in trial.found.terms if term.id not in known]
     if not effects or trial.data.has_treatment(Kind.TIMED_BESIDE) or not (trial.data.has_moved or trial.unexplained):
         return None
-    again = trial.data.timed(effects)
+    again = trial.data.with_timing(effects)
     return None if again.agrees(trial.data) else again

@@ -125,7 +125,7 @@ class Identified:
         model = restore_known(self.model, terms, recordings)
         return self if model is self.model else replace(self, model=model)
 
-    def calibrated(self, constant: TorqueConstant, there: Model) -> Identified:
+    def with_constant_error(self, constant: TorqueConstant, there: Model) -> Identified:
         """Add the standard error of the torque constant; one standard error more gives the parameters `there`."""
         model = widen_by_constant(self.model, constant, self.model, there)
         old, new = (np.array([e.std for e in m.estimates.values()])[: len(m.theta)] for m in (self.model, model))

@@ -100,14 +100,14 @@ class Identification(Mapping[str, Identified]):
         recordings = [] if self.data is None else [w.recording for w in self.data.windows]
         terms = make_swing_terms(first.terms, recordings) if recordings else first.terms
         unknown = {name for finding in self.findings for name in finding.withheld}
-        model = self.fitted(lambda data: fit_terms(RegressionData(data), terms)[0])
+        model = self.fit_windows(lambda data: fit_terms(RegressionData(data), terms)[0])
         model = restore_known(model, first.terms, recordings) if recordings else model
         inertia = model.estimates.get("inertia")
         if inertia is not None and not inertia.is_significant:
             unknown.add("inertia")
         return model.biased(disputed).withholding(unknown)
 
-    def fitted(self, fit: Callable[[TorqueWindows], Model]) -> Model:
+    def fit_windows(self, fit: Callable[[TorqueWindows], Model]) -> Model:
         """Return the model of the fit over windows, in the unit of the recorded torque, with the torque constant.
 
         Raises:
@@ -211,7 +211,7 @@ def _identify_joint(
         larger = 1 + given.constant.std / given.constant.value
         moved = [replace(one, torque=larger * one.torque) if one.torque_constant else one for one in recordings]
         there = _fit_schemes(chosen, _measure_joints(moved, terms), terms, recordings, make_regressions(terms))
-        results = {id: own.calibrated(given.constant, there[id].model) for id, own in results.items()}
+        results = {id: own.with_constant_error(given.constant, there[id].model) for id, own in results.items()}
     else:
         results = {id: own.per(recordings[0].units).with_known(original, recordings) for id, own in results.items()}
     results, doubts = _withhold_estimates(results, measurements, doubts)

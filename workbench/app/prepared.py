@@ -48,7 +48,7 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
     given = FitData.of(train, holdout, terms)
     if given.doubt is not None and given.unit != PER_INERTIA:
         raise InputError(f"{describe(given.doubt)} Or give the gain itself.")
-    timed = given.timed()
+    timed = given.with_timing()
     own = timed if is_aligned else given
     base = fit(*own.parts, make_swing_terms(terms, own.recordings))
     model = restore_known(add_torque_constant(base.model, own.parts[0].data), terms, own.recordings)

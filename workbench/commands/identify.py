@@ -75,7 +75,7 @@ def _model_to_write(found: Identification, arguments: argparse.Namespace) -> Mod
     """Model of a pendulum that `-o` writes: by instruments, by the one scheme given, or the fit over windows."""
     if arguments.instruments is not None:
         terms, _ = apply_limits(BASE, {}, arguments.fixed, arguments.bounds)
-        return found.fitted(lambda data: fit_by_reference(data, terms))
+        return found.fit_windows(lambda data: fit_by_reference(data, terms))
     if arguments.output is None:
         return None
     schemes = list(found.schemes.values())

@@ -288,7 +288,7 @@ def describe_aim(effect: str, instead: str | None) -> str:
     return f"tell {effect} from {instead}" if instead else f"show {effect} if it is there"
 
 
-CORRECT_IT = "Correct it with --align (`FitData.of(recordings).timed()` in Python)."
+CORRECT_IT = "Correct it with --align (`FitData.of(recordings).with_timing()` in Python)."
 CORRECTED = "It is corrected here; other commands correct it with --align."
 ANSWERS = (
     "{begin} torque answers the motion ({gain:2} between samples). Reactions of a controller may be taken for physics. "

@@ -185,7 +185,7 @@ def test_held_torque_that_is_a_whole_sample_late_is_never_half_a_sample_late(see
     late = logged_late(run("two_tone", 100.0, seed), 1)
     noise = np.random.default_rng(seed).normal(0.0, 1e-3, len(late))
     found = align([replace(late, position=late.position + noise)])
-    assert not found.is_half and (not found.is_late or found.delay + found.lag > 0.007)
+    assert not found.is_half_sample and (not found.is_late or found.delay + found.lag > 0.007)
 
 
 def test_a_law_that_all_recordings_together_contradict_is_none_of_one_alone(monkeypatch):
@@ -249,4 +249,4 @@ def test_a_delay_has_to_show_all_along_and_not_at_one_event(gained, is_borne_out
         Alignment(Channel(delay), 0.0, 0.0, density=np.tile(density, (2, 1)))
         for delay, density in ((0.0, np.zeros(len(gained))), (0.04, gained))
     )
-    assert law.excels(none, SEARCH.by_chance) == is_borne_out
+    assert law.beats(none, SEARCH.by_chance) == is_borne_out

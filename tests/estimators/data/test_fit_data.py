@@ -28,7 +28,7 @@ def late(good: Recording) -> Recording:
 def mixed() -> FitData:
     """A recording in time, and one whose torque was logged late."""
     good = recording("moving")
-    return FitData.of([good, late(good)]).timed()
+    return FitData.of([good, late(good)]).with_timing()
 
 
 def test_each_recording_is_timed_by_itself_where_they_differ():
@@ -41,8 +41,8 @@ def test_each_recording_is_timed_by_itself_where_they_differ():
 def test_held_out_recordings_tell_the_timing_of_the_log_too():
     good = recording("moving")
     still = late(good).slice(0, 400)  # too short to tell
-    assert not FitData.of([still]).timed().has_moved
-    assert all(one.is_late for one in FitData.of([still], [late(good)]).timed().alignments)
+    assert not FitData.of([still]).with_timing().has_moved
+    assert all(one.is_late for one in FitData.of([still], [late(good)]).with_timing().alignments)
 
 
 def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():

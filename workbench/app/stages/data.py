@@ -174,7 +174,7 @@ def timing(state: State) -> list[Component]:
     """Render the finding on timing as on the command line; empty without one."""
     if state.trouble:
         return []
-    late, acts = (state.prepared.timed.timing(is_late) for is_late in (True, False))
+    late, acts = (state.prepared.timed.find_timing(is_late) for is_late in (True, False))
     if late and state.is_aligned:
         said = [html.P(describe_late(own, "It is corrected in all that follows.")) for own in late]
         press = [button("Take it as it was logged", "align-back")]

@@ -143,7 +143,7 @@ def snippet(state: State) -> str:
             f"body, recordings, holdout = robot.read_study({STUDY!r})",
         ]
     if state.is_aligned:
-        lines.append("given = FitData.of(recordings, holdout).timed()")
+        lines.append("given = FitData.of(recordings, holdout).with_timing()")
         lines.append("recordings, holdout = given.recordings, given.holdout")
     terms = f"Model.load({state.model_file!r}).terms" if state.model_file else "BASE"
     if robot is not None:
