@@ -34,7 +34,7 @@ def mixed() -> FitData:
 def test_each_recording_is_timed_by_itself_where_they_differ():
     in_time, behind = mixed().alignments
     assert not in_time.is_found and behind.delay == pytest.approx(LATE / mixed().recordings[1].rate, rel=0.05)
-    (finding,) = mixed().timing(True)
+    (finding,) = mixed().find_timing(True)
     assert finding.recordings == ("moving, late",) and finding.kind is Kind.TORQUE_LATE
 
 
@@ -49,8 +49,8 @@ def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
     assert mixed().without([]) is mixed()
     first, second = (Disagreement(number, "", (), ()) for number in (1, 2))
     left = mixed().without([second])
-    assert left.timing(True) == () and not left.has_moved
-    assert mixed().without([first]).timing(True)[0].recordings == ()
+    assert left.find_timing(True) == () and not left.has_moved
+    assert mixed().without([first]).find_timing(True)[0].recordings == ()
 
 
 def test_data_that_come_from_another_process_are_prepared_again_alike():
