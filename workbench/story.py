@@ -1,16 +1,14 @@
 """A diagnosis as printed on the terminal: what counts in a few lines, the rest where it is asked for."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 from estimators.diagnosis.result import Diagnosis
 from pendulum_env.formatting import TextTable
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.model import short_name
-from pendulum_env.quantity import Quantity
-from pendulum_env.units import to_shown_unit
 from workbench.narrator.diagnosis import (
     describe_disagreement,
+    describe_errors,
     describe_refit,
     describe_region,
     describe_unexplained,
@@ -18,8 +16,7 @@ from workbench.narrator.diagnosis import (
     next_step,
     remarks,
 )
-from workbench.narrator.findings import measure, measure_change
-from workbench.narrator.results import Part, ends, of_diagnosis
+from workbench.narrator.results import Part, of_diagnosis
 from workbench.terminal import Terminal
 
 MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"
@@ -52,7 +49,7 @@ def tell_diagnosis(
         added = [term.id for term in found.model.terms if term.id in found.selected]
         estimates = {name: own for id in added for name, own in found.model.of(id).items()}
     step = next_step(found)
-    lines = [*found.laws, errors_line(found)]
+    lines = [*found.laws, describe_errors(found)]
     lines += [describe_refit(found.refit)] if found.refit is not None else []
     lines += parameters_line(estimates, bool(found.unexplained))
     first = {region.at: region for region in reversed(found.unexplained)}  # of each joint
@@ -70,27 +67,6 @@ def tell_diagnosis(
         tell(of_diagnosis(found, every, ALL), terminal)
     elif more:
         terminal.say(more)
-
-
-def errors_line(found: Diagnosis) -> str:
-    """Held-out errors before and after, and what noise alone would leave."""
-    first, last = ends(found.steps)
-    what, source = ("in the loop", "encoder") if last.is_in_loop else ("torque", "noise")
-
-    def fall(before: float, after: float, unit: str) -> str:
-        is_new = len(found.steps) > 1 and not (math.isnan(before) and math.isnan(after))
-        old, new = Quantity(before, unit=unit), Quantity(after, unit="" if math.isnan(after) else unit)
-        return measure_change(old, new, 4) if is_new else measure(new, 4)
-
-    floors = {at: to_shown_unit(floor, found.unit_at(at))[0] for at, floor in found.floors.items()}
-    falls = [
-        f"{at or what} {fall(first.at(at), last.at(at), found.unit_at(at))} ({source} alone {floor:.3g})"
-        for at, floor in floors.items()
-    ]
-    if found.body.can_simulate and not last.is_in_loop:
-        angle = found.model.units().unit("rad")
-        falls.append(f"free-running position {fall(first.position_rms, last.position_rms, angle)}")
-    return f"error held out: {', '.join(falls)}"
 
 
 def parameters_line(estimates: Mapping[str, Estimate], is_biased: bool) -> list[str]:

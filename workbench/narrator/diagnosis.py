@@ -1,5 +1,6 @@
 """A diagnosis in words: what to do next, what else was found, and the files that hold both, with texts."""
 
+import math
 from dataclasses import replace
 
 from estimators.checks.alignment import Alignment
@@ -15,7 +16,7 @@ from pendulum_env.excitation import signal_json
 from pendulum_env.formatting import capitalise, join_words
 from pendulum_env.recording import NoteKind
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.units import TURNING, JointUnits, show_angles
+from pendulum_env.units import TURNING, JointUnits, show_angles, to_shown_unit
 from workbench.narrator.effects import name
 from workbench.narrator.findings import describe, describe_aim, measure, measure_change, measure_range
 from workbench.narrator.reasons import describe_reason
@@ -107,6 +108,27 @@ def headline(found: Diagnosis) -> str:
         if found.searched
         else (f"Something is missing{place or ' in this model'}")
     )
+
+
+def describe_errors(found: Diagnosis) -> str:
+    """State the held-out errors before and after, with the noise floors."""
+    first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
+    what, source = ("in the loop", "encoder") if last.is_in_loop else ("torque", "noise")
+
+    def fall(before: float, after: float, unit: str) -> str:
+        is_new = len(found.steps) > 1 and not (math.isnan(before) and math.isnan(after))
+        old, new = Quantity(before, unit=unit), Quantity(after, unit="" if math.isnan(after) else unit)
+        return measure_change(old, new, 4) if is_new else measure(new, 4)
+
+    floors = {at: to_shown_unit(floor, found.unit_at(at))[0] for at, floor in found.floors.items()}
+    falls = [
+        f"{at or what} {fall(first.at(at), last.at(at), found.unit_at(at))} ({source} alone {floor:.3g})"
+        for at, floor in floors.items()
+    ]
+    if found.body.can_simulate and not last.is_in_loop:
+        angle = found.model.units().unit("rad")
+        falls.append(f"free-running position {fall(first.position_rms, last.position_rms, angle)}")
+    return f"error held out: {', '.join(falls)}"
 
 
 def describe_refit(found: HorizonRefit) -> str:

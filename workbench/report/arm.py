@@ -9,8 +9,8 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.signals.residual import REGIONS, compute_profiles
 from estimators.weak_form.torque_windows import NEGLIGIBLE
 from pendulum_env.formatting import format_percent
-from pendulum_env.recording.record import NEWTON_METRE
-from workbench.narrator.diagnosis import describe_region, headline, next_step
+from workbench.narrator.diagnosis import describe_region, describe_unexplained, headline, next_step
+from workbench.narrator.results import joints_table
 from workbench.report.case import Case, Drawn, ends
 from workbench.report.failures import key, profile_figure
 from workbench.report.numbers import parameters
@@ -42,20 +42,16 @@ def joints(
     """Torque errors of every joint under each model, on the data that `measured` names, and what a diagnosis found."""
     final = models[-1][2].model
     errors = [step.errors["holdout"] for _, _, step in models]
-    selected, left = (found.selected, found.left.items()) if found is not None else ((), ())
+    selected, unexplained = (found.selected, found.unexplained) if found is not None else ((), ())
     content = {
         "measured": measured,
-        "labels": [label for label, _, _ in models],
-        "rows": [
-            (at, [own.joints[at] for own in errors], floors[at], final.units(at).unit(NEWTON_METRE), share)
-            for at, share in errors[-1].shares.items()
-        ],
+        "table": joints_table(errors, floors, final, [label for label, _, _ in models]),
         "laws": [
             (own.id, own.law, {name: one.shown for name, one in final.of(own.id).items()})
             for own in final.terms
             if own.id in selected
         ],
-        "unexplained": [(joint, size, final.units(joint).unit(NEWTON_METRE)) for joint, size in left],
+        "unexplained": [describe_unexplained(found, region) for region in unexplained] if found is not None else [],
         "next_step": next_step(found) if found is not None else "",
     }
     return Section("joints", "Result", headline, content)

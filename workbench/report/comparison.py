@@ -9,7 +9,7 @@ from estimators.figure import DRAWING, Figure, axis, band, before_and_after, bro
 from estimators.in_loop.fit import simulate_recording
 from estimators.simulation.free_running import HORIZON, Segments, follow
 from pendulum_env._typing import Array
-from pendulum_env.formatting import capitalise
+from pendulum_env.formatting import TextTable, capitalise, format_number
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import POINTS, thin
@@ -107,7 +107,7 @@ def loop(
             simulated, measured = factor * simulated, factor * measured
             errors.append(float(np.mean(np.abs(simulated - measured))))
             curves.append(line(time, simulated, label, color, unit))
-        rows.append((recording.name, errors))
+        rows.append((recording.name, *(format_number(error, padded=True) for error in errors)))
         if number >= DRAWING.in_loop or recording.reference is None:
             continue
         start = recording.time - recording.time[0]
@@ -119,8 +119,7 @@ def loop(
         label = f"{recording.name}: goal, measured and simulated position"
         figures.append(Figure(f"loop-{number}", label, lines, layout))
     content = {
-        "labels": [f"{label} [{unit}]" for label, _ in models],
-        "rows": rows,
+        "table": TextTable(("recording", *(f"{label} [{unit}]" for label, _ in models)), rows),
         "figures": figures,
         "lists": [("Left unexplained", left), ("What to do next", advice)],
     }

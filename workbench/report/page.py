@@ -26,9 +26,10 @@ from pendulum_env.formatting import (
     typeset,
 )
 from workbench.narrator.comparison import caveat, errors_in_loop, headline
-from workbench.narrator.diagnosis import describe_detectable, describe_disagreement, describe_region, warnings
+from workbench.narrator.diagnosis import describe_disagreement, describe_region, warnings
 from workbench.narrator.effects import name
 from workbench.narrator.reasons import describe_reason
+from workbench.narrator.results import distances_table
 from workbench.report import arm
 from workbench.report.case import Case
 from workbench.report.comparison import comparison, loop, of_diagnosis
@@ -60,7 +61,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     formats = (capitalise, join_words, format_number, format_unit, typeset, split_estimate, format_percent)
-    narrators = (caveat, describe_detectable, describe_disagreement, describe_reason, describe_region, name, warnings)
+    narrators = (caveat, describe_disagreement, describe_reason, describe_region, name, warnings)
     environment.filters |= {function.__name__: function for function in (*formats, *narrators)}
     return environment
 
@@ -150,7 +151,7 @@ def render_comparison(compared: Comparison) -> str:
         "distances",
         "Result",
         headline(compared),
-        {"compared": compared, "unit": case.units.unit("N m"), "angle": case.angle},
+        {"compared": compared, "table": distances_table(compared)},
     )
     sections = [distances, comparison(case), failures(case), parameters(case)]
     if (error := errors_in_loop(compared)) is not None:

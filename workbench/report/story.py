@@ -19,6 +19,7 @@ from workbench.narrator.diagnosis import advice, describe_refit, headline, next_
 from workbench.narrator.effects import name
 from workbench.narrator.findings import describe_aim, measure, measure_range
 from workbench.narrator.notes import describe_note
+from workbench.narrator.results import detectable_table
 from workbench.report.case import Case
 from workbench.report.section import Section
 
@@ -127,7 +128,7 @@ def ranked(found: Sequence[Candidate], detectable: Sequence[Detectable] = ()) ->
     laws = {id: kind.law for id, kind in nameable().items()}
     rows = [(one, laws.get(one.effect.partition("@")[0], ""), list(Verdict).index(one.verdict)) for one in found]
     widest = max([1.25, *(min(one.error_ratio, 2.0) for one in found)])
-    content = {"rows": rows, "widest": widest, "detectable": detectable}
+    content = {"rows": rows, "widest": widest, "detectable": detectable_table(detectable)}
     return Section("candidates", "Candidates", "What was considered", content)
 
 

@@ -19,7 +19,7 @@ from tests.two_link import recorded
 from tests.workbench.app.plants import drop, reloaded, upload
 from workbench.app.asked import Asked
 from workbench.app.card import Choice
-from workbench.app.page.layout import told
+from workbench.app.page.layout import describe_state
 from workbench.app.parts import effects_to_choose
 from workbench.app.session import Session
 from workbench.app.stages import STAGES, data, export
@@ -55,12 +55,12 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     drop(session, *two_link(tmp_path, 4.0))
     state = session.state
     assert session.notice == "" and state.body is not None and not state.trouble
-    assert told(state)[1] == "Something is missing at shoulder and elbow"
+    assert describe_state(state)[1] == "Something is missing at shoulder and elbow"
     assert effects_to_choose(state.body, tables=True)["torque_by_angle@elbow"].endswith("at elbow")
     session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow")))
     assert session.notice == ""
     assert session.state.found == ("torque_offset@elbow",)
-    assert told(session.state)[1] == "A torque offset at elbow is missing"
+    assert describe_state(session.state)[1] == "A torque offset at elbow is missing"
     session.act(lambda: add.start(session, "torque_offset@elbow"))
     state = session.state
     before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.ladder)

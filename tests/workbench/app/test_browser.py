@@ -238,11 +238,11 @@ def test_the_story_from_loading_to_undo(tab, folder):
     assert tab.title() == "Stribeck friction is missing"
     assert "lowers the held-out errors" in page.inner_text(".ranking tbody tr")
 
-    before = number_after("fitted to, the torque error is", page.inner_text("#story"))
+    before = number_after("held out: torque", page.inner_text("#story"))
     page.get_by_role("button", name="Add Stribeck friction").click()
     page.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
     tab.go("add")
-    after = number_after("fitted to, the torque error is", page.inner_text("#story"))
+    after = number_after("->", page.inner_text("#story"))
     assert after < 0.3 * before
     page.wait_for_selector(".add .js-line")
     falls = page.evaluate(
@@ -261,7 +261,7 @@ def test_the_story_from_loading_to_undo(tab, folder):
     page.click(press("undo"))
     page.wait_for_selector(press("undo"), state="detached")
     assert tab.title() == "Stribeck friction is missing"
-    assert number_after("fitted to, the torque error is", page.inner_text("#story")) == before
+    assert number_after("held out: torque", page.inner_text("#story")) == before
 
 
 def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_shows_where_one_is(tab, folder):
@@ -347,10 +347,10 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab, folder, w
     page.click(press("card-load"))
     page.wait_for_selector(press("align"))
     assert page.locator(".card").count() == 0 and "ms late" in page.inner_text("#stage")
-    before = tab.title(), page.inner_text(".so-far .lead b")
+    before = tab.title(), page.inner_text(".so-far .lead")
     page.click(press("align"))
     page.wait_for_selector(press("align-back"))
-    assert (tab.title(), page.inner_text(".so-far .lead b")) != before
+    assert (tab.title(), page.inner_text(".so-far .lead")) != before
     assert page.evaluate(cut) == 0 or width < 600  # the table of recordings goes on sideways there, and shows it
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     study = tab.save("Save study.toml").read_text()

@@ -1,6 +1,7 @@
 """The page around the stages: navigation, the story so far, what is running, and what went wrong."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from dash import ALL, ClientsideFunction, Dash, Input, Output, State, ctx, dcc, html, no_update
@@ -17,7 +18,7 @@ from workbench.app.session import Form, Session, Sessions, Stage
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
-from workbench.narrator.diagnosis import headline
+from workbench.narrator.diagnosis import describe_errors, headline
 from workbench.narrator.effects import name
 from workbench.narrator.results import ends
 from workbench.report.page import shared
@@ -95,9 +96,8 @@ def navigation(here: Stage, trouble: str) -> list[Component]:
 
 def story_so_far(state: Work) -> list[Component]:
     """Show the headline, and the numbers behind it."""
-    kicker, title, lead = told(state)
-    parts: list[Component] = [html.P(kicker, className="kicker"), html.H1(title)]
-    return [*parts, html.P(lead, className="lead")] if lead else parts
+    kicker, title, lead = describe_state(state)
+    return [html.P(kicker, className="kicker"), html.H1(title), html.P(lead, className="lead")]
 
 
 def steps(session: Session) -> list[Component]:
@@ -109,51 +109,30 @@ def steps(session: Session) -> list[Component]:
     return [html.Div(back, className="row")]
 
 
-def told(state: Work) -> tuple[str, str, list[Any]]:
-    """Kicker, headline and lead of a state."""
+def describe_state(state: Work) -> tuple[str, str, str]:
+    """Return kicker, headline and lead of a state."""
     if not state.loaded and state.robot is None:
         what = (
             "Load recordings of a pendulum or an arm, see where the model fails, learn which physical effect it lacks, "
             "add it, and watch the error fall."
         )
-        return "Workbench", "What does your model lack?", [what]
+        return "Workbench", "What does your model lack?", what
     count = len(state.loaded)
     robot = f"{state.robot.file.name} · " if state.robot is not None else ""
     kicker = f"{robot}{count} recording{'s' if count != 1 else ''}, {state.seconds:.3g} s"
     if state.trouble:
-        return kicker, "Nothing can be fitted yet", [f"{capitalise(state.trouble)}."]
+        return kicker, "Nothing can be fitted yet", f"{capitalise(state.trouble)}."
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name(effect)}' for effect in state.added)}"
-    unit = state.model.units().unit("N m")
-    diagnosis, names = state.told, join_words([name(effect) for effect in state.added])
-    first, last = ends(state.ladder)
-    if state.robot is not None:
-        left = join_words(
-            ["–" if share is None else f"{format_number(100 * share, 2)} %" for share in last.shares.values()]
-        )
-        lead = ["On data it was not fitted to, the model leaves ", html.B(left), " of the joints' torque."]
-        smaller, joint = max((first.joints[at] / last.joints[at], at) for at in last.joints)
-        error = f"torque error of {joint}"
-    else:
-        lead = ["On data it was not fitted to, the torque error is ", _b(last.torque_rms, unit)]
-        lead += [", that of the base model ", _b(first.torque_rms, unit)] if state.added else []
-        lead.append(f"; noise alone would leave {_unbroken(diagnosis.noise_floor, unit)}.")
-        if state.found:
-            would, found = ends(diagnosis.steps)[1].torque_rms, join_words([name(effect) for effect in state.found])
-            lead += [f" With {found} it would be ", _b(would, unit), "."]
-        smaller, error = first.torque_rms / last.torque_rms, "torque error"
+    lead = f"{capitalise(describe_errors(replace(state.told, steps=state.ladder)))}."
+    if state.found:
+        found = join_words([name(effect) for effect in state.found])
+        lead += f" With {found}: {describe_errors(state.told)}."
     if state.found or not state.added:
-        return kicker, headline(diagnosis), lead
-    if smaller < 1.05:  # times smaller, from which an error has become smaller
-        return kicker, f"{capitalise(names)} hardly lowers the error", lead
+        return kicker, headline(state.told), lead
+    (first, last), names = ends(state.ladder), join_words([name(effect) for effect in state.added])
+    smaller, joint = max((first.at(at) / last.at(at), at) for at in state.told.floors)
+    error = f"torque error of {joint}" if joint else "torque error"
     return kicker, f"With {names} the {error} is {format_number(smaller, 2)} times smaller", lead
-
-
-def _b(value: float, unit: str) -> Component:
-    return html.B(_unbroken(value, unit))
-
-
-def _unbroken(value: float, unit: str) -> str:
-    return f"{format_number(value)} {unit}".replace(" ", NBSP)
 
 
 def running(session: Session) -> list[Component]:

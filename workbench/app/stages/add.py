@@ -1,6 +1,7 @@
 """Add: one effect more, the errors before and after, and the way back."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -9,14 +10,14 @@ from dash.development.base_component import Component
 
 from estimators.diagnosis.addition import add
 from estimators.diagnosis.result import Addition
-from estimators.selection.errors import Step
 from pendulum_env.arms.joints import kind_at
-from pendulum_env.formatting import capitalise, format_number, join_words
+from pendulum_env.formatting import capitalise
 from workbench.app.parts import button, effects_to_choose, field, fragment, graph, labelled, panel
 from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.mistakes import InputError
 from workbench.narrator.addition import describe_table
+from workbench.narrator.diagnosis import describe_errors
 from workbench.narrator.effects import name
 from workbench.report.arm import joints
 from workbench.report.numbers import errors
@@ -33,25 +34,19 @@ def show(session: Session) -> list[Component]:
         return [offer, panel("Errors step by step", fragment(section), *undo)]
     section = errors(state.standing)
     plots = html.Div([graph(figure) for figure in section.content["figures"]], className="columns even")
-    fall = panel(section.title, html.P(said(state.ladder), className="before-after"), plots, *undo)
+    fall = panel(section.title, html.P(describe_step(state), className="before-after"), plots, *undo)
     return [
         *([offer, fall] if state.found or not state.added else [fall, offer]),
         panel("Errors step by step", fragment(section)),
     ]
 
 
-def said(steps: Sequence[Step]) -> str:
-    """The last step in words."""
-    if len(steps) == 1:
+def describe_step(state: Work) -> str:
+    """Describe the last step of the ladder by its held-out errors."""
+    if not state.added:
         return "The ladder has one rung, the base model. Add an effect and watch both errors, fitted and held out."
-    told, unit = [], steps[-1].model.units().unit("N m")
-    for part, where in (("train", "fitted"), ("holdout", "held-out")):
-        old, new = (format_number(step.errors[part].torque_rms) for step in steps[-2:])
-        told.append(f"from {old} to {new} {unit} on {where} data")
-    added = steps[-1].added or ""
-    fall = f"With {name(added)} the torque error goes {join_words(told)}."
-    shape = describe_table(steps[-1])
-    return fall if shape is None else f"{fall} It {shape.removeprefix(added).strip()}"
+    errors = describe_errors(replace(state.told, steps=state.ladder[-2:]))
+    return " ".join([f"{capitalise(errors)}.", *filter(None, [describe_table(state.ladder[-1])])])
 
 
 def calls(state: Work, busy: bool) -> Component:
