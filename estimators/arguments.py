@@ -22,7 +22,7 @@ from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.arrays import is_data
 from pendulum_env.recording.formats import Readable, is_readable
 from pendulum_env.recording.study import parse_log_format
-from pendulum_env.settings import setting
+from pendulum_env.settings import format_setting
 
 Recordings = Recording | Readable | Sequence[Recording | Readable]
 Terms = str | Sequence[str | Term]
@@ -165,7 +165,7 @@ def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence
         column = f"{kind.needs}_{kind.at}" if kind.at else kind.needs
         raise IdentificationError(
             f"{id} needs the joint's {kind.needs}, which no recording has: record it, or say which column it is, "
-            f"{setting('columns', {column: 'NAME'})}"
+            f"{format_setting('columns', {column: 'NAME'})}"
         )
     return shown
 

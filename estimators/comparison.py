@@ -43,7 +43,7 @@ from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
-from pendulum_env.settings import Blank, setting
+from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import JointUnits
 
 SCHEMA = "pendulum-ident/comparison@2"
@@ -288,7 +288,7 @@ def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> FitD
     if driven and model.torque_unit == PER_INERTIA:
         raise ModelError(
             f"the model is relative to the inertia, and {driven[0].name} has torque: compare it with free swings, or "
-            f"identify it with {setting('fixed', {'inertia': Blank('VALUE')})}"
+            f"identify it with {format_setting('fixed', {'inertia': Blank('VALUE')})}"
         )
     if len(driven) < len(recordings):
         inertia = {"inertia": model.estimates["inertia"].value}

@@ -23,7 +23,7 @@ from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import limited_term
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA
-from pendulum_env.settings import Blank, setting
+from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import is_of_torque
 
 NONE = Load(0.0, 0.0)
@@ -64,7 +64,7 @@ def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) ->
         advice = Blank(f"{_estimate_inertia_by_loads(recordings, loads):.4g}")
         raise IdentificationError(
             f"{names}: no torque is applied, and their known loads differ: fix the inertia of the joint without load, "
-            f"{setting('fixed', {'inertia': advice})} by these loads"
+            f"{format_setting('fixed', {'inertia': advice})} by these loads"
         )
     if (name := _find_scaling_parameter(known)) is None:
         return None
@@ -73,7 +73,7 @@ def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) ->
     if total * ratio <= 0 or (inertia := total / ratio - loads[0].inertia) <= 0:
         raise IdentificationError(
             f"{names}: the free motion has a {name} of {ratio:.3g} times the inertia, which contradicts {name} = "
-            f"{known[name]:g}: fix another parameter, {setting('fixed', {'inertia': Blank('VALUE')})}"
+            f"{known[name]:g}: fix another parameter, {format_setting('fixed', {'inertia': Blank('VALUE')})}"
         )
     return inertia
 

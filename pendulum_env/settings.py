@@ -14,15 +14,15 @@ class Blank(str):
         return str(self)
 
 
-def as_argument(name: str, value: object) -> str:
+def format_argument(name: str, value: object) -> str:
     """Write an argument of a call: `unwrap=True`, `columns={'torque': 'tau'}`."""
     return f"{name}={value!r}"
 
 
-_write: Writer = as_argument
+_write: Writer = format_argument
 
 
-def setting(name: str, value: object) -> str:
+def format_setting(name: str, value: object) -> str:
     """Write an argument of this library as the running program names it."""
     return _write(name, value)
 

@@ -27,7 +27,7 @@ from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.reading import Text, convert, read_json
 from pendulum_env.recording import Recording, Source
-from pendulum_env.recording.study import named_twice, read_as, read_sources
+from pendulum_env.recording.study import apply_log_format, find_duplicate, read_sources
 from workbench.mistakes import InputError
 from workbench.narrator.findings import describe_late
 from workbench.narrator.notes import WARNING, describe_note
@@ -55,7 +55,7 @@ def given(arguments: argparse.Namespace, outputs: Sequence[str | None] = ()) -> 
     names, held = list(arguments.recordings), list(getattr(arguments, "holdout", []))
     sources = [source for name in names for source in sources_of(name, arguments)]
     sources += [replace(source, role="holdout") for name in held for source in sources_of(name, arguments)]
-    if (twice := named_twice(sources)) is not None:
+    if (twice := find_duplicate(sources)) is not None:
         raise InputError(f"{twice.file}: is named twice: a recording that is held out must not be fitted as well")
     sources.sort(key=lambda source: source.role == "holdout")
     if names and sources[0].role == "holdout":
@@ -169,7 +169,7 @@ def open_sources(
     if arguments.robot is not None:
         return _opened_arm(arguments, sources, path, terminal)
     model = read_model(path) if path else Model()
-    sources = tuple(read_as(source, model.log_format, path) for source in sources)
+    sources = tuple(apply_log_format(source, model.log_format, path) for source in sources)
     for source in sources:  # also those that are not read
         if not os.path.exists(source.file):
             raise InputError(f"{source.file}: there is no such file: check the path")
@@ -207,7 +207,7 @@ def tell_preprocessed(given: FitData, align: bool | None, terminal: Terminal) ->
 def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Opened:
     """Read the input of a command on an arm."""
     made = Asked.of_model(path) if path else Asked()
-    sources = [read_as(source, made.log_format, path) for source in sources]
+    sources = [apply_log_format(source, made.log_format, path) for source in sources]
     asked = robot_of(arguments, sources, made)
     robot = asked.with_logged_joints(sources)
     robot.body()  # what is wrong with it comes first

@@ -13,7 +13,7 @@ from pendulum_env.lookup import find
 from pendulum_env.physics import Term, nameable
 from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import DIGITS, LARGE, shown
-from pendulum_env.recording.columns import refuse_unknown_quantity, without_joint
+from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import TOLD
 from pendulum_env.servo.drive import KEYS, WORDS, Drive
 from workbench.mistakes import InputError
@@ -186,7 +186,7 @@ def _columns(text: str) -> dict[str, str]:
             raise ValueError(
                 f"'{part}' should be QUANTITY=NAME:UNIT*GAIN, such as position=ANGLE:deg or torque=current:A*0.091"
             )
-        refuse_unknown_quantity(without_joint(quantity))
+        refuse_unknown_quantity(strip_joint(quantity))
         if quantity in columns:
             raise ValueError(f"{quantity} is named twice in '{text}'")
         columns[quantity] = name

@@ -48,10 +48,10 @@ def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Fi
     Known loads on the joint also show where down is.
     """
     if _is_load_torque_turned(model, recordings):
-        options = _make_remedies(recordings, lambda origin: origin.turned("load_torque"))
+        options = _make_remedies(recordings, lambda origin: origin.flip_sign("load_torque"))
         return [Finding(Kind.LOAD_TORQUE_TURNED, remedies=options)]
     if is_significantly_negative(model, "inertia"):
-        options = _make_remedies(recordings, lambda origin: origin.turned("torque"))
+        options = _make_remedies(recordings, lambda origin: origin.flip_sign("torque"))
         return [Finding(Kind.INERTIA_NEGATIVE, parameters=("inertia",), remedies=options)]
     gravity, tilt = (model.estimates.get(name) for name in ("gravity", "gravity_tilt"))
     carried = {0.0 if recording.load is None else recording.load.gravity for recording in recordings}
@@ -63,7 +63,7 @@ def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Fi
         angle = float(np.arctan2(tilt.value, down))
         error = float(np.hypot(tilt.std * down, gravity.std * tilt.value)) / (down**2 + tilt.value**2)
         digits = int(np.clip(-np.floor(np.log10(max(np.degrees(error), 1e-9))), 0, 3))
-        options = _make_remedies(recordings, lambda origin: origin.shifted(angle, digits))
+        options = _make_remedies(recordings, lambda origin: origin.shift_zero(angle, digits))
         numbers = {"angle": Quantity(angle, error, "rad")}
         return [Finding(Kind.ZERO_SHIFTED, numbers, ("gravity", "gravity_tilt"), remedies=options)]
     if is_significantly_negative(model, "gravity") and down < 0:
@@ -71,7 +71,7 @@ def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Fi
             return [Finding(Kind.GRAVITY_BESIDE_SPRING, parameters=("gravity", "spring.stiffness"))]
         if not _can_be_upright(down, recordings):
             return []
-        options = _make_remedies(recordings, lambda origin: origin.shifted(np.pi, 0))
+        options = _make_remedies(recordings, lambda origin: origin.shift_zero(np.pi, 0))
         return [Finding(Kind.ZERO_UPRIGHT, parameters=("gravity",), remedies=options)]
     return []
 

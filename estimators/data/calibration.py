@@ -9,7 +9,7 @@ from estimators.free_swings import fit_inertia, scale_swing, scale_swings
 from estimators.regression.equations import IdentificationError
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
-from pendulum_env.settings import Blank, setting
+from pendulum_env.settings import Blank, format_setting
 
 Recordings = tuple[Recording, ...]
 
@@ -49,7 +49,7 @@ def _scale_by_known_value(
     if driven and find_torque_unit(driven) != unit:
         raise IdentificationError(
             f"{driven[0].name}: has torque, but no recording that is fitted has any: fit one with torque, or give "
-            f"the inertia, {setting('fixed', {'inertia': Blank('VALUE')})}, and torque in N m"
+            f"the inertia, {format_setting('fixed', {'inertia': Blank('VALUE')})}, and torque in N m"
         )
     loaded = tuple(own.name for own in fitted if own.load is not None)
     doubt = Finding(Kind.RELATIVE_TO_INERTIA, recordings=loaded) if inertia is None else None

@@ -35,7 +35,7 @@ from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.terms import is_hidden
 from pendulum_env.recording import Recording
-from pendulum_env.recording.study import format_of
+from pendulum_env.recording.study import collect_log_format
 
 
 def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = BASE) -> Step:
@@ -105,7 +105,7 @@ def add(
     objection = explain_rejection(make_confirmation_gates(after, refitted, evaluator.train.motions))
     if objection is None and not is_gain and not (is_hidden(more) and evaluator.train.segments):
         objection = BY_CHANCE  # the motion shows hidden states
-    trial, log_format = Trial(case, data, setting, found), format_of(recordings)
+    trial, log_format = Trial(case, data, setting, found), collect_log_format(recordings)
     refitted, after = (case.present(trial, step).with_log_format(log_format) for step in (refitted, after))
     return Addition(refitted, after, evaluator.residuals.floors, objection, data.doubt)
 

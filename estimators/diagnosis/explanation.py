@@ -7,7 +7,7 @@ from estimators.diagnosis.case import Trial
 from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis, TriedTreatment
 from estimators.selection.errors import Step
-from pendulum_env.recording.study import format_of
+from pendulum_env.recording.study import collect_log_format
 
 
 def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
@@ -25,7 +25,7 @@ def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
     steps = [_present(trial, step, step is last) for step in (*others, last)]
     data = trial.data.over(trial.setting.horizon)
     found = Diagnosis(
-        steps=(*steps[:-1], steps[-1].with_log_format(format_of(data.recordings))),
+        steps=(*steps[:-1], steps[-1].with_log_format(collect_log_format(data.recordings))),
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=trial.unexplained,

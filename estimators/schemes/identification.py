@@ -43,8 +43,8 @@ from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording
 from pendulum_env.recording.columns import NONE
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
-from pendulum_env.recording.study import format_of
-from pendulum_env.settings import setting
+from pendulum_env.recording.study import collect_log_format
+from pendulum_env.settings import format_setting
 
 SCHEMA = "pendulum-ident/identification@2"
 SAVED = "filtered_dynamic"  # scheme whose model of an arm is the one to go on with
@@ -183,7 +183,7 @@ def identify(
     if absent := [name for name in (*(fixed or ()), *(bounds or ())) if name not in limits]:
         raise LimitsError(f"the model has no parameter '{absent[0]}': add its effect to the terms, or leave it out")
     found = (_identify_arm if isinstance(body, Body) else _identify_joint)(recordings, terms, chosen)
-    log_format = format_of(recordings)
+    log_format = collect_log_format(recordings)
     return replace(
         found,
         schemes={
@@ -236,7 +236,7 @@ def _describe_undriven_torque(recordings: Sequence[Recording]) -> str:
     """Describe torque that the motion does not follow, with the option that leaves it out."""
     column = "torque" if any(own.torque.any() for own in recordings) else "load_torque"
     series = [values for own in recordings if (values := getattr(own, column)) is not None]
-    option = f"read the file without it, {setting('columns', {column: NONE})}"
+    option = f"read the file without it, {format_setting('columns', {column: NONE})}"
     if any(np.ptp(values) > CONSTANT * np.abs(values).max() for values in series):
         return f"the {column} is noise alone: {option}"
     return (

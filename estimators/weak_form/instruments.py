@@ -25,7 +25,7 @@ from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording
-from pendulum_env.settings import setting
+from pendulum_env.settings import format_setting
 
 HOPELESS = 1e8  # condition number
 
@@ -86,6 +86,6 @@ def _replace_by_reference(recording: Recording) -> Recording:
     if recording.reference is None:
         raise IdentificationError(
             f"{recording.name}: has no reference, which instruments are made of: name its column, "
-            f"{setting('columns', {'reference': 'NAME'})}"
+            f"{format_setting('columns', {'reference': 'NAME'})}"
         )
     return replace(recording, position=recording.reference, velocity=None)

@@ -20,7 +20,7 @@ from pendulum_env.physics.model import ARM_SCHEMA, read_estimate, read_log_forma
 from pendulum_env.physics.table import Table, read_table
 from pendulum_env.physics.term import loads
 from pendulum_env.reading import Number, Text, convert, read_json, shown
-from pendulum_env.settings import setting
+from pendulum_env.settings import format_setting
 
 HINT = "identify or diagnose the arm to have one"
 
@@ -81,7 +81,7 @@ class ArmModel(Model):
         if data.base != {parameter.name: parameter.text for parameter in body.base}:
             raise ModelError(
                 "is of other links than this robot has: give the file that it was made with, and "
-                f"{setting('rotors', True)} as then"
+                f"{format_setting('rotors', True)} as then"
             )
         limits = read_limits(data.limits or {})
         terms = [limited_term(_term(k, data, body), limits) for k in range(len(data.terms))]

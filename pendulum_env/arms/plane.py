@@ -8,7 +8,7 @@ from pendulum_env.arms.planar import Link
 from pendulum_env.arms.robot import pinocchio
 from pendulum_env.plant import PAPER
 from pendulum_env.recording.study import GRAVITY
-from pendulum_env.settings import setting
+from pendulum_env.settings import format_setting
 
 ALIKE = 1e-6  # of directions, and of lengths as shares of the arm's
 
@@ -33,7 +33,8 @@ def planar_links(body: Body) -> tuple[Link, ...]:
     model, pin, count = body.model, pinocchio(), len(body.joints)
     if list(model.parents)[1:] != list(range(count)):  # nor do any follow others
         raise BodyError(
-            f"{body.name}: branches, the simulator knows chains only: simulate it with {setting('backend', 'mujoco')}"
+            f"{body.name}: branches, the simulator knows chains only: simulate it with "
+            f"{format_setting('backend', 'mujoco')}"
         )
     gravity, data = np.array(model.gravity.linear), model.createData()
     jacobian = np.reshape(pin.computeJointJacobians(model, data, np.zeros(count)), (6, count))  # of one joint, flat
@@ -43,14 +44,14 @@ def planar_links(body: Body) -> tuple[Link, ...]:
         if abs(axis @ up) > ALIKE or axis @ axes[0] < 1 - ALIKE:
             raise BodyError(
                 f"{body.name}: joint '{joint}' does not turn in a vertical plane that all joints share, and the "
-                f"simulator knows planar arms only: simulate it with {setting('backend', 'mujoco')}"
+                f"simulator knows planar arms only: simulate it with {format_setting('backend', 'mujoco')}"
             )
     if abs(np.linalg.norm(gravity) - GRAVITY) > ALIKE * GRAVITY:
         raise BodyError(f"{body.name}: has another gravity than {GRAVITY:g} m/s^2, which the simulator has")
     if np.any(np.asarray(model.armature) > 0):
         raise BodyError(
             f"{body.name}: motors have inertia of their own, which the simulator does not know: "
-            f"simulate it with {setting('backend', 'mujoco')}"
+            f"simulate it with {format_setting('backend', 'mujoco')}"
         )
     plane = np.stack([np.cross(up, axes[0]), up])  # right and up, (2, 3)
     places = list(data.oMi)[1:]

@@ -17,14 +17,14 @@ from pendulum_env.lookup import find
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError, read_recording
-from pendulum_env.recording.columns import NONE, UNUSED, check_named, named_column
-from pendulum_env.recording.formats import Readable, label_of
+from pendulum_env.recording.columns import NONE, UNUSED, check_named, parse_column
+from pendulum_env.recording.formats import Readable, get_label
 from pendulum_env.recording.notes import Note, NoteKind
-from pendulum_env.recording.preview import Preview, preview
+from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.storage import describe_reading
 from pendulum_env.recording.study import Source
-from pendulum_env.settings import Blank, setting
+from pendulum_env.settings import Blank, format_setting
 
 QUANTITIES = ("position", "torque")
 OF_JOINTS = (*QUANTITIES, "temperature")  # the last where there are any
@@ -60,7 +60,7 @@ class ArmRecording(Recording):
             raise RecordingError(f"recording {self.name!r} is of an arm, which needs the torque of every joint")
         super().__post_init__()
 
-    def shape_of(self, quantity: str) -> tuple[int, ...]:
+    def get_shape(self, quantity: str) -> tuple[int, ...]:
         """Return the shape of a quantity; quantities of joints have one column per joint."""
         return (*np.shape(self.time), len(self.names)) if quantity in OF_JOINTS else np.shape(self.time)
 
@@ -138,10 +138,10 @@ def read_arm_recording(
             without a torque constant.
     """
     check_named(columns)
-    look = preview(source, most=500)  # columns: four of 64 joints, and what else a robot logs
-    named = _named(label_of(source), look.headers, joints, held, dict(columns or {}))
+    look = read_preview(source, most=500)  # columns: four of 64 joints, and what else a robot logs
+    named = _named(get_label(source), look.headers, joints, held, dict(columns or {}))
     single = [_read_joint(source, look, joint, named, unwrap) for joint in joints]
-    _refuse_twice(label_of(source), joints, single)
+    _refuse_twice(get_label(source), joints, single)
     _refuse_other_instants(joints, single)
     first = single[0]
     measured = [own.temperature for own in single]
@@ -160,7 +160,7 @@ def read_arm_recording(
         log_format=describe_reading(columns or {}, unwrap),
         names=tuple(joints),
         still={
-            joint: _still(label_of(source), look, column)
+            joint: _still(get_label(source), look, column)
             for joint, column in columns_of.items()
             if column not in (NONE, UNUSED)
         },
@@ -187,7 +187,7 @@ def find_logged_joints(
     Raises:
         RecordingError: if the file cannot be read.
     """
-    look = preview(source, most=500)
+    look = read_preview(source, most=500)
     named = {name: text for name, text in (columns or {}).items() if text.strip() not in (NONE, UNUSED)}
     named = without_units(look.headers) | named
 
@@ -228,12 +228,12 @@ def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str,
     """Read the columns of one joint, by the columns of quantities of all joints."""
     own = {quantity: named.get(f"{quantity}_{joint}", UNUSED) for quantity in OF_JOINTS}
     own |= {"time": named["time"]} if "time" in named else {}
-    label = label_of(source)
+    label = get_label(source)
     unused = {"velocity": UNUSED, "reference": UNUSED}
     try:
         if own["torque"] == NONE:
             raise ColumnError("an arm needs the torque of every joint: name its column")
-        named_column("torque", own["torque"], look.headers, can_find_gain=False)
+        parse_column("torque", own["torque"], look.headers, can_find_gain=False)
         read = read_recording(source, unwrap=unwrap, columns=own | unused)
     except RecordingError as error:
         text = _of_joint(joint, str(error).removeprefix(f"{label}: "))
@@ -241,7 +241,7 @@ def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str,
     if read.torque_unit != NEWTON_METRE:
         columns = {f"torque_{joint}": own["torque"].replace("*?", "*0.4")}
         raise ColumnError(
-            f"{label}: joint '{joint}' has no torque constant: give it, as in {setting('columns', columns)}"
+            f"{label}: joint '{joint}' has no torque constant: give it, as in {format_setting('columns', columns)}"
         )
     return read
 
@@ -258,12 +258,12 @@ def _note_of_joint(joint: str, note: Note) -> Note:
 def _still(label: str, look: Preview, text: str) -> Array:
     """Positions (M,) of a joint that is held, as a column has them."""
     try:
-        column = named_column("position", text, look.headers)
+        column = parse_column("position", text, look.headers)
     except ColumnError as error:
         raise ColumnError(f"{label}: {error}") from None
     values = look.values[column.index]
     if values is None or not np.isfinite(values).any():
-        option = setting("columns", {"position_JOINT": NONE})
+        option = format_setting("columns", {"position_JOINT": NONE})
         raise ColumnError(f"{label}: column {column.header!r} has no numbers: leave it out, {option}")
     return np.asarray(column.scale * values[np.isfinite(values)] + column.offset)
 
@@ -285,7 +285,7 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
         raise RecordingError(
             f"{source.file}: `load` is of one joint: leave it out; what an arm carries is identified as its payload"
         )
-    return source.within_range(_of_arm, tuple(joints), tuple(held))
+    return source.read_range(_of_arm, tuple(joints), tuple(held))
 
 
 def _of_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> ArmRecording:
@@ -319,12 +319,13 @@ def _named(
         elif missing and quantity in QUANTITIES:
             need = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
             first = f"{quantity}_{missing[0]}"
-            option = setting("columns", {first: "NAME:A*0.4" if quantity == "torque" else "NAME"})
+            option = format_setting("columns", {first: "NAME:A*0.4" if quantity == "torque" else "NAME"})
             current = " (a current, by its torque constant)" if quantity == "torque" else ""
             raise ColumnError(
                 f"{label}: {len(joints)} {need} of {quantity}, there is none for {', '.join(missing)} among "
                 f"{', '.join([*plain][:12])}: name them {first} and so on, say which with "
-                f"{option}{current}, or hold joints by naming those that move, {setting('joints', Blank('A,B,C'))}"
+                f"{option}{current}, or hold joints by naming those that move, "
+                f"{format_setting('joints', Blank('A,B,C'))}"
             )
         for header in plain:
             if header.startswith(f"{quantity}_") and header not in wanted and plain[header] not in found.values():

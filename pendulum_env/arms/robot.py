@@ -22,7 +22,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.errors import UserError, shorten_error
 from pendulum_env.lookup import find
 from pendulum_env.reading import LARGE, check_size, shown
-from pendulum_env.settings import Blank, setting
+from pendulum_env.settings import Blank, format_setting
 
 MOST = 64  # joints
 TURNS, SLIDES = "Revolute", "Prismatic"  # Pinocchio's words
@@ -67,7 +67,7 @@ class _File:
         for joint in bases:
             if not (bolted or joint in held):
                 raise BodyError(
-                    f"joint '{joint}' lets the base float: give {setting('bolted', True)} if it is bolted down"
+                    f"joint '{joint}' lets the base float: give {format_setting('bolted', True)} if it is bolted down"
                 )
         return [joint for joint in free if joint not in bases]
 
@@ -263,7 +263,7 @@ def _refuse_others(model: Any) -> None:
     if model.njoints - 1 > MOST:
         raise BodyError(
             f"has {model.njoints - 1} joints that move, of which at most {MOST} can be identified: name those that do "
-            f"with {setting('joints', Blank('A,B,C'))}"
+            f"with {format_setting('joints', Blank('A,B,C'))}"
         )
     for name, inertia in list(zip(model.names, model.inertias, strict=True))[1:]:
         kind = _kind(model, name)
@@ -272,7 +272,7 @@ def _refuse_others(model: Any) -> None:
         if kind not in (TURNS, SLIDES):
             raise BodyError(
                 f"joint '{name}' is {kind}: only revolute and prismatic joints, one a link, can be identified: have it "
-                f"held by naming those that move, {setting('joints', Blank('A,B,C'))}"
+                f"held by naming those that move, {format_setting('joints', Blank('A,B,C'))}"
             )
         numbers = np.concatenate([[inertia.mass], inertia.lever, np.ravel(inertia.inertia)])
         if not (np.abs(numbers) <= LARGE).all():  # nor NaN

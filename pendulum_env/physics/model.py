@@ -27,7 +27,7 @@ from pendulum_env.physics.table import Curve, Table, read_table, refuse_held
 from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.physics.terms import with_nonlinear_values
 from pendulum_env.reading import Number, Text, convert, read_json, shown
-from pendulum_env.settings import Blank, setting
+from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import JointUnits, to_shown_unit
 
 SCHEMA = "pendulum-ident/model@1"
@@ -330,7 +330,7 @@ class Model(Mapping[str, Estimate]):
         best = replace(self.estimates["inertia"], is_unknown=False)
         raise ModelError(
             f"the inertia is unknown, the best fit has {best}: record faster reversals, or give its value "
-            f"({setting('fixed', {'inertia': Blank('VALUE')})})"
+            f"({format_setting('fixed', {'inertia': Blank('VALUE')})})"
         )
 
     def simulate(
@@ -381,7 +381,7 @@ class Model(Mapping[str, Estimate]):
             if isinstance(data, dict) and data.get("schema") == ARM_SCHEMA:
                 raise ModelError(
                     "this is a model of an arm, of which a pendulum has no use: give the arm, "
-                    f"{setting('robot', 'ARM.urdf')}"
+                    f"{format_setting('robot', 'ARM.urdf')}"
                 )
             raise ModelError(f"this is not a model: 'schema' should be {SCHEMA}")
         try:

@@ -1,4 +1,4 @@
-"""The unit of an angle, by the motion: gravity acts with the sine of radians."""
+"""Find the unit of an angle from the motion: gravity acts with the sine of radians."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from pendulum_env.recording.vocabulary import UNITS
 
 DEGREE, TURN = UNITS["position"]["deg"], UNITS["position"]["rev"]  # [rad]
 SMOOTHING = 0.05  # [s] window of the second derivative
-CLEAR = 0.1  # of the misfit of radians, below which that of another unit tells the unit
+CLEAR = 0.1  # of the compute_misfit of radians, below which that of another unit tells the unit
 BETTER = 0.82  # the same, of gravity about a zero that is unknown, if its wave number is that of turns as well
 LONG = 8.0  # [s] of motion, from which such a difference is no accident
 NEAR = 1.2  # ratio of wave numbers that are the same; those of radians and turns differ by 6.3
@@ -22,7 +22,7 @@ WOUND = 10 * np.pi  # [rad] that a spring at a joint may be wound up and down, a
 
 @dataclass(frozen=True)
 class UnitSuspicion:
-    """Another unit than radians that a motion shows."""
+    """Unit other than radians that a motion suggests."""
 
     unit: str  # deg or rev
     range: tuple[float, float]  # of the angle, as it was read [rad]
@@ -31,12 +31,12 @@ class UnitSuspicion:
 
     @property
     def name(self) -> str:
-        """`degrees` or `turns`."""
+        """Return `degrees` or `turns`."""
         return {"deg": "degrees", "rev": "turns"}[self.unit]
 
     @property
     def text(self) -> str:
-        """Sign of that unit, as the subject of an error."""
+        """Return the evidence for that unit, as the subject of an error."""
         if self.unit == "rev":
             return f"gravity acts on position as on turns, with a residual of {self.residual:.1%} of that in radians"
         low, high = self.range
@@ -81,33 +81,35 @@ class AccelerationFit:
         is_odd = (np.arange(count) * step).astype(np.intp) % 2 == 1
         return cls(savitzky_golay(q, window, 3), v, a, savitzky_golay(tau, window, 3), is_odd)
 
-    def misfit(self, *gravity: Array) -> float:
-        """Compute the norm of the residual of every other second, predicted by the fit of the seconds between."""
+    def compute_misfit(self, *gravity: Array) -> float:
+        """Return the residual norm of every other second, predicted by the fit of the seconds between [rad/s^2]."""
         v, a, odd = self.velocity, self.acceleration, self.is_odd
         phi = np.column_stack([self.torque, v, np.sign(v), np.ones_like(v), *gravity])
         phi /= np.abs(phi).max(axis=0) + np.finfo(float).tiny
         left = [a[~h] - phi[~h] @ np.linalg.lstsq(phi[h], a[h], rcond=None)[0] for h in (odd, ~odd)]
         return float(np.linalg.norm(np.concatenate(left)))
 
-    def misfit_in_unit(self, factor: float) -> float:
-        """Compute the misfit with gravity, if position times a factor is in radians."""
+    def compute_misfit_in_unit(self, factor: float) -> float:
+        """Return the compute_misfit with gravity if position times `factor` is in radians."""
         x = factor * self.position
-        return min(self.misfit(np.sin(x)), self.misfit(np.sin(x), np.cos(x)))
+        return min(self.compute_misfit(np.sin(x)), self.compute_misfit(np.sin(x), np.cos(x)))
 
     def has_wave_number(self, factor: float) -> bool:
         """Return whether sin(f q + phase) explains the motion best with f near a factor, of half to twice of it."""
         numbers = factor * np.geomspace(0.5, 2.0, 25)
-        best = numbers[np.argmin([self.misfit(np.sin(f * self.position), np.cos(f * self.position)) for f in numbers])]
+        best = numbers[
+            np.argmin([self.compute_misfit(np.sin(f * self.position), np.cos(f * self.position)) for f in numbers])
+        ]
         return bool(1 / NEAR < best / factor < NEAR)
 
 
 def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = True) -> UnitSuspicion | None:
-    """Tell whether an angle (N,) that was read as radians has another unit, by how gravity acts on it.
+    """Find another unit of an angle (N,) that was read as radians, from the action of gravity.
 
-    It is in turns where their misfit is a tenth of that of radians, with a spring as well or with neither. Smaller
-    swings about an unknown zero bend the torque of gravity less: turns then leave less than radians do, and the wave
-    number of gravity is that of turns. Degrees that cover more than 2 pi are recognised by a smaller difference. Over
-    up to 30 degrees the sine is straight, as is a spring over radians that is wound as far: either may be meant.
+    Turns are found where their misfit is a tenth of that of radians, with or without a spring. Smaller swings about an
+    unknown zero bend gravity less: there the misfit of turns has to be the lower one, at the wave number of turns.
+    Degrees that cover more than 2 pi are found by a smaller difference. Below 30 degrees the sine is straight, as is a
+    spring over radians: the unit is uncertain.
 
     Args:
         position: uniformly sampled, in one segment.
@@ -120,8 +122,13 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
         return None
     if turns:
         q = fit.position
-        gravity, other = fit.misfit_in_unit(1.0), fit.misfit_in_unit(TURN)
-        radians = min(fit.misfit(), fit.misfit(q), fit.misfit(q, np.sin(q)), fit.misfit(q, np.sin(q), np.cos(q)))
+        gravity, other = fit.compute_misfit_in_unit(1.0), fit.compute_misfit_in_unit(TURN)
+        radians = min(
+            fit.compute_misfit(),
+            fit.compute_misfit(q),
+            fit.compute_misfit(q, np.sin(q)),
+            fit.compute_misfit(q, np.sin(q), np.cos(q)),
+        )
         is_bent = (
             len(position) > LONG * rate
             and other < BETTER * gravity
@@ -129,26 +136,31 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
             and fit.has_wave_number(TURN)
         )
         if radians > 1e-3 * np.sqrt(len(q)) and (other < CLEAR * radians or is_bent):
-            return UnitSuspicion("rev", _range(position), other / max(radians, gravity))
+            return UnitSuspicion("rev", _find_range(position), other / max(radians, gravity))
     return _suspect_degrees(position, fit)
 
 
 def _suspect_degrees(position: Array, fit: AccelerationFit) -> UnitSuspicion | None:
-    """Suspect degrees by the look of it; only position that covers more than 2 pi is judged."""
+    """Suspect degrees if gravity fits better on them; position has to cover more than 2 pi."""
     if np.ptp(position) <= 2 * np.pi:
         return None
     v, count = fit.velocity, len(fit.velocity)
-    radians, degrees, none = fit.misfit_in_unit(1.0), fit.misfit_in_unit(DEGREE), fit.misfit()
+    radians, degrees, none = fit.compute_misfit_in_unit(1.0), fit.compute_misfit_in_unit(DEGREE), fit.compute_misfit()
     # Of 100 real and simulated runs, those in degrees have ratios below 0.945 here, those in radians above 0.975.
     if degrees >= 0.96 * min(radians, none) or none <= 1e-3 * np.sqrt(count):  # [rad/s^2], mere noise
         return None
     time = np.linspace(-1.0, 1.0, count)
-    other = min(radians, fit.misfit(np.maximum(v, 0.0)), fit.misfit(v * np.abs(v)), fit.misfit(time, time**2))
+    other = min(
+        radians,
+        fit.compute_misfit(np.maximum(v, 0.0)),
+        fit.compute_misfit(v * np.abs(v)),
+        fit.compute_misfit(time, time**2),
+    )
     spare = 0.01 * none  # what is left of next to nothing is no matter
     if degrees + spare >= 0.96 * (min(other, none) + spare):
         return None
-    return UnitSuspicion("deg", _range(position), degrees / radians, is_certain=bool(np.ptp(position) > WOUND))
+    return UnitSuspicion("deg", _find_range(position), degrees / radians, is_certain=bool(np.ptp(position) > WOUND))
 
 
-def _range(position: Array) -> tuple[float, float]:
+def _find_range(position: Array) -> tuple[float, float]:
     return float(position.min()), float(position.max())

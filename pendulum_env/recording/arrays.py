@@ -20,8 +20,16 @@ from pendulum_env.reading import shown
 from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.columns import add_labels
 from pendulum_env.recording.notes import Note, NoteKind
-from pendulum_env.recording.table import WIDEST, Find, Table, first_date, is_text, need, numbers
-from pendulum_env.recording.text import may_be_number, read_cells
+from pendulum_env.recording.table import (
+    WIDEST,
+    ColumnFinder,
+    RawTable,
+    convert_numbers,
+    find_first_date,
+    is_text,
+    require_module,
+)
+from pendulum_env.recording.text import can_be_number, read_cells
 from pendulum_env.recording.vocabulary import INDICES
 
 NUMBER_TYPES = (pa.types.is_boolean, pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
@@ -30,8 +38,8 @@ QUOTES = "\"' "
 DESCRIPTIONS = ("dimensions", "name")  # fields of MATLAB structures that hold no samples
 
 
-def read_npz(path: Path, find: Find) -> Table:
-    """The arrays in need, never unpickled.
+def read_npz(path: Path, find: ColumnFinder) -> RawTable:
+    """Read the arrays in need, without unpickling.
 
     Raises:
         RecordingError: if an array is missing, does not hold real numbers, is no vector, or if the lengths differ.
@@ -47,11 +55,11 @@ def read_npz(path: Path, find: Find) -> Table:
                 if "allow_pickle" not in str(error):
                     raise
                 arrays[name] = np.empty((), dtype=object)  # which only unpickling would make
-    return _table(arrays, find)
+    return _build_table(arrays, find)
 
 
-def read_mat(path: Path, find: Find) -> Table:
-    """MATLAB, up to v7 by SciPy, v7.3 as the HDF5 file that it is; fields of structures are `run.position`.
+def read_mat(path: Path, find: ColumnFinder) -> RawTable:
+    """Read MATLAB files: up to v7 by SciPy, v7.3 as HDF5; fields of structures are named `run.position`.
 
     Raises:
         RecordingError: as `read_npz`.
@@ -62,30 +70,32 @@ def read_mat(path: Path, find: Find) -> Table:
 
     scipy.io.whosmat(path)  # refuses a damaged file that crashes loadmat
     content = scipy.io.loadmat(path, simplify_cells=True)
-    return _table(dict(_flat("", {name: value for name, value in content.items() if not name.startswith("__")})), find)
+    return _build_table(
+        dict(_flatten("", {name: value for name, value in content.items() if not name.startswith("__")})), find
+    )
 
 
-def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Arrays in nested structures; signals of Simulink and dSPACE are named by their labels."""
+def _flatten(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """List arrays in nested structures; signals of Simulink and dSPACE are named by their labels."""
     if isinstance(value, dict):
         label, values = (next((value[key] for key in keys if key in value), None) for keys in SIGNAL)
         if isinstance(label, str) and label and hasattr(values, "shape"):
-            yield from _flat(f"{name.rpartition('.')[0]}.{label.strip(QUOTES)}".lstrip("."), values)
+            yield from _flatten(f"{name.rpartition('.')[0]}.{label.strip(QUOTES)}".lstrip("."), values)
             return
         for key, inner in value.items():
-            yield from _flat(f"{name}.{key}" if name else key, inner)
+            yield from _flatten(f"{name}.{key}" if name else key, inner)
     elif isinstance(value, list) and len(value) > WIDEST and all(isinstance(row, dict) for row in value):
         for key in value[0]:
-            yield from _flat(f"{name}.{key}", np.array([row.get(key, np.nan) for row in value], dtype=object))
+            yield from _flatten(f"{name}.{key}", np.array([row.get(key, np.nan) for row in value], dtype=object))
     elif isinstance(value, list):
         for k, inner in enumerate(value[:WIDEST]):
-            yield from _flat(f"{name}[{k}]", inner)
+            yield from _flatten(f"{name}[{k}]", inner)
     elif hasattr(value, "shape") and value.size:
         yield name, value
 
 
-def read_data(data: Any, find: Find) -> Table:
-    """The columns in need of a mapping of arrays, a structured array, or a table that Arrow understands.
+def read_data(data: Any, find: ColumnFinder) -> RawTable:
+    """Read the columns in need of a mapping of arrays, a structured array, or a table that Arrow understands.
 
     Entries of a mapping that are None are left out.
 
@@ -96,9 +106,9 @@ def read_data(data: Any, find: Find) -> Table:
     if isinstance(data, Mapping):
         given = {str(name): value for name, value in data.items() if value is not None}
         nested = ((name, value) for name, value in given.items() if not name.startswith("__"))
-        return _table({path: own for name, value in nested for path, own in _arrays(name, value)}, find)
+        return _build_table({path: own for name, value in nested for path, own in _collect_arrays(name, value)}, find)
     if isinstance(data, np.ndarray) and data.dtype.names:
-        return _table({name: data[name] for name in data.dtype.names}, find)
+        return _build_table({name: data[name] for name in data.dtype.names}, find)
     if hasattr(data, "__arrow_c_stream__"):
         try:
             table = pa.table(data)
@@ -113,15 +123,15 @@ def read_data(data: Any, find: Find) -> Table:
     index = INDICES[1]  # of pandas, where it has no name
     if index in table.column_names and (pa.types.is_temporal(kind := table[index].type) or pa.types.is_floating(kind)):
         table = table.rename_columns(["time" if name == index else name for name in table.column_names])
-    return _arrow(
+    return _read_arrow(
         table.schema, lambda names: table.select(names).slice(0, 1) if len(table) else None, table.select, find
     )
 
 
-def _arrays(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Arrays of one entry of a mapping."""
+def _collect_arrays(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """List the arrays of one entry of a mapping."""
     if isinstance(value, Mapping):
-        yield from _flat(name, dict(value))
+        yield from _flatten(name, dict(value))
         return
     try:
         yield name, np.asarray(value)
@@ -136,8 +146,8 @@ def is_data(given: object) -> bool:
     return is_frame or is_mapping or (isinstance(given, np.ndarray) and bool(given.dtype.names))
 
 
-def read_hdf5(path: Path, find: Find) -> Table:
-    """Datasets of HDF5, those in groups by their paths: `run/position`; none that lies in another file.
+def read_hdf5(path: Path, find: ColumnFinder) -> RawTable:
+    """Read datasets of HDF5 by their paths, `run/position`; external links are not followed.
 
     Of MATLAB 7.3, structures and their arrays are named as in older files: `run.position`, `out.signals[0].values[1]`.
     Texts, names and sizes are no columns.
@@ -145,25 +155,27 @@ def read_hdf5(path: Path, find: Find) -> Table:
     Raises:
         RecordingError: as `read_npz`, or if h5py is not installed.
     """
-    need("h5py")
+    require_module("h5py")
     import h5py
 
     with path.open("rb") as start:
         is_matlab = start.read(128).startswith(b"MATLAB 7.3")
     with h5py.File(path, "r") as file:
-        return _table(dict(_flat("", _matlab_value(file)) if is_matlab else _datasets(file, "")), find)
+        return _build_table(
+            dict(_flatten("", _read_matlab_value(file)) if is_matlab else _collect_datasets(file, "")), find
+        )
 
 
-def _datasets(group: Any, path: str) -> Iterator[tuple[str, Any]]:
-    for name, item in _members(group):
+def _collect_datasets(group: Any, path: str) -> Iterator[tuple[str, Any]]:
+    for name, item in _find_members(group):
         if hasattr(item, "keys"):
-            yield from _datasets(item, f"{path}{name}/")
+            yield from _collect_datasets(item, f"{path}{name}/")
         else:
             yield path + name, item
 
 
-def _members(group: Any) -> Iterator[tuple[str, Any]]:
-    """Groups and datasets of a group by name, without links and datasets that lie elsewhere."""
+def _find_members(group: Any) -> Iterator[tuple[str, Any]]:
+    """Map names to groups and datasets of a group, without links and external datasets."""
     import h5py
 
     for name in group:
@@ -177,26 +189,26 @@ def _is_whole(dataset: Any) -> bool:
     return dataset.shape is not None and not (dataset.external or dataset.is_virtual)
 
 
-def _matlab_value(item: Any) -> Any:
-    """Value of MATLAB 7.3, as SciPy has those of older files; datasets of numbers are not read yet.
+def _read_matlab_value(item: Any) -> Any:
+    """Convert a value of MATLAB 7.3 to that of older files; numeric datasets stay unread.
 
     An array of structures is a group of fields, a cell is a dataset: they hold references to what they contain.
     """
     import h5py
 
     if isinstance(item, h5py.Group):
-        fields = {name: own for name, own in _members(item) if name[0] != "#" and name not in DESCRIPTIONS}
+        fields = {name: own for name, own in _find_members(item) if name[0] != "#" and name not in DESCRIPTIONS}
         arrays = {name: own for name, own in fields.items() if _has_references(own) and "MATLAB_class" not in own.attrs}
-        rows = zip(*(_referenced(own) for own in arrays.values()), strict=True)
+        rows = zip(*(_follow_reference(own) for own in arrays.values()), strict=True)
         structures = [dict(zip(arrays, row, strict=True)) for row in rows]
-        return structures or {name: _matlab_value(own) for name, own in fields.items()}
+        return structures or {name: _read_matlab_value(own) for name, own in fields.items()}
     kind = item.attrs.get("MATLAB_class")
     if "MATLAB_empty" in item.attrs or kind == b"function_handle" or not _is_whole(item):
         return None
     if kind == b"char":
         return "".join(map(chr, item[()].flat))
     if _has_references(item):
-        return _referenced(item)
+        return _follow_reference(item)
     return item[()].item() if item.size == 1 else item
 
 
@@ -206,12 +218,12 @@ def _has_references(item: Any) -> bool:
     return isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is h5py.Reference
 
 
-def _referenced(item: Any) -> list[Any]:
-    return [_matlab_value(item.file[reference]) for reference in item[()].flat]
+def _follow_reference(item: Any) -> list[Any]:
+    return [_read_matlab_value(item.file[reference]) for reference in item[()].flat]
 
 
-def _table(stored: Mapping[str, Any], find: Find) -> Table:
-    """Columns of arrays by name, those of HDF5 not read yet; the longer side of a matrix is time.
+def _build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
+    """Build a table from arrays by name, HDF5 datasets still unread; the longer side of a matrix is time.
 
     Sides of length 1 are dropped. A last stamp of time beyond the samples is left out, with a note.
     """
@@ -223,7 +235,7 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
 
     def is_number(name: str) -> bool:
         kind = stored[name].dtype.kind
-        return kind in "iufO" or (kind == "U" and may_be_number(str(load(name).flat[0]), name))
+        return kind in "iufO" or (kind == "U" and can_be_number(str(load(name).flat[0]), name))
 
     wordy = [k for k, (name, _) in enumerate(places) if math.prod(sides[name]) < 2 or not is_number(name)]
     cells = [str(load(name).flat[0]) if stored[name].dtype.kind == "U" and sides[name] else "" for name, _ in places]
@@ -259,20 +271,20 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
     if texts:
-        read = read_cells(headers, columns, {quantity: _cells(array) for quantity, array in values.items()})
+        read = read_cells(headers, columns, {quantity: _make_cells(array) for quantity, array in values.items()})
         return replace(read, notes=(*notes, *read.notes), date=read.date or date)
-    return Table(headers, columns, values, tuple(notes), date)
+    return RawTable(headers, columns, values, tuple(notes), date)
 
 
-def _cells(values: NDArray[Any]) -> pa.ChunkedArray:
-    """Column of Arrow with the texts of an array, or its numbers."""
+def _make_cells(values: NDArray[Any]) -> pa.ChunkedArray:
+    """Make an Arrow column of the texts or numbers of an array."""
     if values.dtype.kind not in "UO":
         return pa.chunked_array([values])
     return pa.chunked_array([[None if cell is None or cell != cell else str(cell) for cell in values]], pa.string())
 
 
-def read_parquet(path: Path, find: Find) -> Table:
-    """The columns in need.
+def read_parquet(path: Path, find: ColumnFinder) -> RawTable:
+    """Read the columns in need of a Parquet file.
 
     Raises:
         RecordingError: if a column is missing or does not hold numbers.
@@ -282,11 +294,13 @@ def read_parquet(path: Path, find: Find) -> Table:
         def first(names: list[str]) -> Any:
             return next(file.iter_batches(batch_size=1, columns=names), None)
 
-        return _arrow(file.schema_arrow, first, lambda names: file.read(columns=names, use_threads=False), find)
+        return _read_arrow(file.schema_arrow, first, lambda names: file.read(columns=names, use_threads=False), find)
 
 
-def _arrow(schema: pa.Schema, first: Callable[..., Any], read: Callable[..., pa.Table], find: Find) -> Table:
-    """The columns in need of what Arrow knows; of columns by name, `first` gives a row, if any, and `read` all."""
+def _read_arrow(
+    schema: pa.Schema, first: Callable[..., Any], read: Callable[..., pa.Table], find: ColumnFinder
+) -> RawTable:
+    """Read the columns in need of an Arrow table: `first` gives a row of named columns, `read` all rows."""
     vectors = [
         field.name for field in schema if isinstance(field.type, pa.ListType | pa.LargeListType | pa.FixedSizeListType)
     ]
@@ -299,13 +313,13 @@ def _arrow(schema: pa.Schema, first: Callable[..., Any], read: Callable[..., pa.
 
     def is_word(name: str, kind: pa.DataType) -> bool:
         cell = row[name][0].as_py() if row and is_text(kind) else None
-        return not (_is_number(kind) or (cell is not None and may_be_number(cell, name)))
+        return not (_is_number(kind) or (cell is not None and can_be_number(cell, name)))
 
     wordy = [k for k, (name, place) in enumerate(places) if place is None and is_word(name, kinds[k])]
     cells = [str(row[name][0].as_py() or "") if row and name in texts else "" for name, _ in places]
     columns = add_labels(find(headers, wordy=wordy), headers, cells)
     table = read(list(dict.fromkeys(places[column.index][0] for column in columns.values())))
-    found = {quantity: _series(table, *places[column.index]) for quantity, column in columns.items()}
+    found = {quantity: _select_series(table, *places[column.index]) for quantity, column in columns.items()}
     for quantity, series in found.items():
         if not (_is_number(series.type) or is_text(series.type) or (quantity == "time" and _is_date(series.type))):
             raise RecordingError(
@@ -314,12 +328,12 @@ def _arrow(schema: pa.Schema, first: Callable[..., Any], read: Callable[..., pa.
             )
     if any(is_text(series.type) for quantity, series in found.items() if quantity != "segment"):
         return read_cells(headers, columns, found)
-    values = {quantity: numbers(series) for quantity, series in found.items()}
-    return Table(headers, columns, values, date=first_date(found["time"]))
+    values = {quantity: convert_numbers(series) for quantity, series in found.items()}
+    return RawTable(headers, columns, values, date=find_first_date(found["time"]))
 
 
-def _series(table: pa.Table, name: str, k: int | None) -> pa.ChunkedArray:
-    """A column of a table, or element k of a vector."""
+def _select_series(table: pa.Table, name: str, k: int | None) -> pa.ChunkedArray:
+    """Select a column of a table, or element k of a vector."""
     if k is None:
         return table[name]
     import pyarrow.compute as pc  # takes a while to import

@@ -16,27 +16,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
-from pendulum_env.recording.columns import Column
+from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.notes import Note, NoteKind
-from pendulum_env.recording.table import WIDEST, Find, Table, need
+from pendulum_env.recording.table import WIDEST, ColumnFinder, RawTable, require_module
 
 TIME = "time"  # the name of the column that every message has
 JOINT = ("position", "velocity", "effort")  # fields of a joint state, one element a joint
 
 
-def read_bag(path: Path, find: Find) -> Table:
-    """The numbers in need, from a bag, a folder that is one, or MCAP.
+def read_bag(path: Path, find: ColumnFinder) -> RawTable:
+    """Read the numbers in need from a bag, a folder that is one, or MCAP.
 
     Raises:
         RecordingError: if a number is missing, or if rosbags is not installed.
     """
-    need("rosbags")
-    with closing(_opened(path)) as reader:
+    require_module("rosbags")
+    with closing(_open_reader(path)) as reader:
         samples: dict[str, dict[str, float]] = {}
         for connection in reader.connections:
             first = next(iter(reader.messages([connection])), None)
             if first is not None:
-                samples.setdefault(connection.topic, dict(_numbers(reader.deserialize(first[2], connection.msgtype))))
+                samples.setdefault(
+                    connection.topic, dict(_list_numbers(reader.deserialize(first[2], connection.msgtype)))
+                )
         owners = [(topic, field) for topic, fields in samples.items() for field in fields]
         headers = [TIME, *(f"{topic}/{field}" for topic, field in owners)]
         columns = find(headers)
@@ -45,14 +47,14 @@ def read_bag(path: Path, find: Find) -> Table:
             if column.index:
                 topic, field = owners[column.index - 1]
                 wanted.setdefault(topic, []).append(field)
-        series = {topic: _series(reader, topic, fields) for topic, fields in wanted.items()}
-    values, notes = _merged(columns, owners, series)
+        series = {topic: _read_series(reader, topic, fields) for topic, fields in wanted.items()}
+    values, notes = _merge_topics(columns, owners, series)
     first = series[owners[columns["position"].index - 1][0]][0][0]
-    return Table(headers, columns, values, notes, datetime.fromtimestamp(float(first) / 1e9, UTC))
+    return RawTable(headers, columns, values, notes, datetime.fromtimestamp(float(first) / 1e9, UTC))
 
 
-def _opened(path: Path) -> Any:
-    """A reader of a bag; messages that ship with ROS are known where it defines none, since they take a while."""
+def _open_reader(path: Path) -> Any:
+    """Open a reader of a bag; if it defines no messages, use those that ship with ROS, which load slowly."""
     from rosbags.highlevel import AnyReader, AnyReaderError
 
     reader = AnyReader([path])
@@ -66,12 +68,12 @@ def _opened(path: Path) -> Any:
     return reader
 
 
-def _series(reader: Any, topic: str, fields: Sequence[str]) -> tuple[NDArray[np.int64], dict[str, Array]]:
-    """Time [ns] since 1970 and fields of the messages of one topic, in the order of time."""
+def _read_series(reader: Any, topic: str, fields: Sequence[str]) -> tuple[NDArray[np.int64], dict[str, Array]]:
+    """Read time [ns] since 1970 and fields of the messages of one topic, in the order of time."""
     times, rows = [], []
     for connection, received, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
         message = reader.deserialize(raw, connection.msgtype)
-        found = dict(_numbers(message))
+        found = dict(_list_numbers(message))
         stamp = getattr(getattr(message, "header", None), "stamp", None)
         nanoseconds = 0 if stamp is None else stamp.sec * 1_000_000_000 + stamp.nanosec
         times.append(nanoseconds or received)
@@ -82,8 +84,8 @@ def _series(reader: Any, topic: str, fields: Sequence[str]) -> tuple[NDArray[np.
     return time, {field: values[:, k] for k, field in enumerate(fields)}
 
 
-def _merged(
-    columns: dict[str, Column], owners: Sequence[tuple[str, str]], series: Any
+def _merge_topics(
+    columns: dict[str, FileColumn], owners: Sequence[tuple[str, str]], series: Any
 ) -> tuple[dict[str, Array], tuple[Note, ...]]:
     topic, _ = owners[columns["position"].index - 1]
     base = series[topic][0]
@@ -107,8 +109,8 @@ def _merged(
     return values, tuple(notes)
 
 
-def _numbers(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
-    """Path and value of every number in a message."""
+def _list_numbers(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
+    """Yield path and value of every number in a message."""
     if {"name", *JOINT} <= set(getattr(message, "__dataclass_fields__", ())):
         for field in JOINT:
             for joint, value in zip(message.name, getattr(message, field), strict=False):
@@ -125,9 +127,9 @@ def _numbers(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
                 if isinstance(item, int | float | np.number):
                     yield f"{path}{name}[{k}]", float(item)
                 else:
-                    yield from _numbers(item, f"{path}{name}[{k}]/")
+                    yield from _list_numbers(item, f"{path}{name}[{k}]/")
         else:
-            yield from _numbers(value, f"{path}{name}/")
+            yield from _list_numbers(value, f"{path}{name}/")
 
 
 def is_bag(path: Path) -> bool:

@@ -16,7 +16,7 @@ from pendulum_env.recording.clock import STEPS, find_plausible_unit
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
-from pendulum_env.settings import setting
+from pendulum_env.settings import format_setting
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ VELOCITY_FACTORS = (  # slope of position over velocity, if one of them has anot
 )
 
 
-def _option(columns: Mapping[str, str]) -> str:
-    """Name columns that mend a recording."""
-    return setting("columns", columns)
+def _format_columns(columns: Mapping[str, str]) -> str:
+    """Format columns that correct a recording as an argument."""
+    return format_setting("columns", columns)
 
 
 def refuse_absurd(values: Mapping[str, Array]) -> None:
@@ -67,7 +67,8 @@ def refuse_large_current(values: Array, origin: Origin) -> None:
     if column.is_current_by_guess and most > BOUNDS.current:
         raise ColumnError(
             f"the current of column {column.header!r} reaches {most:.4g}, too much in A: read it with "
-            f"{_option(origin.in_unit('torque', 'mA'))} if it is in mA, or give the unit in the name of the column"
+            f"{_format_columns(origin.change_unit('torque', 'mA'))} if it is in mA, or give the unit in the "
+            "name of the column"
         )
 
 
@@ -85,19 +86,23 @@ def refuse_too_short(recording: Recording, origin: Origin) -> None:
     if period > 1 / BOUNDS.slowest:
         raise ColumnError(
             f"{period:.3g} s pass between samples, too long for a pendulum ({BOUNDS.slowest:g} Hz is the least): "
-            f"{_time_unit(period, origin)}sample faster"
+            f"{_suggest_time_unit(period, origin)}sample faster"
         )
     if duration + period < 0.99 * BOUNDS.shortest:
-        hint = _time_unit(period, origin) if period < STEPS[0] else ""
+        hint = _suggest_time_unit(period, origin) if period < STEPS[0] else ""
         raise RecordingError(
             f"it lasts {duration:.3g} s, of which at least {BOUNDS.shortest:g} s are needed: {hint}record longer"
         )
 
 
-def _time_unit(period: float, origin: Origin) -> str:
-    """Name the unit of time in which steps of that many seconds, as they were read, become plausible."""
+def _suggest_time_unit(period: float, origin: Origin) -> str:
+    """Suggest the unit of time in which the steps [s], as they were read, become plausible."""
     unit = find_plausible_unit(period / origin.columns["time"].scale)
-    return "" if unit is None else f"read it with {_option(origin.in_unit('time', unit))} if time is in {unit}, or "
+    return (
+        ""
+        if unit is None
+        else f"read it with {_format_columns(origin.change_unit('time', unit))} if time is in {unit}, or "
+    )
 
 
 def refuse_still(position: Array) -> None:
@@ -119,14 +124,16 @@ def refuse_jumps(position: Array, rows: Index, starts: Sequence[int], origin: Or
     what = f"position jumps by {size:.4g} rad from one sample to the next at data row {row} (header not counted)"
     if np.ptp(position) < 2 * np.pi + 0.1 or abs(size - 2 * np.pi) < 0.5:
         if not allow_wrapped:
-            raise RecordingError(f"{what}, as an angle wrapped at 2 pi does: read it with {setting('unwrap', True)}")
+            raise RecordingError(
+                f"{what}, as an angle wrapped at 2 pi does: read it with {format_setting('unwrap', True)}"
+            )
     elif 270 < size < 361:
         raise ColumnError(
-            f"{what}, as an angle wrapped at 360 degrees does: read it with {setting('unwrap', True)}, and with "
-            f"{_option(origin.in_unit('position', 'deg'))}"
+            f"{what}, as an angle wrapped at 360 degrees does: read it with {format_setting('unwrap', True)}, and with "
+            f"{_format_columns(origin.change_unit('position', 'deg'))}"
         )
     else:
-        raise ColumnError(f"{what}: {_in_degrees(origin)}, or repair the glitch if it is one")
+        raise ColumnError(f"{what}: {_suggest_degrees(origin)}, or repair the glitch if it is one")
 
 
 def refuse_too_fast(recording: Recording, origin: Origin) -> None:
@@ -139,13 +146,13 @@ def refuse_too_fast(recording: Recording, origin: Origin) -> None:
         if (top := float(speed.max())) > BOUNDS.fastest:
             raise ColumnError(
                 f"position moves at {top:.0f} rad/s near {part.time[int(np.argmax(speed))]:.6g} s, faster "
-                f"than any arm: {_told(origin)}"
+                f"than any arm: {_suggest_position_unit(origin)}"
             )
 
 
-def doubt_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
-    """Refuse turns or degrees that were read as radians; a note says where a spring over radians may be meant."""
-    if not origin.could_be_degrees():
+def check_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
+    """Refuse turns or degrees that were read as radians; note a motion that a spring over radians explains as well."""
+    if not origin.can_be_degrees():
         return ()
     part = max(recording.segments, key=len)
     is_guess = origin.columns["position"].unit is None
@@ -153,27 +160,29 @@ def doubt_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
     if found is None:
         return ()
     if not found.is_certain:
-        return (found.note(origin.in_unit("position", found.unit)),)
-    raise ColumnError(f"{found.text}: {_told(origin, found.unit)}")
+        return (found.note(origin.change_unit("position", found.unit)),)
+    raise ColumnError(f"{found.text}: {_suggest_position_unit(origin, found.unit)}")
 
 
-def _in_degrees(origin: Origin) -> str:
+def _suggest_degrees(origin: Origin) -> str:
     """List the remedies for a position with a doubtful unit or gain."""
-    return _advise_unit(origin, "deg") if origin.could_be_degrees() else "check its unit and gain"
+    return _suggest_unit(origin, "deg") if origin.can_be_degrees() else "check its unit and gain"
 
 
-def _advise_unit(origin: Origin, unit: str) -> str:
+def _suggest_unit(origin: Origin, unit: str) -> str:
     if origin.are_counts:
-        return f"read it with {_option(origin.in_counts())} if an encoder counts 4096 to a turn"
+        return f"read it with {_format_columns(origin.change_to_counts())} if an encoder counts 4096 to a turn"
     name = {"deg": "degrees", "rev": "turns"}[unit]
-    return f"read it with {_option(origin.in_unit('position', unit))} if it is in {name}"
+    return f"read it with {_format_columns(origin.change_unit('position', unit))} if it is in {name}"
 
 
-def _told(origin: Origin, unit: str = "deg") -> str:
-    """The same, and how to say that the guess was right."""
+def _suggest_position_unit(origin: Origin, unit: str = "deg") -> str:
+    """Suggest a unit of position, and the argument that confirms the guess."""
     is_guess = not origin.columns["position"].is_unit_told
-    advice = _advise_unit(origin, unit) if origin.could_be_degrees() else _in_degrees(origin)
-    return advice + (f", with {_option(origin.in_unit('position', 'rad'))} if it is not" if is_guess else "")
+    advice = _suggest_unit(origin, unit) if origin.can_be_degrees() else _suggest_degrees(origin)
+    return advice + (
+        f", with {_format_columns(origin.change_unit('position', 'rad'))} if it is not" if is_guess else ""
+    )
 
 
 def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
@@ -184,7 +193,7 @@ def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
     if away > BOUNDS.followed:
         raise ColumnError(
             f"the goal is {away:.3g} rad away from the position, as if in other units or from another zero: say them "
-            f"as those of the position, {_option(origin.in_unit('reference', 'deg'))} for one"
+            f"as those of the position, {_format_columns(origin.change_unit('reference', 'deg'))} for one"
         )
 
 
@@ -202,8 +211,10 @@ def refuse_torque_twice(recording: Recording, origin: Origin) -> None:
     if (correlation := float(np.corrcoef(pair)[0, 1])) > BOUNDS.same:
         raise ColumnError(
             f"load_torque, from column {origin.columns['load_torque'].header!r}, follows torque ({correlation:.3f} "
-            f"correlated), and both would add up: read it with {_option(origin.without('load_torque'))} if it "
-            f"measures the torque of the motor, with {_option(origin.confirmed('load_torque'))} if another machine "
+            "correlated), and both would add up: read it with "
+            f"{_format_columns(origin.omit_column('load_torque'))} if it "
+            f"measures the torque of the motor, with {_format_columns(origin.confirm_column('load_torque'))} "
+            "if another machine "
             "applies it"
         )
 
@@ -211,10 +222,12 @@ def refuse_torque_twice(recording: Recording, origin: Origin) -> None:
 def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
     """Refuse a velocity column that is not the slope of position: other units, other sign, another signal."""
     pairs = [
-        _moved(part.rate, part.position, part.velocity) for part in recording.segments if part.velocity is not None
+        _compute_motions(part.rate, part.position, part.velocity)
+        for part in recording.segments
+        if part.velocity is not None
     ]
     moved, expected = (np.concatenate(both) for both in zip(*pairs, strict=True))  # [rad]
-    remedy = f"mend it, or do without it, which is optional: {_option(origin.without('velocity'))}"
+    remedy = f"mend it, or do without it, which is optional: {_format_columns(origin.omit_column('velocity'))}"
     with np.errstate(over="ignore", invalid="ignore"):  # absurd values are no correlation
         size = float(np.linalg.norm(moved) * np.linalg.norm(expected))
         correlation = float(moved @ expected / size) if 0 < size < np.inf else 0.0
@@ -226,19 +239,19 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
         return
     ratio = float(correlation * np.linalg.norm(moved) / np.linalg.norm(expected))
     if correlation < 0:
-        turned = _option(origin.turned("velocity"))
+        turned = _format_columns(origin.flip_sign("velocity"))
         raise ColumnError(f"velocity has the opposite sign of the slope of position: read it with {turned}")
     for quantity, unit, factor in VELOCITY_FACTORS:
         if 0.9 < ratio / factor < 1.1 or (unit[:3] == "deg" and 0.7 < ratio / factor < 1.4):
             raise ColumnError(
                 f"velocity is {1 / ratio:.3g} times the slope of position, as if {quantity} were in {unit}: read it "
-                f"with {_option(origin.in_unit(quantity, unit))}"
+                f"with {_format_columns(origin.change_unit(quantity, unit))}"
             )
     if not 0.5 < ratio < 2:
         raise ColumnError(f"velocity is {1 / ratio:.3g} times the slope of position: {remedy}")
 
 
-def _moved(rate: float, position: Array, velocity: Array) -> tuple[Array, Array]:
+def _compute_motions(rate: float, position: Array, velocity: Array) -> tuple[Array, Array]:
     """Compute the motion in each `BOUNDS.window` by position and by velocity, (M,) each [rad]."""
     span = max(1, round(BOUNDS.window * rate))
     count = (len(position) - 1) // span

@@ -7,7 +7,7 @@ import numpy as np
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.errors import RecordingError
 from pendulum_env.quantity import Quantity
-from pendulum_env.recording.clock import UNKNOWN, Clock, format_distinct
+from pendulum_env.recording.clock import UNKNOWN, LogClock, format_distinct
 from pendulum_env.recording.notes import NAMED, Note, NoteKind
 from pendulum_env.recording.vocabulary import QUANTITIES
 
@@ -48,7 +48,7 @@ class Log:
     values: dict[str, Array]
     notes: list[Note] = field(default_factory=list)
     starts: tuple[int, ...] = (0,)
-    clock: Clock = UNKNOWN
+    clock: LogClock = UNKNOWN
 
     def __post_init__(self) -> None:
         self.rows: Index = np.arange(1, len(self.values["time"]) + 1)
@@ -59,7 +59,7 @@ class Log:
         self.rows = self.rows[good]
 
 
-def hold_unchanged(log: Log) -> None:
+def fill_unchanged(log: Log) -> None:
     """Fill empty cells with the last value where a program writes only what changes.
 
     A column that is written in every row repeats its value about half as often as it changes by its least step. A
@@ -77,11 +77,11 @@ def hold_unchanged(log: Log) -> None:
         held += others
         log.notes.append(Note(NoteKind.CELLS_HELD))
     for quantity in held:
-        log.values[quantity] = _held_on(log.values[quantity], ~np.isnan(log.values[quantity]))
+        log.values[quantity] = _hold_values(log.values[quantity], ~np.isnan(log.values[quantity]))
 
 
-def _held_on(values: Array, known: Mask) -> Array:
-    """Values (N,) as they were known last, NaN before the first that is known (N,)."""
+def _hold_values(values: Array, known: Mask) -> Array:
+    """Hold the last known values (N,); NaN before the first that is known (N,)."""
     last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
     return np.where(last >= 0, values[last], np.nan)
 
@@ -103,8 +103,8 @@ def _is_lost(values: Array) -> bool:
     return bool(sizes[across].mean() > CLEANING.moved_on * sizes[~across].mean())
 
 
-def aligned(log: Log, fewest: int) -> None:
-    """Take what stands in rows of its own at the rows of position, as programs merge topics.
+def align_topics(log: Log, fewest: int) -> None:
+    """Move quantities with rows of their own to the rows of position, as for merged topics.
 
     Torque is taken as it was last, for it is held; other quantities by interpolation. Fewer rows than `fewest` with a
     position are none to take anything at: `finite` says so.
@@ -119,7 +119,7 @@ def aligned(log: Log, fewest: int) -> None:
         if here.all() or np.count_nonzero(sound & here) > 0.5 * min(np.count_nonzero(here), np.count_nonzero(sound)):
             continue
         if quantity in HELD:
-            values[quantity] = _held_on(values[quantity], sound)
+            values[quantity] = _hold_values(values[quantity], sound)
         elif sound.any():
             values[quantity] = np.interp(values["time"], values["time"][sound], values[quantity][sound])
         notes.append(Note(NoteKind.OTHER_ROWS, (quantity,), text="held" if quantity in HELD else "interpolated"))
@@ -129,7 +129,7 @@ def aligned(log: Log, fewest: int) -> None:
         log.notes += notes
 
 
-def finite(log: Log, fewest: int) -> None:
+def drop_invalid_rows(log: Log, fewest: int) -> None:
     """Leave out rows with empty cells, NaN or infinity.
 
     An optional column that lacks more than half of its cells is left out instead.
@@ -171,8 +171,8 @@ def finite(log: Log, fewest: int) -> None:
     log.keep(good)
 
 
-def follow_on(log: Log) -> None:
-    """Let time go on where a column `segment` counts another run and the clock was set back; a second lies between."""
+def shift_restarted_runs(log: Log) -> None:
+    """Shift the time of a new `segment` whose clock was set back; the gap is `CLEANING.pause`."""
     if "segment" in log.values:
         time = log.values["time"]
         steps = np.diff(time)
@@ -181,7 +181,7 @@ def follow_on(log: Log) -> None:
         log.values = {**log.values, "time": time + later}
 
 
-def ordered(log: Log) -> None:
+def drop_repeated_times(log: Log) -> None:
     """Leave out rows whose time repeats that of the row before.
 
     Raises:
@@ -204,7 +204,7 @@ def ordered(log: Log) -> None:
         log.keep(new)
 
 
-def leave_out_hold(log: Log, position: Array) -> None:
+def drop_initial_hold(log: Log, position: Array) -> None:
     """Leave out samples of a free swing before its release: rest away from both equilibria is no free motion.
 
     From rest at an angle, position (N,) leaves by a t^2 / 2 at first: of the times at which it has moved by d and by
@@ -224,21 +224,21 @@ def leave_out_hold(log: Log, position: Array) -> None:
 def start_from_zero(log: Log) -> None:
     """Count time from the first sample; the log's clock keeps its own count."""
     time = log.values["time"]
-    log.clock = Clock.from_time(time)
+    log.clock = LogClock.from_time(time)
     log.values = {**log.values, "time": time - time[0]}
 
 
-def sound(log: Log, position: Array) -> None:
-    """Leave out rows whose position (N,) cannot be, unwrapped if need be.
+def drop_spoilt_positions(log: Log, position: Array) -> None:
+    """Leave out rows with an impossible position (N,), unwrapped if needed.
 
     Glitches lie far off both neighbours: no joint is there and back within two samples. Stale values repeat the last
     one, and are followed by a jump to where steady motion would have gone meanwhile.
     """
-    usual = usual_bend(position)
+    usual = estimate_bend(position)
     good = np.ones(len(position), dtype=np.bool_)
     for kind, at in (
-        (NoteKind.GLITCHES, _glitches(position, usual)),
-        (NoteKind.STALE, _stale(position, usual)),
+        (NoteKind.GLITCHES, _find_glitches(position, usual)),
+        (NoteKind.STALE, _find_stale_samples(position, usual)),
     ):
         if len(at):
             log.notes.append(note_rows(kind, log.rows[at], "position"))
@@ -251,8 +251,8 @@ def note_rows(kind: NoteKind, rows: Index, *quantities: str, text: str = "") -> 
     return Note(kind, quantities, {"count": Quantity(len(rows))}, places=tuple(rows[:NAMED].tolist()), text=text)
 
 
-def usual_bend(position: Array) -> float:
-    """Compute the 99th percentile of the deviation of positions (N,) from the mean of their neighbours [rad].
+def estimate_bend(position: Array) -> float:
+    """Return the 99th percentile of the distance of positions (N,) from the mean of their neighbours [rad].
 
     Of a joint that rests all but always, the smallest step that its encoder makes; 0 if it makes none.
     """
@@ -263,8 +263,8 @@ def usual_bend(position: Array) -> float:
     return float(np.quantile(off, 0.99) or (moves[moves > 0].min() if moves.any() else 0.0))
 
 
-def _glitches(q: Array, usual: float) -> Index:
-    """Samples of q (N,) that are far off the middle of their neighbours, which agree with each other."""
+def _find_glitches(q: Array, usual: float) -> Index:
+    """Find samples of q (N,) far from the mean of their neighbours, which agree with each other."""
     if len(q) < 5:
         return np.empty(0, dtype=np.intp)
     off = np.abs(q[2:-2] - 0.5 * (q[1:-3] + q[3:-1]))
@@ -273,8 +273,8 @@ def _glitches(q: Array, usual: float) -> Index:
     return far[off[far] > CLEANING.far * around] + 2
 
 
-def _stale(q: Array, usual: float) -> Index:
-    """Samples of q (N,) that repeat the last one although the joint moves on, by steps far above the usual noise."""
+def _find_stale_samples(q: Array, usual: float) -> Index:
+    """Find samples of q (N,) that repeat the last one although the joint moves on."""
     steps = np.diff(q)
     still = steps == 0
     turns = np.flatnonzero(np.diff(still, prepend=False, append=False))

@@ -1,4 +1,4 @@
-"""Clocks of a log: seconds since 1970 in any unit, the rounding of its digits, and time that starts from 0."""
+"""Clock of a log: seconds since 1970 in any unit, the rounding of its digits, and time counted from 0."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -34,7 +34,7 @@ def count_seconds(time: NDArray[Any]) -> tuple[Array, datetime | None]:
 
 
 @dataclass(frozen=True)
-class Clock:
+class LogClock:
     """Zero and rounding of a log's time.
 
     Attributes:
@@ -48,17 +48,17 @@ class Clock:
     rounding: float = 0.0
 
     @classmethod
-    def from_time(cls, time: Array) -> "Clock":
-        """Read off the clock of time (N,) [s] as a log counts it."""
+    def from_time(cls, time: Array) -> "LogClock":
+        """Estimate the clock of time (N,) [s] as a log counts it."""
         return cls(float(time[0]), find_resolution(time), 4.0 * float(np.spacing(np.abs(time).max())))
 
     @property
     def date(self) -> datetime | None:
-        """Date of the first sample, if the log counts seconds since 1970."""
+        """Return the date of the first sample, if the log counts seconds since 1970."""
         return find_date(self.start)
 
 
-UNKNOWN = Clock()
+UNKNOWN = LogClock()
 
 
 def find_unix_unit(time: Array) -> str | None:
@@ -74,8 +74,8 @@ def find_unix_unit(time: Array) -> str | None:
     return None
 
 
-def count_on(time: Array) -> Array:
-    """Let a clock of 16 or 32 bits (N,), in its own counts, go on where it began again from zero."""
+def unwrap_clock(time: Array) -> Array:
+    """Unwrap a clock (N,) of 16 or 32 bits, in its own counts, where it overflows."""
     steps = np.diff(time)
     back = steps < 0
     if not 0 < np.count_nonzero(back) < 0.1 * len(steps):
@@ -119,30 +119,30 @@ def is_uniform(time: Array, starts: tuple[int, ...] = (0,), tolerance: float = E
     Up to `tolerance` of a step and the rounding of float64. Segments hold two samples or more.
     """
     bounds = (*starts, len(time))
-    step = covered(time, starts) / (len(time) - len(starts))
+    step = sum_durations(time, starts) / (len(time) - len(starts))
     allowed = tolerance * step + 4 * np.spacing(np.abs(time[[0, -1]]).max())
     return bool(
         step > 0
         and all(time[start] > time[start - 1] for start in starts[1:])
-        and all(unevenness(time[a:b], step) <= allowed for a, b in pairwise(bounds))
+        and all(compute_unevenness(time[a:b], step) <= allowed for a, b in pairwise(bounds))
     )
 
 
 def count_from_zero(time: Array, starts: tuple[int, ...] = (0,)) -> Array:
     """Count time (N,) [s] from 0, each segment on a grid of one period, so that float64 no longer rounds its steps."""
-    step = covered(time, starts) / (len(time) - len(starts))
+    step = sum_durations(time, starts) / (len(time) - len(starts))
     bounds = pairwise((*starts, len(time)))
     return np.concatenate([time[a] - time[0] + step * np.arange(b - a, dtype=np.float64) for a, b in bounds])
 
 
-def unevenness(time: Array, step: float | None = None) -> float:
-    """Largest distance [s] of time (N,) from the uniform grid with the same ends, or the same start and that step."""
+def compute_unevenness(time: Array, step: float | None = None) -> float:
+    """Return the largest distance [s] of time (N,) from the uniform grid with its ends, or with its start and step."""
     last = time[-1] if step is None else time[0] + (len(time) - 1) * step
     distance = np.linspace(time[0], last, len(time))
     distance -= time  # in place: recordings may be large
     return float(np.abs(distance, out=distance).max())
 
 
-def covered(time: Array, starts: tuple[int, ...] = (0,)) -> float:
-    """Time [s] from the first to the last sample of each segment, summed."""
+def sum_durations(time: Array, starts: tuple[int, ...] = (0,)) -> float:
+    """Sum the time [s] from the first to the last sample of each segment."""
     return float(sum(time[b - 1] - time[a] for a, b in pairwise((*starts, len(time)))))

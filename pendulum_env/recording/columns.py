@@ -19,8 +19,8 @@ from pendulum_env.recording.expression import (
     Expression,
     UnknownColumnError,
     UnknownUnitError,
-    letters,
-    parse,
+    normalise_name,
+    parse_expression,
 )
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.vocabulary import (
@@ -47,7 +47,7 @@ from pendulum_env.recording.vocabulary import (
     Rank,
     find_name,
 )
-from pendulum_env.settings import setting
+from pendulum_env.settings import format_setting
 from pendulum_env.units import JointUnits
 
 ADDED = re.compile(
@@ -61,7 +61,7 @@ UNUSED = "unused"  # an older word for the same, but of a torque
 
 
 @dataclass(frozen=True)
-class Column:
+class FileColumn:
     """Recognised column of a file: the quantity in SI is `scale` times the column, plus `offset`."""
 
     quantity: str  # time, position, velocity, torque, reference or segment
@@ -74,16 +74,16 @@ class Column:
 
     @property
     def scale(self) -> float:
-        """Factor from the column to SI."""
-        return _factor(self.quantity, self.unit) * (1.0 if self.expression is None else self.expression.gain)
+        """Return the factor from the column to SI."""
+        return _find_factor(self.quantity, self.unit) * (1.0 if self.expression is None else self.expression.gain)
 
     @property
     def offset(self) -> float:
         """Return the added offset in SI."""
         if self.expression is None:
             return 0.0
-        unit = self.unit if self.expression.offset_unit is None else letters(self.expression.offset_unit)
-        return self.expression.shift * _factor(self.quantity, unit)
+        unit = self.unit if self.expression.offset_unit is None else normalise_name(self.expression.offset_unit)
+        return self.expression.shift * _find_factor(self.quantity, unit)
 
     @property
     def is_unit_told(self) -> bool:
@@ -92,17 +92,17 @@ class Column:
 
     @property
     def is_current_by_guess(self) -> bool:
-        """True if it is a current in amperes whose name tells no unit."""
-        if self.quantity != "torque" or self.unit not in (None, "a") or _unit_at_the_end(RAW["torque"], self.header):
+        """Return whether the column is a current in amperes without a unit in its name."""
+        if self.quantity != "torque" or self.unit not in (None, "a") or _find_trailing_unit(RAW["torque"], self.header):
             return False
-        return self.unit == "a" or (_is_raw("torque", self.header) and _raw_unit_of(self.header) == "A")
+        return self.unit == "a" or (_is_raw("torque", self.header) and _find_header_raw_unit(self.header) == "A")
 
     @property
     def result_unit(self) -> str:
-        """Unit of what comes out: SI, but for a torque whose gain is to be found."""
+        """Return the unit of the result: SI, or that of the column for a torque with an unknown gain."""
         if self.expression is None or not self.expression.is_gain_unknown:
             return SI[self.quantity]
-        return _raw_unit(self.unit or "duty")
+        return _find_raw_unit(self.unit or "duty")
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -118,9 +118,9 @@ class Column:
             notes.append(Note(NoteKind.CONVERTED, own, headers=header, text=unit))
         if self.result_unit != SI[self.quantity]:
             notes.append(Note(NoteKind.GAIN_UNKNOWN, own, text=self.result_unit))
-        if self.rank is Rank.COMMANDED and letters(self.header) != "u":  # which never means anything else
+        if self.rank is Rank.COMMANDED and normalise_name(self.header) != "u":  # which never means anything else
             notes.append(Note(NoteKind.COMMANDED_TORQUE, own, headers=header))
-        if self.quantity == "torque" and (find_name(letters(self.header)) or ("",))[0] == "load_torque":
+        if self.quantity == "torque" and (find_name(normalise_name(self.header)) or ("",))[0] == "load_torque":
             notes.append(Note(NoteKind.LOAD_TORQUE_ALONE, own, headers=header))
         if self.quantity == "load_torque":
             notes.append(Note(NoteKind.LOAD_TORQUE, own, headers=header))
@@ -129,7 +129,7 @@ class Column:
         return tuple(notes)
 
 
-def _factor(quantity: str, unit: str | None) -> float:
+def _find_factor(quantity: str, unit: str | None) -> float:
     if unit is None:
         return 1.0
     return {**UNITS[quantity], **RAW.get(quantity, {}), **LINEAR.get(quantity, {})}[unit]
@@ -141,8 +141,8 @@ def find_columns(
     output: str | None = None,
     *,
     wordy: Collection[int] = (),
-) -> dict[str, Column]:
-    """Column by quantity: time, position, torque, and those of `OPTIONAL` if there are.
+) -> dict[str, FileColumn]:
+    """Find the columns by quantity: time, position, torque, and those of `OPTIONAL` that exist.
 
     Torque may be missing only if the user says `none`, or if no other column could hold it, see `may_be_torque`.
 
@@ -162,17 +162,17 @@ def find_columns(
     unused = {q for q, text in told.items() if text == UNUSED and q in optional and UNUSED not in headers}
     unused |= {q for q, text in told.items() if text == NONE and q in (*OPTIONAL, "torque") and NONE not in headers}
     given = {
-        quantity: named_column(quantity, text, headers) for quantity, text in told.items() if quantity not in unused
+        quantity: parse_column(quantity, text, headers) for quantity, text in told.items() if quantity not in unused
     }
     taken = {column.index for column in given.values()}
-    found = {quantity: _fitting(quantity, headers, taken) for quantity in ALIASES if quantity not in unused}
-    positions = [given["position"]] if "position" in given else _most_direct(found["position"])
+    found = {quantity: _find_candidates(quantity, headers, taken) for quantity in ALIASES if quantity not in unused}
+    positions = [given["position"]] if "position" in given else _prefer_measured(found["position"])
     columns = {}
     for quantity, fitting in found.items():
         if quantity in given:
             columns[quantity] = given[quantity]
             continue
-        candidates = _most_direct([column for column in fitting if column.index not in wordy] or fitting)
+        candidates = _prefer_measured([column for column in fitting if column.index not in wordy] or fitting)
         if quantity in SPARE:
             candidates = candidates[:1]
         if quantity == "time" and len(candidates) > 1 and len(positions) == 1:
@@ -180,19 +180,19 @@ def find_columns(
         if quantity == "velocity" and len(candidates) > 1:  # it may be missing
             candidates = _match_element(columns.get("position"), candidates)
         if quantity == "torque" and output is not None:
-            logged = _logged(output, headers)
-            candidates = [] if logged is None else [named_column(quantity, logged, headers)]
+            logged = _find_output(output, headers)
+            candidates = [] if logged is None else [parse_column(quantity, logged, headers)]
         if len(candidates) > 1:
             names = " and ".join(shown(c.header.strip(), QUOTED) for c in candidates[:3])
             raise ColumnError(
                 f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: "
-                f"say which with {setting('columns', {**told, quantity: 'NAME'})}"
+                f"say which with {format_setting('columns', {**told, quantity: 'NAME'})}"
             )
         if candidates:
             others = tuple(c.header for c in fitting if c not in candidates and c.index not in wordy)
             columns[quantity] = replace(candidates[0], passed_over=others)
     if "torque" not in {*columns, *unused} and "load_torque" in columns and output is None:
-        if not _raw("torque", headers):  # else a motor drives the joint, too
+        if not _suggest_gains("torque", headers):  # else a motor drives the joint, too
             columns["torque"] = replace(columns.pop("load_torque"), quantity="torque")
     needed = ("time", "position", "torque" if output is None else "reference")
     missing = [quantity for quantity in needed if quantity not in columns and (quantity, NONE) not in told.items()]
@@ -200,82 +200,86 @@ def find_columns(
     if (
         missing == ["torque"]
         and columns.keys().isdisjoint(MOTOR)
-        and not any(may_be_torque(header, k) for k, header in enumerate(headers) if k not in used and k not in wordy)
+        and not any(can_be_torque(header, k) for k, header in enumerate(headers) if k not in used and k not in wordy)
     ):
         missing = []
     if missing:
         if missing == ["reference"]:
             raise ColumnError(
-                f"no column for the goal (goal, reference) among {_listed(headers)}: say which with "
-                f"{setting('columns', {**told, 'reference': 'NAME'})}"
+                f"no column for the goal (goal, reference) among {_list_headers(headers)}: say which with "
+                f"{format_setting('columns', {**told, 'reference': 'NAME'})}"
             )
         free = [header for k, header in enumerate(headers) if k not in used and k not in wordy]
-        hints = [hint for quantity in missing for hint in _in_unit(quantity, free) or _raw(quantity, headers)]
-        option = setting("columns", {**told, **dict.fromkeys(missing, "NAME")})
+        hints = [
+            hint
+            for quantity in missing
+            for hint in _suggest_by_unit(quantity, free) or _suggest_gains(quantity, headers)
+        ]
+        option = format_setting("columns", {**told, **dict.fromkeys(missing, "NAME")})
         plain = (
             f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or say which with {option}"
         )
-        counter = next((header.strip() for header in headers if letters(header) in COUNTERS), None)
+        counter = next((header.strip() for header in headers if normalise_name(header) in COUNTERS), None)
         if "time" in missing and counter is not None:
-            time = setting("columns", {"time": f"{counter}/RATE"})
+            time = format_setting("columns", {"time": f"{counter}/RATE"})
             hints = [f"if {shown(counter, QUOTED)} counts samples, {time} with their rate [Hz]"]
-        if len(joints := _joints(headers)) > 1:
-            robot = setting("robot", "ARM.urdf")
-            hints = [f"there are some for {_listed(joints)}: an arm needs {robot}, one joint needs {option}"]
+        if len(joints := _find_joints(headers)) > 1:
+            robot = format_setting("robot", "ARM.urdf")
+            hints = [f"there are some for {_list_headers(joints)}: an arm needs {robot}, one joint needs {option}"]
         if hints and counter is None:
             unnamed = [q for q in missing if not any(re.search(rf"\b{q}\b['=]", hint) for hint in hints)]
             hints += [f"say which is {q} with {q}=NAME" for q in unnamed]
         if missing == ["torque"]:
-            without = setting("columns", {**told, "torque": NONE})
+            without = format_setting("columns", {**told, "torque": NONE})
             hints = hints or [f"say which with {option}"]
             hints[-1] += f", or {without} if nothing drives the joint"
         elif "torque" in missing and len(joints) < 2:
             hints = [*(hints or [plain]), f"write torque={NONE} if nothing drives the joint"]
         raise ColumnError(
-            f"no column for {', '.join(missing)} among {_listed(headers)}: " + ("; ".join(hints) or plain)
+            f"no column for {', '.join(missing)} among {_list_headers(headers)}: " + ("; ".join(hints) or plain)
         )
     if "reference" in columns and columns["reference"].unit is None and columns["position"].unit in UNITS["position"]:
         columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)  # one file, one unit
     return _apply_moteus_units(columns, headers)
 
 
-def may_be_torque(header: str, place: int) -> bool:
-    """Return whether a column that was not recognised may hold a torque: its name tells neither unit nor quantity.
+def can_be_torque(header: str, place: int) -> bool:
+    """Return whether an unrecognised column may hold a torque: its name gives neither unit nor quantity.
 
     A goal, a supply or a power switch belongs to a motor, so that torque is not known to be zero.
     """
     bare, words = header.strip(), set(WORD.findall(header))
     if not bare or bare.lower() in INDICES:
         return not bare and place > 0  # pandas writes row numbers first
-    known = {match[0] for own in _spelt(header) if (match := find_name(letters(own)))}
+    known = {match[0] for own in _list_spellings(header) if (match := find_name(normalise_name(own)))}
     if known:
         return not known.isdisjoint(("torque", *MOTOR))
     unit = re.search(r"[\[(]([^\])]+)[\])]$", bare)
-    if (unit and letters(unit[1]) in UNITS_OF_NO_TORQUE) or _is_raw("position", header):
+    if (unit and normalise_name(unit[1]) in UNITS_OF_NO_TORQUE) or _is_raw("position", header):
         return False
-    if _unit_at_the_end({**UNITS["position"], **UNITS["velocity"]}, header):
+    if _find_trailing_unit({**UNITS["position"], **UNITS["velocity"]}, header):
         return False
     return not any(word.lower() in NO_TORQUE for word in words)
 
 
-def _match_element(position: Column | None, candidates: Sequence[Column]) -> list[Column]:
+def _match_element(position: FileColumn | None, candidates: Sequence[FileColumn]) -> list[FileColumn]:
     """Select the column that has the element of position, `[6]`; none if it is not clear which."""
     element = None if position is None else re.search(r"\[\d+\]$", position.header)
     found = [column for column in candidates if element and column.header.endswith(element[0])]
     return found if len(found) == 1 else []
 
 
-def _match_path(position: Column, candidates: Sequence[Column]) -> list[Column]:
+def _match_path(position: FileColumn, candidates: Sequence[FileColumn]) -> list[FileColumn]:
     """Select the columns that stand in the structure or group of position."""
     path = re.split(r"[/.][^/.]*$", position.header)[0]
     return [column for column in candidates if re.split(r"[/.][^/.]*$", column.header)[0] == path]
 
 
 def note_ambiguous_velocity(
-    headers: Sequence[str], columns: Mapping[str, Column], named: Mapping[str, str]
+    headers: Sequence[str], columns: Mapping[str, FileColumn], named: Mapping[str, str]
 ) -> tuple[Note, ...]:
     """Note a velocity that several columns could be, so that none was taken."""
-    fitting = _most_direct(_fitting("velocity", headers, {column.index for column in columns.values()}))
+    fitting = _prefer_measured(_find_candidates("velocity", headers, {column.index for column in columns.values()}))
     if "velocity" in columns or "velocity" in named or len(fitting) < 2:
         return ()
     headers = tuple(shown(column.header, QUOTED) for column in fitting[:2])
@@ -283,74 +287,74 @@ def note_ambiguous_velocity(
     return (Note(NoteKind.AMBIGUOUS, ("velocity",), numbers, headers, columns={"velocity": "NAME"}),)
 
 
-def _apply_moteus_units(columns: dict[str, Column], headers: Sequence[str]) -> dict[str, Column]:
+def _apply_moteus_units(columns: dict[str, FileColumn], headers: Sequence[str]) -> dict[str, FileColumn]:
     """Set the units of a log of moteus, which are turns and turns per second."""
-    if len(MOTEUS_REGISTERS & {letters(header) for header in headers}) < 2:
+    if len(MOTEUS_REGISTERS & {normalise_name(header) for header in headers}) < 2:
         return columns
     return {
         quantity: replace(column, unit=unit)
-        if column.unit is None and column.expression is None and (unit := MOTEUS.get(letters(column.header)))
+        if column.unit is None and column.expression is None and (unit := MOTEUS.get(normalise_name(column.header)))
         else column
         for quantity, column in columns.items()
     }
 
 
-def add_labels(columns: dict[str, Column], headers: Sequence[str], cells: Sequence[str]) -> dict[str, Column]:
+def add_labels(columns: dict[str, FileColumn], headers: Sequence[str], cells: Sequence[str]) -> dict[str, FileColumn]:
     """Add a column of words as `segment`, by the first cell of each column, where there is none."""
     if "segment" in columns:
         return columns
     for index, (header, cell) in enumerate(zip(headers, cells, strict=True)):
         is_word = cell.lower() not in ("true", "false", "nan", "inf") and re.match(r"[^\W\d_]{2}", cell)
-        if is_word and letters(_spelt(header)[2] or header) in LABELS:
-            return {**columns, "segment": Column("segment", header.strip(), index, None)}
+        if is_word and normalise_name(_list_spellings(header)[2] or header) in LABELS:
+            return {**columns, "segment": FileColumn("segment", header.strip(), index, None)}
     return columns
 
 
 def guess_columns(headers: Sequence[str]) -> dict[str, str]:
-    """Name of the likely column by quantity, none where two are as likely; it may need a gain yet."""
+    """Guess a column for each quantity, none where two are as likely; its gain may be missing."""
     guessed = {}
     for quantity in ALIASES:
-        fitting = _fitting(quantity, headers, set())
-        fitting = _most_direct(fitting)
+        fitting = _find_candidates(quantity, headers, set())
+        fitting = _prefer_measured(fitting)
         names = [c.header for c in fitting] or [h.strip() for h in headers if _is_raw(quantity, h)]
         if len(names) == 1 or (names and quantity in SPARE):
             guessed[quantity] = names[0]
     return guessed
 
 
-def _logged(output: str, headers: Sequence[str]) -> str | None:
+def _find_output(output: str, headers: Sequence[str]) -> str | None:
     """Return the expression of the column with the output of a controller, if there is one."""
     for header in headers:
-        if letters(re.split(r"[\[(]", header)[0]) == output and output in OUTPUTS:
-            unit = "" if _unit_at_the_end(RAW["torque"], header) else f":{OUTPUTS[output]}"
+        if normalise_name(re.split(r"[\[(]", header)[0]) == output and output in OUTPUTS:
+            unit = "" if _find_trailing_unit(RAW["torque"], header) else f":{OUTPUTS[output]}"
             return f"{header.strip()}{unit}*?"
     return None
 
 
-def _most_direct(fitting: Sequence[Column]) -> list[Column]:
-    """Columns of a quantity without those that only estimate or command it, if one measures it."""
+def _prefer_measured(fitting: Sequence[FileColumn]) -> list[FileColumn]:
+    """Drop columns that only estimate or command a quantity, if one measures it."""
     best = min((column.rank for column in fitting), default=None)
     return [column for column in fitting if column.rank == best]
 
 
 def is_told(quantity: str, headers: Sequence[str]) -> bool:
     """Return whether the name of a column denotes a quantity."""
-    return bool(_fitting(quantity, headers, set()))
+    return bool(_find_candidates(quantity, headers, set()))
 
 
-def _fitting(quantity: str, headers: Sequence[str], taken: set[int]) -> list[Column]:
-    """Columns that could be a quantity: by their whole names, else by the last or last but one part of a path."""
-    spelt = [_spelt(header) for header in headers]
+def _find_candidates(quantity: str, headers: Sequence[str], taken: set[int]) -> list[FileColumn]:
+    """Find columns that could be a quantity: by their whole names, else by the last or last but one part of a path."""
+    spelt = [_list_spellings(header) for header in headers]
     for part in range(len(spelt[0]) if spelt else 0):
-        matches = [(k, find_name(letters(own[part]))) for k, own in enumerate(spelt) if k not in taken]
-        fitting = [Column(quantity, headers[k].strip(), k, *m[1:]) for k, m in matches if m and m[0] == quantity]
+        matches = [(k, find_name(normalise_name(own[part]))) for k, own in enumerate(spelt) if k not in taken]
+        fitting = [FileColumn(quantity, headers[k].strip(), k, *m[1:]) for k, m in matches if m and m[0] == quantity]
         if fitting:
             return fitting
     return []
 
 
-def _spelt(header: str) -> tuple[str, ...]:
-    """A name as it is, without its index, and the last and last but one part of its path, empty if there is none.
+def _list_spellings(header: str) -> tuple[str, ...]:
+    """Return a name as it is, without its index, and the last two parts of its path, empty if there is none.
 
     `/joint_states/position[0]` ends in `position`, `/joint_states/position/elbow` has it before its end. The last
     two are without what programs add: `Latest: Angle (rad)`, `Angle (rad) Run #1`, `Angle in rad`, `%time` and
@@ -359,53 +363,54 @@ def _spelt(header: str) -> tuple[str, ...]:
     bare = re.sub(r"[\[(]\d+[\])]\s*$", "", header.strip())
     parts = [part for part in re.split(r"[/.]", bare) if part.strip()]
     leaf = parts[-1] if len(parts) > 1 or (parts and ("[" in header or "(" in header)) else ""
-    above = parts[-2] if len(parts) > 2 or (len(parts) == 2 and letters(leaf) in VALUES) else ""
+    above = parts[-2] if len(parts) > 2 or (len(parts) == 2 and normalise_name(leaf) in VALUES) else ""
     plain = re.sub(r"\s+in\s+(\S+)$", r" (\1)", ADDED.sub("", header.strip()))
     return header, bare, leaf, above, re.sub(r"(?<=[a-z]{4})\d+$", "", leaf), plain
 
 
-def _joints(headers: Sequence[str]) -> list[str]:
+def _find_joints(headers: Sequence[str]) -> list[str]:
     """List the joints with columns of position and torque: `elbow` of `position_elbow` and `torque_elbow`."""
     plain = dict.fromkeys(re.split(r"[\[(]", header)[0].strip() for header in headers)  # without units
     joints = (header.removeprefix("position_") for header in plain if header.startswith("position_"))
     return [joint for joint in joints if f"torque_{joint}" in plain]
 
 
-def _in_unit(quantity: str, headers: Sequence[str]) -> list[str]:
-    """Write how to name the columns of unknown names that have a unit of the quantity."""
-    fitting = [header.strip() for header in headers if _unit_at_the_end(UNITS[quantity], header)]
-    return [f"{shown(own, QUOTED)} has its unit: {setting('columns', {quantity: own})}" for own in fitting[:3]]
+def _suggest_by_unit(quantity: str, headers: Sequence[str]) -> list[str]:
+    """Suggest columns of unknown names that have a unit of the quantity."""
+    fitting = [header.strip() for header in headers if _find_trailing_unit(UNITS[quantity], header)]
+    return [f"{shown(own, QUOTED)} has its unit: {format_setting('columns', {quantity: own})}" for own in fitting[:3]]
 
 
-def _raw(quantity: str, headers: Sequence[str]) -> list[str]:
-    """Write how to name the columns that hold the quantity up to a gain: at most one of each unit, currents first."""
+def _suggest_gains(quantity: str, headers: Sequence[str]) -> list[str]:
+    """Suggest columns that hold the quantity up to a gain: at most one of each unit, currents first."""
     raw: dict[str, str] = {}
     for header in headers:
         if _is_raw(quantity, header):
-            raw.setdefault(_raw_unit_of(header) if quantity == "torque" else "", header.strip())
+            raw.setdefault(_find_header_raw_unit(header) if quantity == "torque" else "", header.strip())
     return [
-        f"{shown(own, QUOTED)} needs a gain, as in {_gain_example(quantity, own)}" for _, own in sorted(raw.items())
+        f"{shown(own, QUOTED)} needs a gain, as in {_write_gain_example(quantity, own)}"
+        for _, own in sorted(raw.items())
     ]
 
 
-def _gain_example(quantity: str, header: str, can_find: bool = True) -> str:
+def _write_gain_example(quantity: str, header: str, can_find: bool = True) -> str:
     """Write an example of a column with a gain, in the unit that its name tells."""
     if quantity != "torque":
         unit = "counts/s" if quantity == "velocity" else "counts"
-        return f"{setting('columns', {quantity: f'{header}:{unit}/4096'})} with the counts of a turn"
-    unit, own = _raw_unit_of(header), _unit_at_the_end(RAW["torque"], header)
+        return f"{format_setting('columns', {quantity: f'{header}:{unit}/4096'})} with the counts of a turn"
+    unit, own = _find_header_raw_unit(header), _find_trailing_unit(RAW["torque"], header)
     told = f"{header}:{ {'ma': 'mA', 'mv': 'mV'}.get(own or '', unit) }"
-    known = f"{setting('columns', {quantity: f'{told}*0.1'})} with {TORQUE_GAINS[unit]}"
+    known = f"{format_setting('columns', {quantity: f'{told}*0.1'})} with {TORQUE_GAINS[unit]}"
     if not can_find:
         return known
-    return f"{known}, or {setting('columns', {quantity: f'{told}*?'})} if known loads determine it"
+    return f"{known}, or {format_setting('columns', {quantity: f'{told}*?'})} if known loads determine it"
 
 
-def _raw_unit_of(header: str) -> str:
-    return _raw_unit(_unit_at_the_end(RAW["torque"], header) or letters(re.split(r"[\[(]", header)[0]))
+def _find_header_raw_unit(header: str) -> str:
+    return _find_raw_unit(_find_trailing_unit(RAW["torque"], header) or normalise_name(re.split(r"[\[(]", header)[0]))
 
 
-def _raw_unit(text: str) -> str:
+def _find_raw_unit(text: str) -> str:
     """Find the unit that a gain converts to torque, `A`, `V` or `duty`, by letters of a unit or of a column's name."""
     if text in ("v", "mv") or "volt" in text:
         return "V"
@@ -415,13 +420,13 @@ def _raw_unit(text: str) -> str:
 def _is_raw(quantity: str, header: str) -> bool:
     """Return whether a name denotes a motor current or voltage, or encoder counts."""
     names = RAW_NAMES.get(quantity, ())
-    spelt = {letters(header), *(letters(_spelt(header)[part]) for part in (2, -1))} | {
-        letters(re.split(r"[\[(]", header)[0])
+    spelt = {normalise_name(header), *(normalise_name(_list_spellings(header)[part]) for part in (2, -1))} | {
+        normalise_name(re.split(r"[\[(]", header)[0])
     }
-    return not spelt.isdisjoint(names) or _unit_at_the_end(RAW.get(quantity, {}), header) is not None
+    return not spelt.isdisjoint(names) or _find_trailing_unit(RAW.get(quantity, {}), header) is not None
 
 
-def without_joint(quantity: str) -> str:
+def strip_joint(quantity: str) -> str:
     """Return the quantity of `position_elbow` or `torque_elbow`; others as they are."""
     return quantity.partition("_")[0] if quantity.startswith(("position_", "torque_")) else quantity
 
@@ -445,7 +450,7 @@ def check_named(columns: object) -> None:
         raise TypeError(f"columns={shown(columns)}: give a dictionary of quantities, as in {{'position': 'q:deg'}}")
 
 
-def named_column(quantity: str, text: str, headers: Sequence[str], can_find_gain: bool = True) -> Column:
+def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain: bool = True) -> FileColumn:
     """Find the column that a user names for a quantity, with what is to be done with it."""
     refuse_unknown_quantity(quantity)
     names = [header.strip() for header in headers]
@@ -455,51 +460,53 @@ def named_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
         expression = _parse_name(text, names, units)
     except UnknownColumnError as error:
         raise ColumnError(
-            f"no column is named {str(error)!r}, which is to be {quantity}, among {_listed(headers)}"
+            f"no column is named {str(error)!r}, which is to be {quantity}, among {_list_headers(headers)}"
         ) from None
     except UnknownUnitError as error:
         told = TOLD.get(quantity, "none")
         raise ColumnError(f"unit {str(error)!r} of {quantity} is not known: use one of {told}") from None
     name = expression.name
     if (count := names.count(name)) > 1:
-        raise ColumnError(f"{count} columns are named {name!r}, which is to be {quantity}, among {_listed(headers)}")
+        raise ColumnError(
+            f"{count} columns are named {name!r}, which is to be {quantity}, among {_list_headers(headers)}"
+        )
     ending = {**UNITS[quantity], **LINEAR.get(quantity, {})}
-    unit = _unit_at_the_end(ending, name) if expression.unit is None else letters(expression.unit)
+    unit = _find_trailing_unit(ending, name) if expression.unit is None else normalise_name(expression.unit)
     needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
     converted = any(factor[0] == "*" for factor in expression.factors)  # else nobody knows whether 2 pi is in a ratio
     if needs_gain and not (converted or (expression.factors and expression.unit is not None)):
-        example = _gain_example(quantity, name, can_find_gain)
+        example = _write_gain_example(quantity, name, can_find_gain)
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
     if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; a gain of counts is one to radians
-        unit = _unit_at_the_end(raw, name)
+        unit = _find_trailing_unit(raw, name)
     if expression.is_gain_unknown and (quantity != "torque" or unit not in raw):
         raise ColumnError(f"the gain of {quantity} can be unknown only where it is a current: write torque={name}:A*?")
     if unit in raw and expression.offset is not None and expression.offset_unit is None:
         raise ColumnError(
             f"the offset in {text.strip()!r} needs a unit of its own: write {expression}:{TOLD[quantity].split(',')[0]}"
         )
-    if expression.offset_unit is not None and letters(expression.offset_unit) in raw:
+    if expression.offset_unit is not None and normalise_name(expression.offset_unit) in raw:
         raise ColumnError(f"the offset in {text.strip()!r} is added after the gain: give it in {SI[quantity]}")
-    return Column(quantity, name, names.index(name), unit, expression=expression)
+    return FileColumn(quantity, name, names.index(name), unit, expression=expression)
 
 
 def _parse_name(text: str, names: Sequence[str], units: Mapping[str, float]) -> Expression:
     """Read an expression of a column, whose name may lack its unit in brackets where one column alone is meant."""
     try:
-        return parse(text, names, units)
+        return parse_expression(text, names, units)
     except UnknownColumnError:
         bare = [re.split(r"\s*[\[(]", name)[0] for name in names]
-        expression = parse(text, [name for name in bare if bare.count(name) == 1], units)
+        expression = parse_expression(text, [name for name in bare if bare.count(name) == 1], units)
         return replace(expression, name=names[bare.index(expression.name)])
 
 
-def _unit_at_the_end(units: Mapping[str, float], name: str) -> str | None:
-    """Letters of the unit that a name ends in, `Winkel [deg]` or `phi2_deg`; None if that is none of them."""
+def _find_trailing_unit(units: Mapping[str, float], name: str) -> str | None:
+    """Return the letters of the unit that a name ends in, `Winkel [deg]` or `phi2_deg`; None if there is none."""
     ends = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name.strip()[-LONGEST_UNIT:])
-    unit = letters(next(filter(None, ends.groups()), "")) if ends else ""
+    unit = normalise_name(next(filter(None, ends.groups()), "")) if ends else ""
     return unit if unit in units else None
 
 
-def _listed(headers: Sequence[str]) -> str:
+def _list_headers(headers: Sequence[str]) -> str:
     names = ", ".join(shown(header.strip(), QUOTED) for header in headers[:12]) + (", ..." if len(headers) > 12 else "")
     return names or "no columns at all"

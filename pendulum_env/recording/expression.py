@@ -23,16 +23,16 @@ OFFSET = re.compile(rf"\s*([+-])\s*({NUMBER.pattern})\s*(?::(.*))?$", re.S)
 
 
 class UnknownColumnError(ColumnError):
-    """There is no column of this name."""
+    """No column has this name."""
 
 
 class UnknownUnitError(ColumnError):
-    """There is no unit of this name."""
+    """No unit has this name."""
 
 
 @dataclass(frozen=True)
 class Expression:
-    """A column of a file and what is done with it: gain times column, plus offset."""
+    """Column of a file with its conversion: gain times column, plus offset."""
 
     name: str
     unit: str | None = None  # as written, of the column
@@ -43,17 +43,17 @@ class Expression:
 
     @property
     def gain(self) -> float:
-        """Product of sign, gains and ratios; an unknown gain counts as one."""
+        """Return the product of sign, gains and ratios; an unknown gain counts as one."""
         gain = -1.0 if self.negative else 1.0
         for factor in self.factors:
             if factor != "*?":
-                gain = gain * _value(factor[1:]) if factor[0] == "*" else gain / _value(factor[1:])
+                gain = gain * _parse_number(factor[1:]) if factor[0] == "*" else gain / _parse_number(factor[1:])
         return gain
 
     @property
     def shift(self) -> float:
-        """The offset, in its unit."""
-        return 0.0 if self.offset is None else _value(self.offset[1:]) * (-1.0 if self.offset[0] == "-" else 1.0)
+        """Return the offset in its unit."""
+        return 0.0 if self.offset is None else _parse_number(self.offset[1:]) * (-1.0 if self.offset[0] == "-" else 1.0)
 
     @property
     def is_gain_unknown(self) -> bool:
@@ -66,7 +66,7 @@ class Expression:
         return f"{'-' if self.negative else ''}{self.name}{unit}{''.join(self.factors)}{offset}"
 
 
-def parse(text: str, headers: Sequence[str], units: Collection[str]) -> Expression:
+def parse_expression(text: str, headers: Sequence[str], units: Collection[str]) -> Expression:
     """Read an expression.
 
     Args:
@@ -90,7 +90,7 @@ def parse(text: str, headers: Sequence[str], units: Collection[str]) -> Expressi
     mistakes = []
     for name, negative, rest in sorted(fitting, key=lambda one: len(one[0]), reverse=True):
         try:
-            return _parsed(name, negative, rest, units)
+            return _parse_rest(name, negative, rest, units)
         except ColumnError as error:
             mistakes.append(error)
     if mistakes:
@@ -99,49 +99,49 @@ def parse(text: str, headers: Sequence[str], units: Collection[str]) -> Expressi
     raise UnknownColumnError(name)
 
 
-def letters(unit: str) -> str:
-    """A unit or name without case, spacing and brackets: `Pos [°]` becomes `posdeg`. Other signs stay."""
+def normalise_name(unit: str) -> str:
+    """Strip case, spacing and brackets from a unit or name: `Pos [°]` becomes `posdeg`. Other signs stay."""
     return re.sub(r"[\s_\-./·⋅*^()\[\]{}:,]+", "", unit.lower().replace("°", "deg"))
 
 
-def _parsed(name: str, negative: bool, rest: str, units: Collection[str]) -> Expression:
+def _parse_rest(name: str, negative: bool, rest: str, units: Collection[str]) -> Expression:
     """Parse the text after the name of a column."""
     unit, factors, offset, offset_unit = None, [], None, None
     what = rest.strip()
     rest = rest.lstrip()
     if rest.startswith(":"):
-        unit, rest = _unit(rest[1:], units)
+        unit, rest = _split_unit(rest[1:], units)
     while found := FACTOR.match(rest):
         factors.append(found[1] + found[2])
         rest = rest[found.end() :]
     if found := OFFSET.match(rest):
         offset, rest = found[1] + found[2], ""
         if found[3] is not None:
-            offset_unit, rest = _unit(found[3], units)
+            offset_unit, rest = _split_unit(found[3], units)
     if rest.strip():
         raise ColumnError(f"{what!r} behind column {name!r} is not understood: write {GRAMMAR}, such as {name}*0.5")
     if "/?" in factors or factors.count("*?") > 1:
         raise ColumnError(f"{what!r} behind column {name!r} is not understood: an unknown gain is one *?")
     expression = Expression(name, unit, tuple(factors), offset, offset_unit, negative)
-    if any(_value(factor[1:]) == 0 for factor in factors if factor != "*?"):
+    if any(_parse_number(factor[1:]) == 0 for factor in factors if factor != "*?"):
         raise ColumnError(f"{what!r} behind column {name!r} makes nothing of it: gains and ratios differ from 0")
     if not (math.isfinite(expression.gain) and expression.gain != 0 and math.isfinite(expression.shift)):
         raise ColumnError(f"{what!r} behind column {name!r} is beyond all bounds: write smaller numbers")
     return expression
 
 
-def _unit(text: str, units: Collection[str]) -> tuple[str, str]:
-    """The longest unit that the text begins with, and the rest, which begins with a sign if there is any.
+def _split_unit(text: str, units: Collection[str]) -> tuple[str, str]:
+    """Split off the longest unit that the text begins with; the rest begins with a sign if there is any.
 
     Units contain signs, too: `rad/s/6` is radians per second, a sixth of them.
     """
     ends = [*(match.start() for match in re.finditer(r"[*/+-]", text[:LONGEST_UNIT])), len(text)]
     for end in reversed(ends):
         unit = text[:end].strip()
-        if letters(unit) in units and unit[-1] not in "*/+-":
+        if normalise_name(unit) in units and unit[-1] not in "*/+-":
             return unit, text[end:]
     raise UnknownUnitError(text[: ends[0]].strip())
 
 
-def _value(number: str) -> float:
+def _parse_number(number: str) -> float:
     return {"pi": math.pi, "+pi": math.pi, "-pi": -math.pi}.get(number) or float(number)

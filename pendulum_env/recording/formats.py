@@ -11,10 +11,10 @@ from pendulum_env.errors import FileError, RecordingError, shorten_error
 from pendulum_env.reading import check_size
 from pendulum_env.recording.arrays import is_data, read_data, read_hdf5, read_mat, read_npz, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
-from pendulum_env.recording.table import Find, Table
+from pendulum_env.recording.table import ColumnFinder, RawTable
 from pendulum_env.recording.text import read_csv, read_excel
 
-READERS: dict[str, Callable[[Path, Find], Table]] = {
+READERS: dict[str, Callable[[Path, ColumnFinder], RawTable]] = {
     ".csv": read_csv,
     ".csv.gz": read_csv,
     ".tsv": read_csv,
@@ -56,7 +56,7 @@ RECIPES = {  # what helps where a format is not read
 
 
 class ArrowStream(Protocol):
-    """A table that Arrow understands: of pyarrow, Polars, DuckDB and pandas 2.2 or later."""
+    """Table that Arrow understands: of pyarrow, Polars, DuckDB and pandas 2.2 or later."""
 
     def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
         """Export the table."""
@@ -64,7 +64,7 @@ class ArrowStream(Protocol):
 
 
 class DataFrame(Protocol):
-    """A data frame of the interchange protocol: of pandas before 2.2."""
+    """Data frame of the interchange protocol: of pandas before 2.2."""
 
     def __dataframe__(self, nan_as_null: bool = False, allow_copy: bool = True) -> Any:
         """Export the data frame."""
@@ -79,13 +79,13 @@ def is_readable(given: object) -> bool:
     return isinstance(given, str | os.PathLike) or is_data(given)
 
 
-def label_of(source: Readable, name: str | None = None) -> str:
-    """Name a source as messages do: by its path, or by its name if it is a table in memory."""
+def get_label(source: Readable, name: str | None = None) -> str:
+    """Return the name of a source in messages: its path, or the name of a table in memory."""
     return os.fspath(source) if isinstance(source, str | os.PathLike) else name or "recording"
 
 
 def find_format(path: Path, known: Collection[str]) -> str:
-    """The ending that tells a file's format; a folder that is a bag is read like a file of one."""
+    """Return the ending that gives a file's format; a folder that is a bag is read as a bag."""
     if ".db3" in known and is_bag(path):
         return ".db3"
     name = path.name.lower()
@@ -99,11 +99,11 @@ def find_format(path: Path, known: Collection[str]) -> str:
 
 
 def find_stem(path: Path) -> str:
-    """Name of a file without the ending that tells its format."""
+    """Return the name of a file without the ending that gives its format."""
     return path.name if is_bag(path) else path.name[: -len(find_format(path, READERS))]
 
 
-def read_table(source: Readable, find: Find) -> Table:
+def read_table(source: Readable, find: ColumnFinder) -> RawTable:
     """Read the columns in need as they stand in a file or table, whatever its library raises as a RecordingError.
 
     Raises:

@@ -8,8 +8,8 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError
-from pendulum_env.recording.columns import Column, guess_columns, named_column
-from pendulum_env.recording.formats import Readable, label_of, read_table
+from pendulum_env.recording.columns import FileColumn, guess_columns, parse_column
+from pendulum_env.recording.formats import Readable, get_label, read_table
 from pendulum_env.recording.table import WIDEST
 
 
@@ -30,13 +30,13 @@ class Preview:
         """Name of the likely column by quantity."""
         return guess_columns([name for name, x in zip(self.headers, self.values, strict=True) if x is not None])
 
-    def seconds(self, time: str) -> Array | None:
-        """Time from the first row on [s] (N,), as an expression of a column has it; None if it is no time.
+    def read_seconds(self, time: str) -> Array | None:
+        """Return time (N,) [s] from the first row on by an expression of a column; None if it is no time.
 
         This is what the range of a source counts: rows without a time are NaN.
         """
         try:
-            column = named_column("time", time, self.headers)
+            column = parse_column("time", time, self.headers)
         except RecordingError:
             return None
         values = self.values[column.index]
@@ -44,8 +44,8 @@ class Preview:
         return column.scale * (values - finite[0]) if values is not None and len(finite) else None
 
 
-def preview(source: Readable, most: int = WIDEST) -> Preview:
-    """Look at the first columns of a file or table, read as `read_recording` reads those in need.
+def read_preview(source: Readable, most: int = WIDEST) -> Preview:
+    """Read the first columns of a file or table as `read_recording` reads those in need.
 
     Raises:
         RecordingError: if the file cannot be read at all.
@@ -53,18 +53,18 @@ def preview(source: Readable, most: int = WIDEST) -> Preview:
     try:
         return _look(source, most)
     except RecordingError as error:
-        raise RecordingError(f"{label_of(source)}: {error}") from error.__cause__
+        raise RecordingError(f"{get_label(source)}: {error}") from error.__cause__
 
 
 def _look(source: Readable, most: int) -> Preview:
     headers: list[str] = []
 
-    def some(places: slice, names: Sequence[str], **_: object) -> dict[str, Column]:
+    def some(places: slice, names: Sequence[str], **_: object) -> dict[str, FileColumn]:
         headers[:] = [name.strip() for name in names[:most]]
         # readers take dates in place of time, and messages at the times of those with the position
         quantities = ("time", "position", *map(str, range(most)))
         chosen = list(enumerate(headers))[places]
-        return {q: Column(q, name, k, None) for q, (k, name) in zip(quantities, chosen, strict=False)}
+        return {q: FileColumn(q, name, k, None) for q, (k, name) in zip(quantities, chosen, strict=False)}
 
     def alone(k: int) -> Array | None:
         try:

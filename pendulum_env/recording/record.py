@@ -19,10 +19,10 @@ from pendulum_env.formatting import format_estimate
 from pendulum_env.notebook import shown
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.cleaning import Log, start_from_zero
-from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, covered, find_date, is_uniform
+from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, find_date, is_uniform, sum_durations
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.sampling import cut, uniform
+from pendulum_env.recording.sampling import cut_at_gaps, resample_uniformly
 from pendulum_env.recording.vocabulary import QUANTITIES
 from pendulum_env.servo.drive import Drive
 from pendulum_env.units import JointUnits
@@ -39,7 +39,7 @@ NOISE_GAIN = 0.6745 * math.sqrt(math.comb(2 * NOISE_ORDER, NOISE_ORDER))  # of t
 
 @dataclass(frozen=True)
 class Load:
-    """A load of known size that hung on the joint during one recording, beside the unknown rest of the mechanism.
+    """Known load that hung on the joint during one recording, in addition to the mechanism.
 
     A load torque that was measured is the column `load_torque` of the recording.
     """
@@ -56,7 +56,7 @@ class Load:
 
 @dataclass(frozen=True)
 class TorqueConstant:
-    """Torque per unit of the current that was logged, as known loads tell it."""
+    """Torque per unit of the logged current, from known loads."""
 
     value: float  # [N m/unit]
     std: float  # standard error [N m/unit]
@@ -66,12 +66,12 @@ class TorqueConstant:
 
     @property
     def unit(self) -> str:
-        """`N m/A`."""
+        """Return `N m/A`."""
         return f"N m/{self.of}"
 
     @property
     def text(self) -> str:
-        """`torque constant 0.873 ± 0.004 N m/A, from 8 known loads`."""
+        """Return `torque constant 0.873 ± 0.004 N m/A, from 8 known loads`."""
         name = "torque constant" if self.of == "A" else "torque gain"
         sources = ["the load torque"] if self.by_load_torque else []
         sources += [f"{self.loads} known loads"] if self.loads > 1 else []
@@ -79,7 +79,7 @@ class TorqueConstant:
         return f"{name} {format_estimate(self.value, self.std)} {self.unit}, {source}"
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a plain dictionary for JSON."""
         found = {"value": self.value, "std": self.std, "unit": self.unit, "loads": self.loads}
         return {**found, "by_load_torque": self.by_load_torque}
 
@@ -157,7 +157,7 @@ class Recording:
         for quantity in QUANTITIES:
             values = getattr(self, quantity)
             if quantity == "torque" and values is None:
-                values = np.zeros(self.shape_of(quantity))
+                values = np.zeros(self.get_shape(quantity))
             if values is not None:
                 object.__setattr__(self, quantity, self._column(quantity, values))
         if self.enabled is not None:  # whatever was asked of an open motor
@@ -192,10 +192,10 @@ class Recording:
             return False
         log = Log(self.series)
         start_from_zero(log)
-        cut(log, self.position)
+        cut_at_gaps(log, self.position)
         if len(log.starts) > 1:
             return False
-        uniform(log)
+        resample_uniformly(log)
         object.__setattr__(self, "start_date", self.start_date or log.clock.date)
         object.__setattr__(self, "notes", (*self.notes, *log.notes))
         object.__setattr__(self, "time", log.values["time"])
@@ -222,7 +222,7 @@ class Recording:
             column = np.asarray(values, dtype=np.float64).view()
         except (TypeError, ValueError) as error:
             raise RecordingError(f"recording {self.name!r} has {quantity} that is not numbers: {error}") from None
-        if column.shape != (shape := self.shape_of(quantity)) or len(np.shape(self.time)) != 1:
+        if column.shape != (shape := self.get_shape(quantity)) or len(np.shape(self.time)) != 1:
             raise RecordingError(
                 f"recording {self.name!r} has {quantity} of shape {column.shape} with time of shape "
                 f"{np.shape(self.time)}, where {shape} is needed: all arrays must be equally long, time one-dimensional"
@@ -232,8 +232,8 @@ class Recording:
         column.flags.writeable = False
         return column
 
-    def shape_of(self, quantity: str) -> tuple[int, ...]:
-        """Shape that a quantity has."""
+    def get_shape(self, quantity: str) -> tuple[int, ...]:
+        """Return the shape of a quantity."""
         return np.shape(self.time)
 
     def __len__(self) -> int:
@@ -247,28 +247,28 @@ class Recording:
 
     @property
     def units(self) -> JointUnits:
-        """Units of its quantities: the joint slides if the position of its file is in metres."""
+        """Return the units of its quantities: the joint slides if the position of its file is in metres."""
         return JointUnits(self.torque_unit, self.origin is not None and self.origin.slides)
 
     @property
     def summary(self) -> str:
-        """Length, rate and number of samples: `30 s at 1000 Hz, 30000 samples`."""
+        """Return length, rate and number of samples: `30 s at 1000 Hz, 30000 samples`."""
         parts = f" in {len(self.starts)} segments" if len(self.starts) > 1 else ""
         return f"{self.duration:.3g} s at {self.rate:.6g} Hz, {len(self)} samples{parts}"
 
     @property
     def rate(self) -> float:
-        """Samples per second within segments [Hz]."""
+        """Return the samples per second within segments [Hz]."""
         return (len(self) - len(self.starts)) / self.duration
 
     @property
     def duration(self) -> float:
-        """Time from the first to the last sample of each segment, summed [s]."""
-        return covered(self.time, self.starts)
+        """Return the time from the first to the last sample of each segment, summed [s]."""
+        return sum_durations(self.time, self.starts)
 
     @property
     def segments(self) -> tuple[Self, ...]:
-        """The recording cut at its gaps; itself alone if it has none."""
+        """Return the recording cut at its gaps; itself alone if it has none."""
         if len(self.starts) == 1:
             return (self,)
         return tuple(self.slice(start, stop) for start, stop in pairwise((*self.starts, len(self))))
@@ -280,7 +280,7 @@ class Recording:
 
     @property
     def joints(self) -> tuple[Recording, ...]:
-        """Each joint alone (n,)."""
+        """Return the recording of each joint (n,)."""
         return (self,)
 
     @property
@@ -296,12 +296,12 @@ class Recording:
 
     @property
     def powered(self) -> Array:
-        """1 while the motor is powered and 0 while it is open (N,): as recorded, or else all along."""
+        """Return 1 while the motor is powered and 0 while it is open (N,); 1 if it was not recorded."""
         return np.ones(len(self)) if self.enabled is None else self.enabled
 
     @property
     def has_torque(self) -> bool:
-        """True if the motor or a measured load torque, by more than its noise, acts on the joint."""
+        """Return whether the motor or a measured load torque, by more than its noise, acts on the joint."""
         if (np.abs(self.torque) > NO_TORQUE).any():
             return True
         if self.load_torque is None:
@@ -312,21 +312,21 @@ class Recording:
 
     @property
     def has_varying_load(self) -> bool:
-        """True if a load torque was measured that changes."""
+        """Return whether a measured load torque changes."""
         return self.load_torque is not None and bool(np.ptp(self.load_torque) > 0)
 
     @property
     def has_logged_torque(self) -> bool:
-        """True if torque was logged, or is none, and is not what a controller asked for."""
+        """Return whether torque was logged or is zero, so that no controller's request stands for it."""
         return self.drive is None or self.origin is None or "torque" in self.origin.columns
 
     @property
     def is_free(self) -> bool:
-        """True if the joint swings freely: nothing drives it, and no controller is known."""
+        """Return whether the joint swings freely: nothing drives it, and no controller is known."""
         return self.drive is None and not self.has_torque
 
     def slice(self, start: int | None, stop: int | None) -> Self:
-        """Samples start to stop - 1, indices as in Python slicing; time is not shifted.
+        """Return samples start to stop - 1, indices as in Python slicing; time is not shifted.
 
         A single sample that is left of the first or of the last segment is dropped.
 
@@ -347,7 +347,7 @@ class Recording:
         )
 
     def split(self, fraction: float) -> tuple[Self, Self]:
-        """The first `fraction` of the samples, and the rest: `train, holdout = recording.split(0.7)`.
+        """Return the first `fraction` of the samples, and the rest: `train, holdout = recording.split(0.7)`.
 
         Raises:
             RecordingError: if either part would hold fewer than two samples.

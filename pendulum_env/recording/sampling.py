@@ -15,13 +15,13 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.errors import RecordingError
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.cleaning import Log
-from pendulum_env.recording.clock import is_uniform, unevenness
+from pendulum_env.recording.clock import compute_unevenness, is_uniform
 from pendulum_env.recording.notes import NAMED, Note, NoteKind
 
 
 @dataclass(frozen=True)
 class SamplingSettings:
-    """Which holes are bridged, which steps are even, and which segments are kept."""
+    """Limits on gaps to bridge, on uneven steps, and on segments to keep."""
 
     long: float = 1.5  # steps of the median from which a sample seems to be lost
     whole: float = 0.25  # of a step: long steps as close to several are lost samples, others those of a slow clock
@@ -41,7 +41,7 @@ class SamplingSettings:
 SAMPLING = SamplingSettings()
 
 
-def cut(log: Log, position: Array) -> None:
+def cut_at_gaps(log: Log, position: Array) -> None:
     """Begin a segment after every gap of increasing time, beside those that begin where a column counts another run.
 
     Args:
@@ -56,16 +56,16 @@ def cut(log: Log, position: Array) -> None:
     usual = float(np.median(steps))
     gaps = np.empty(0, dtype=np.intp)
     if steps.max() > SAMPLING.long * usual and not is_rounded(time, position, log.clock.resolution):
-        gaps = np.flatnonzero(steps > (bridgeable(time, position) + SAMPLING.long) * usual) + 1
+        gaps = np.flatnonzero(steps > (count_bridgeable(time, position) + SAMPLING.long) * usual) + 1
     new = [int(gap) for gap in gaps if gap not in known]
     if new:
         sizes = steps[np.array(new) - 1]
-        numbers = _in_seconds(shortest=sizes.min(), longest=sizes.max())
+        numbers = _make_seconds(shortest=sizes.min(), longest=sizes.max())
         log.notes.append(_note_times(NoteKind.GAPS, time[new] - sizes - time[0], len(new), numbers))
     log.starts = tuple(sorted({0, *known, *new}))
 
 
-def long_enough(log: Log) -> None:
+def drop_short_segments(log: Log) -> None:
     """Leave out segments too short for any estimate.
 
     Raises:
@@ -80,13 +80,13 @@ def long_enough(log: Log) -> None:
     short = [b - a for (a, b), fit in zip(parts, fits, strict=True) if not fit]
     if short:
         numbers = {"count": Quantity(len(short)), "samples": Quantity(sum(short))}
-        log.notes.append(Note(NoteKind.SHORT_SEGMENTS, numbers=numbers | _in_seconds(least=SAMPLING.shortest)))
+        log.notes.append(Note(NoteKind.SHORT_SEGMENTS, numbers=numbers | _make_seconds(least=SAMPLING.shortest)))
         lengths = [b - a for a, b in parts]
         log.keep(np.repeat(fits, lengths))
-        log.starts = _starts([length for length, fit in zip(lengths, fits, strict=True) if fit])
+        log.starts = _find_starts([length for length, fit in zip(lengths, fits, strict=True) if fit])
 
 
-def _starts(lengths: Sequence[int]) -> tuple[int, ...]:
+def _find_starts(lengths: Sequence[int]) -> tuple[int, ...]:
     """Return the first samples of consecutive segments with given lengths."""
     return tuple(np.cumsum([0, *lengths[:-1]]).tolist())
 
@@ -100,11 +100,11 @@ def is_rounded(time: Array, position: Array, resolution: float) -> bool:
     usual = float(np.median(steps))
     places = np.flatnonzero(steps > SAMPLING.long * usual)
     regular = len(places) > 2 and np.ptp(np.diff(places)) <= 1
-    return bool(regular and resolution > usual / 2 and not skips(time, position))
+    return bool(regular and resolution > usual / 2 and not has_lost_samples(time, position))
 
 
-def skips(time: Array, position: Array) -> bool:
-    """Return whether position (N,) changes in long time steps as in several samples, so that samples were lost.
+def has_lost_samples(time: Array, position: Array) -> bool:
+    """Return whether position (N,) changes in long time steps as in several samples.
 
     A clock whose period is no multiple of the printed digits has long steps, too, but the joint does not know of them.
     """
@@ -114,14 +114,14 @@ def skips(time: Array, position: Array) -> bool:
     return bool(moves[long] @ beside > SAMPLING.long * (beside @ beside))
 
 
-def bridgeable(time: Array, position: Array) -> int:
+def count_bridgeable(time: Array, position: Array) -> int:
     """Return the largest number of adjacent lost samples that interpolation replaces within noise.
 
     For each number, that many samples are left out all over a stretch of position (N,) where none is lost, and the one
     in the middle is interpolated by the cubic through two samples on either side.
     """
     steps = np.diff(time)
-    q = position[_longest_run(steps <= SAMPLING.long * float(np.median(steps)))]
+    q = position[_find_longest_run(steps <= SAMPLING.long * float(np.median(steps)))]
     if len(q) < 20:
         return 0
     noise = float(np.std(np.diff(q, 6))) / np.sqrt(924.0)  # of white noise, the sum of squares of 1, -6, 15, ...
@@ -137,8 +137,8 @@ def bridgeable(time: Array, position: Array) -> int:
     return SAMPLING.in_a_row
 
 
-def _longest_run(good: Mask) -> slice:
-    """Samples between the longest run of good steps (N - 1,), `SAMPLING.intact` at most."""
+def _find_longest_run(good: Mask) -> slice:
+    """Return the samples of the longest run of good steps (N - 1,), `SAMPLING.intact` at most."""
     edges = np.flatnonzero(np.diff(good, prepend=False, append=False))
     first, end = edges[::2], edges[1::2]
     if not len(first):
@@ -147,8 +147,8 @@ def _longest_run(good: Mask) -> slice:
     return slice(int(first[longest]), int(min(end[longest] + 1, first[longest] + SAMPLING.intact)))
 
 
-def uniform(log: Log) -> None:
-    """Set the signals to uniform time of one period in all segments.
+def resample_uniformly(log: Log) -> None:
+    """Resample the signals to uniform time of one period in all segments.
 
     The few samples that were lost are filled in first. Time that is uniform then, or would be but for the rounding of
     its printed digits, leaves the signals as they are. Else position and velocity are interpolated by cubic splines,
@@ -164,7 +164,7 @@ def uniform(log: Log) -> None:
     parts = [{name: column[a:b] for name, column in log.values.items()} for a, b in pairwise((*log.starts, len(time)))]
     usual = float(np.median(np.concatenate([np.diff(part["time"]) for part in parts])))
     if len(parts) > 1 or not is_rounded(time, log.values["position"], clock.resolution):
-        parts = _filled(log, parts, usual)
+        parts = _fill_lost(log, parts, usual)
         _join(log, parts)
         time = log.values["time"]
     if is_uniform(time, log.starts):
@@ -172,19 +172,19 @@ def uniform(log: Log) -> None:
     steps = np.concatenate([np.diff(part["time"]) for part in parts])
     slow = steps > SAMPLING.long * usual
     period = float(np.mean(steps))
-    off = max(unevenness(part["time"], period) for part in parts)
-    loses = len(parts) == 1 and skips(time, log.values["position"])
+    off = max(compute_unevenness(part["time"], period) for part in parts)
+    loses = len(parts) == 1 and has_lost_samples(time, log.values["position"])
     if off <= max(1.001 * clock.resolution + clock.rounding, SAMPLING.negligible * period) and not loses:
-        grids = [_grid(part["time"][0], period, len(part["time"])) for part in parts]
+        grids = [_make_grid(part["time"][0], period, len(part["time"])) for part in parts]
         log.values = {**log.values, "time": np.concatenate(grids)}
         if off > clock.rounding:
             rate = {"rate": Quantity(1 / period, unit="Hz")}
-            log.notes.append(Note(NoteKind.CLOCK_ROUNDED, numbers=rate | _in_seconds(error=off)))
+            log.notes.append(Note(NoteKind.CLOCK_ROUNDED, numbers=rate | _make_seconds(error=off)))
         return
     if slow.any():
         period = float(np.mean(steps[~slow]))
     _refuse_finer(sum(float(part["time"][-1] - part["time"][0]) for part in parts) / period, len(time), period)
-    _join(log, [_resampled(part, period) for part in parts])
+    _join(log, [_resample_segment(part, period) for part in parts])
     numbers = {"rate": Quantity(1 / period, unit="Hz")}
     sizes = {"shortest": steps.min(), "longest": steps.max(), "std": steps.std()}
     numbers |= {name: Quantity(1e3 * float(size), unit="ms") for name, size in sizes.items()}
@@ -204,78 +204,78 @@ def _refuse_finer(count: float, known: int, period: float) -> None:
 def _join(log: Log, parts: Sequence[dict[str, Array]]) -> None:
     """Make a log of its segments."""
     log.values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    log.starts = _starts([len(part["time"]) for part in parts])
+    log.starts = _find_starts([len(part["time"]) for part in parts])
 
 
-def _filled(log: Log, parts: Sequence[dict[str, Array]], usual: float) -> list[dict[str, Array]]:
+def _fill_lost(log: Log, parts: Sequence[dict[str, Array]], usual: float) -> list[dict[str, Array]]:
     """Fill in the few lost samples of segments.
 
     Position and velocity are interpolated by cubic splines, torque linearly: nobody knows what it was.
     """
     full, places, count = [], [], 0
     for part in parts:
-        missing = _lost(part["time"], usual)
+        missing = _count_lost(part["time"], usual)
         _refuse_finer(float(missing.sum()), len(missing), usual)
         places.append(part["time"][:-1][missing > 0] - parts[0]["time"][0])
-        full.append(_with_lost(part, missing) if missing.any() else part)
+        full.append(_insert_lost(part, missing) if missing.any() else part)
         count += int(missing.sum())
     if count:
         log.notes.append(_note_times(NoteKind.FILLED, np.concatenate(places), count))
     return full
 
 
-def _lost(time: Array, usual: float) -> Index:
+def _count_lost(time: Array, usual: float) -> Index:
     """Count the lost samples between adjacent times (N,) [s], (N - 1,)."""
     ratio = np.diff(time) / usual
     counts = np.round(ratio).astype(np.intp)
     return np.where((ratio > SAMPLING.long) & (np.abs(ratio - counts) <= SAMPLING.whole), counts - 1, 0)
 
 
-def _with_lost(part: dict[str, Array], missing: Index) -> dict[str, Array]:
+def _insert_lost(part: dict[str, Array], missing: Index) -> dict[str, Array]:
     known = np.append(0, np.cumsum(missing + 1))  # (N,), places of the samples that there are
     every = np.arange(known[-1] + 1)
     full = {name: np.interp(every, known, part[name]) for name in ("time", "torque")}
-    others = _at(full["time"], part)
+    others = _sample_at(full["time"], part)
     for name, values in others.items():
         values[known] = part[name]
     return full | others
 
 
-def _resampled(part: dict[str, Array], period: float) -> dict[str, Array]:
+def _resample_segment(part: dict[str, Array], period: float) -> dict[str, Array]:
     """Resample a segment to a grid of `period` [s] with the same start."""
     time = part["time"]
-    grid = _grid(time[0], period, int((time[-1] - time[0]) / period + 1 + 1e-6))
-    return _at(grid, part) | {"time": grid, "torque": _mean_held(grid, period, time, part["torque"])}
+    grid = _make_grid(time[0], period, int((time[-1] - time[0]) / period + 1 + 1e-6))
+    return _sample_at(grid, part) | {"time": grid, "torque": _average_held(grid, period, time, part["torque"])}
 
 
-def _at(grid: Array, part: dict[str, Array]) -> dict[str, Array]:
-    """Signals of a segment but torque at other times (M,): `enabled` as it was last, others by cubic splines."""
+def _sample_at(grid: Array, part: dict[str, Array]) -> dict[str, Array]:
+    """Sample a segment, without its torque, at other times (M,): `enabled` is held, others by cubic splines."""
     made = {}
     for name in part.keys() - {"time", "torque"}:
-        taken = _held if name == "enabled" else _interpolated
+        taken = _hold_on_grid if name == "enabled" else _interpolate_blocks
         made[name] = taken(grid, part["time"], part[name])
     return made
 
 
-def _grid(start: float, period: float, count: int) -> Array:
+def _make_grid(start: float, period: float, count: int) -> Array:
     return start + period * np.arange(count, dtype=np.float64)
 
 
-def _held(grid: Array, time: Array, values: Array) -> Array:
-    """Values (N,) at time (N,) as they were last on a grid (M,)."""
+def _hold_on_grid(grid: Array, time: Array, values: Array) -> Array:
+    """Hold values (N,) at time (N,) on a grid (M,)."""
     return np.asarray(values[np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)])
 
 
-def _mean_held(grid: Array, period: float, time: Array, torque: Array) -> Array:
-    """Mean over each step of grid (M,) of torque (N,) held from one time (N,) to the next, the last on; same unit."""
+def _average_held(grid: Array, period: float, time: Array, torque: Array) -> Array:
+    """Average over each step of grid (M,) the torque (N,) that is held from one time (N,) to the next."""
     ends = np.append(grid, grid[-1] + period)
     until = np.append(time, max(time[-1], grid[-1]) + 2 * period)
     impulse = np.interp(ends, until, np.append(0.0, np.cumsum(torque * np.diff(until))))  # [N m s]
     return np.diff(impulse) / np.diff(ends)
 
 
-def _interpolated(grid: Array, time: Array, values: Array) -> Array:
-    """Cubic spline through values (N,) at time (N,), read at grid (M,), block by block to bound memory."""
+def _interpolate_blocks(grid: Array, time: Array, values: Array) -> Array:
+    """Interpolate values (N,) at time (N,) to grid (M,) by a cubic spline, block by block to bound memory."""
     result = np.empty_like(grid)
     for start in range(0, len(grid), SAMPLING.block):
         block = grid[start : start + SAMPLING.block]
@@ -285,7 +285,7 @@ def _interpolated(grid: Array, time: Array, values: Array) -> Array:
     return result
 
 
-def _in_seconds(**times: float) -> dict[str, Quantity]:
+def _make_seconds(**times: float) -> dict[str, Quantity]:
     return {name: Quantity(float(time), unit="s") for name, time in times.items()}
 
 

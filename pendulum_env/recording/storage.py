@@ -17,13 +17,13 @@ from pendulum_env.lookup import with_known_arguments
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.cleaning import Log
-from pendulum_env.recording.clock import count_on, find_unix_unit
-from pendulum_env.recording.columns import NONE, Column, check_named, find_columns, note_ambiguous_velocity
-from pendulum_env.recording.formats import Readable, find_stem, label_of, read_table
+from pendulum_env.recording.clock import find_unix_unit, unwrap_clock
+from pendulum_env.recording.columns import NONE, FileColumn, check_named, find_columns, note_ambiguous_velocity
+from pendulum_env.recording.formats import Readable, find_stem, get_label, read_table
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
-from pendulum_env.recording.table import Table
+from pendulum_env.recording.table import RawTable
 from pendulum_env.recording.vocabulary import OUTPUTS
 from pendulum_env.servo.drive import Drive
 from pendulum_env.servo.torque import MOTOR, complete_torque
@@ -67,13 +67,13 @@ def read_recording(
             data row (from 1, header and blank lines not counted) where there is one, the reason and the remedy.
     """
     check_named(columns)
-    label, is_file = label_of(source, name), isinstance(source, str | os.PathLike)
+    label, is_file = get_label(source, name), isinstance(source, str | os.PathLike)
     try:
         name = name or (find_stem(Path(label)) if is_file else label)
         output = None if drive is None else drive.output
         named = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
         table = read_table(source, partial(find_columns, named=named, output=output))
-        return _recording(name, table, unwrap, drive, named)
+        return _build_recording(name, table, unwrap, drive, named)
     except RecordingError as error:
         raise type(error)(f"{label}: {error}") from error.__cause__
 
@@ -84,10 +84,12 @@ def describe_reading(columns: Mapping[str, str], unwrap: bool = False, drive: Dr
     return {key: value for key, value in given.items() if value}
 
 
-def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str]) -> Recording:
-    """Convert to SI, leave out what the logger spoilt, cut at gaps, make time uniform; refuse what cannot be true."""
+def _build_recording(
+    name: str, table: RawTable, unwrap: bool, drive: Drive | None, named: Mapping[str, str]
+) -> Recording:
+    """Convert a table to SI, clean it, cut it at gaps and make time uniform; refuse implausible data."""
     columns, values = dict(table.columns), table.values
-    counted = count_on(values["time"])
+    counted = unwrap_clock(values["time"])
     notes = [*table.notes] + [Note(NoteKind.CLOCK_RESTARTED)] * (counted is not values["time"])
     values["time"] = counted
     unix = None if columns["time"].is_unit_told else find_unix_unit(values["time"])
@@ -120,22 +122,22 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     noted = [own for own in columns.values() if not (is_output and own.quantity == "torque")]
     log = Log(values, [*(note for column in noted for note in column.notes), *notes])
     log.notes += note_ambiguous_velocity(table.headers, columns, named)
-    cleaning.hold_unchanged(log)
-    cleaning.aligned(log, checks.BOUNDS.fewest)
-    cleaning.finite(log, checks.BOUNDS.fewest)
-    cleaning.follow_on(log)
-    cleaning.ordered(log)
+    cleaning.fill_unchanged(log)
+    cleaning.align_topics(log, checks.BOUNDS.fewest)
+    cleaning.drop_invalid_rows(log, checks.BOUNDS.fewest)
+    cleaning.shift_restarted_runs(log)
+    cleaning.drop_repeated_times(log)
     if drive is None and not log.values["torque"].any() and np.ptp(log.values["position"]) > 0:
-        cleaning.leave_out_hold(log, turns())
+        cleaning.drop_initial_hold(log, turns())
     cleaning.start_from_zero(log)
-    cleaning.sound(log, turns())
+    cleaning.drop_spoilt_positions(log, turns())
     checks.refuse_too_few(log.values["time"])
     checks.refuse_still(log.values["position"])
-    sampling.cut(log, turns())
+    sampling.cut_at_gaps(log, turns())
     checks.refuse_jumps(log.values["position"], log.rows, log.starts, origin, allow_wrapped=unwrap)
     jumps = _unwrap(log, is_angle=not source.acts_on_speed) if unwrap else 0
-    sampling.long_enough(log)
-    sampling.uniform(log)
+    sampling.drop_short_segments(log)
+    sampling.resample_uniformly(log)
     signals: dict[str, Any] = {**log.values}
     if "enabled" in signals:
         signals["enabled"] = np.asarray(signals["enabled"] > 0.5, dtype=float)
@@ -157,21 +159,21 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     if recording.velocity is not None:
         checks.refuse_foreign_velocity(recording, origin)
     if not jumps:  # of 2 pi, which tell the unit
-        recording = replace(recording, notes=(*recording.notes, *_doubts(recording, origin)))
+        recording = replace(recording, notes=(*recording.notes, *_find_doubts(recording, origin)))
     return recording
 
 
-def _are_counts(column: Column, values: Array) -> bool:
-    """Return whether a position without a unit may be the counts of an encoder: whole numbers that cover over 720."""
+def _are_counts(column: FileColumn, values: Array) -> bool:
+    """Return whether a position without a unit may be encoder counts: whole numbers that cover over 720."""
     finite = values[np.isfinite(values)]
     return column.unit is None and len(finite) > 0 and bool(np.ptp(finite) > 720 and (finite == np.round(finite)).all())
 
 
-def _doubts(recording: Recording, origin: Origin) -> tuple[Note, ...]:
-    """Find doubts about the unit of position; a guessed unit is refused, and a given unit is warned of."""
+def _find_doubts(recording: Recording, origin: Origin) -> tuple[Note, ...]:
+    """Find doubts about the unit of position: refuse a guessed unit, note a given one."""
     try:
         checks.refuse_too_fast(recording, origin)
-        return checks.doubt_unit(recording, origin)
+        return checks.check_unit(recording, origin)
     except ColumnError as error:
         if not origin.columns["position"].is_unit_told:
             raise

@@ -40,11 +40,11 @@ from pendulum_env.arguments import check_order
 from pendulum_env.errors import ColumnError, FileError, RecordingError
 from pendulum_env.files import write_whole
 from pendulum_env.reading import NonNegative, Number, Text, convert, read_toml, toml
-from pendulum_env.recording.columns import refuse_unknown_quantity, without_joint
+from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.record import Load, Recording
 from pendulum_env.recording.storage import describe_reading, read_recording
 from pendulum_env.servo.drive import Drive
-from pendulum_env.settings import setting
+from pendulum_env.settings import format_setting
 
 Role = Literal["fit", "holdout"]
 FORMAT = ("columns", "unwrap", "load", "drive")  # of what is said of a recording, that which the next is alike in
@@ -53,7 +53,7 @@ GRAVITY = 9.81  # [m/s^2]
 
 
 class StudyError(RecordingError):
-    """A study cannot be used; the message is one sentence with file, recording, reason and remedy."""
+    """A study that cannot be used; the message has file, recording, reason and remedy."""
 
 
 Sliced = TypeVar("Sliced", bound=Recording)  # of one joint or of several
@@ -61,7 +61,7 @@ Sliced = TypeVar("Sliced", bound=Recording)  # of one joint or of several
 
 @dataclass(frozen=True)
 class Source:
-    """A file with a recording: how it is to be read, and what it is for."""
+    """File with a recording, the settings to read it, and its role."""
 
     file: Path
     role: Role = "fit"  # fitted, or held out
@@ -82,13 +82,13 @@ class Source:
         """
         if self.joints is not None:
             raise RecordingError(
-                f"{self.file}: its study names joints of an arm: give its links, {setting('robot', 'ARM.urdf')}"
+                f"{self.file}: its study names joints of an arm: give its links, {format_setting('robot', 'ARM.urdf')}"
             )
-        return replace(self.within_range(_of_one_joint), load=self.load)
+        return replace(self.read_range(_read_pendulum), load=self.load)
 
     @property
     def reading(self) -> dict[str, Any]:
-        """Arguments of `read_recording`."""
+        """Return the arguments of `read_recording`."""
         return {"columns": self.columns, "unwrap": self.unwrap, "drive": self.drive}
 
     @property
@@ -98,8 +98,8 @@ class Source:
         said = {**describe_reading(**self.reading), "load": load}
         return {key: said[key] for key in FORMAT if said.get(key)}
 
-    def within_range(self, read: Callable[..., Sliced], *arguments: Hashable) -> Sliced:
-        """The part that is asked for of `read(source, *arguments)`, which has the whole file.
+    def read_range(self, read: Callable[..., Sliced], *arguments: Hashable) -> Sliced:
+        """Return the requested range of `read(source, *arguments)`, which has the whole file.
 
         Raises:
             RecordingError: as `read` does, or if the part holds too little.
@@ -123,11 +123,11 @@ class Source:
 
 @lru_cache(maxsize=1)  # ranges of one file follow each other
 def _read_once(read: Callable[..., Any], source: Source, written: int | None, *arguments: Hashable) -> Any:
-    """The whole of a file that was written at a time [ns]."""
+    """Read all of a file that was written at a time [ns]."""
     return read(source, *arguments)
 
 
-def _of_one_joint(source: Source) -> Recording:
+def _read_pendulum(source: Source) -> Recording:
     try:
         return read_recording(source.file, **source.reading)
     except ColumnError as error:
@@ -135,12 +135,12 @@ def _of_one_joint(source: Source) -> Recording:
             raise
         raise ColumnError(
             f"{error}; it was read as {source.said_by} says: name the columns of a log of another format, "
-            f"{setting('columns', {'QUANTITY': 'NAME'})}"
+            f"{format_setting('columns', {'QUANTITY': 'NAME'})}"
         ) from None
 
 
-def format_of(recordings: Sequence[Recording]) -> JSON:
-    """Collect how recordings were read, as far as it is alike: how the next log of the same machine is to be read."""
+def collect_log_format(recordings: Sequence[Recording]) -> JSON:
+    """Return the reading settings that all recordings share, for the next log of the same machine."""
     loads = ({} if own.load is None else {"load": asdict(own.load)} for own in recordings)
     formats: list[JSON] = [{**own.log_format, **load} for own, load in zip(recordings, loads, strict=True)]
     alike = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
@@ -148,12 +148,12 @@ def format_of(recordings: Sequence[Recording]) -> JSON:
 
 
 def parse_log_format(log_format: Mapping[str, Any]) -> Source:
-    """Read the log format of a model as a source of no file; raises ValueError if it makes no sense."""
-    return _source(Path(), convert({"file": "log", **log_format}, _Recording), {}, {})
+    """Parse the log format of a model as a source without a file; raises ValueError if it is invalid."""
+    return _build_source(Path(), convert({"file": "log", **log_format}, _Recording), {}, {})
 
 
-def read_as(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
-    """A source of which a model file says what nobody else did; a study says all of its own.
+def apply_log_format(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
+    """Return a source with the log format of a model file where neither user nor study gave one.
 
     Raises:
         StudyError: if that makes no sense.
@@ -168,8 +168,8 @@ def read_as(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
     return replace(source, **{key: getattr(told, key) for key in unsaid}, said_by=said_by)
 
 
-def named_twice(sources: Iterable[Source]) -> Source | None:
-    """The first source that holds samples of one before it: none must be fitted twice, nor held out as well."""
+def find_duplicate(sources: Iterable[Source]) -> Source | None:
+    """Return the first source that holds samples of an earlier one, which must not be used twice."""
     taken: dict[Path, list[tuple[float, float]]] = {}
     for source in sources:
         ranges = taken.setdefault(source.file.resolve(), [])
@@ -182,7 +182,7 @@ def named_twice(sources: Iterable[Source]) -> Source | None:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Recordings that belong together, each as its source asks for."""
+    """Recordings that belong together, each read as its source says."""
 
     path: Path
     sources: tuple[Source, ...]
@@ -190,12 +190,12 @@ class Study:
 
     @property
     def fitted(self) -> tuple[Recording, ...]:
-        """Recordings to fit."""
+        """Return the recordings to fit."""
         return tuple(r for r, source in zip(self.recordings, self.sources, strict=True) if source.role == "fit")
 
     @property
     def held_out(self) -> tuple[Recording, ...]:
-        """Recordings to confirm on."""
+        """Return the recordings that are held out."""
         return tuple(r for r, source in zip(self.recordings, self.sources, strict=True) if source.role == "holdout")
 
 
@@ -214,7 +214,7 @@ def read_study(path: str | os.PathLike[str]) -> Study:
 
 
 def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
-    """Read which recordings a study holds, and leave them unread.
+    """Read the sources of a study without reading the recordings.
 
     Raises:
         StudyError: if the study makes no sense: with the number of the recording.
@@ -228,20 +228,20 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
         study = convert(content, _Study)
         if not study.recording:
             raise StudyError('names no recordings: write [[recording]] and below it file = "run.csv"')
-        shared, drive = _columns(study.columns), _drive(study.drive, {})
+        shared, drive = _check_columns(study.columns), _join_drive(study.drive, {})
         for k, data in enumerate(study.recording):
             where = f"'recording[{k}]': "
-            source = _source(path.parent, data, shared, drive)
+            source = _build_source(path.parent, data, shared, drive)
             sources.append(replace(source, joints=study.joints, of_study=True))
     except ValueError as error:
         raise StudyError(f"{path}: {where}{error}") from None
-    if (twice := named_twice(sources)) is not None:
+    if (twice := find_duplicate(sources)) is not None:
         raise StudyError(f"{path}: {twice.file.name} is named twice: give ranges that do not overlap")
     return tuple(sources)
 
 
 def write_study(sources: Sequence[Source], path: str | os.PathLike[str]) -> None:
-    """Write a study that reads back as these sources, files relative to it where they lie below.
+    """Write a study of sources; paths of files below its folder are relative to it.
 
     Raises:
         TypeError: if the arguments are in another order.
@@ -304,24 +304,24 @@ class _Study(Struct, forbid_unknown_fields=True):
     recording: list[_Recording] = []
 
 
-def _source(folder: Path, data: _Recording, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
+def _build_source(folder: Path, data: _Recording, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
     if data.range is not None and data.range[0] >= data.range[1]:
         raise StudyError(f"range is {list(data.range)}: expected [from, to] in seconds from the first sample")
-    own = _drive(data.drive, drive)
+    own = _join_drive(data.drive, drive)
     return Source(
-        folder / data.file, data.role, {**shared, **_columns(data.columns)}, data.unwrap, data.range,
+        folder / data.file, data.role, {**shared, **_check_columns(data.columns)}, data.unwrap, data.range,
         None if data.load is None else data.load.known, Drive.of(own) if own else None,
     )  # fmt: skip
 
 
-def _columns(table: Mapping[str, Any]) -> dict[str, str]:
+def _check_columns(table: Mapping[str, Any]) -> dict[str, str]:
     for quantity in table:
-        refuse_unknown_quantity(without_joint(quantity))
+        refuse_unknown_quantity(strip_joint(quantity))
     return {quantity: convert(text, Text, f"columns.{quantity}") for quantity, text in table.items()}
 
 
-def _drive(table: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
-    """Join the settings of a drive and those that all recordings share."""
+def _join_drive(table: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
+    """Join the settings of a drive with those that all recordings share."""
     joined = {**shared, **table}
     if table:
         Drive.of({"kp": 1.0, **joined})  # an error names the recording

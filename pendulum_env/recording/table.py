@@ -1,4 +1,4 @@
-"""Raw table of a file, the result of the reader of each format."""
+"""Raw table of a file, as the reader of each format returns it."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -11,34 +11,34 @@ import pyarrow as pa
 
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError
-from pendulum_env.recording.columns import Column
+from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.notes import Note
 
 WIDEST = 64  # elements of a vector that become columns of their own, and columns that a person is shown
 TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # of a time stamp of Arrow in a second
 
 
-class Find(Protocol):
+class ColumnFinder(Protocol):
     """Choose the columns to read, by quantity."""
 
-    def __call__(self, headers: Sequence[str], *, wordy: Collection[int] = ()) -> dict[str, Column]:
+    def __call__(self, headers: Sequence[str], *, wordy: Collection[int] = ()) -> dict[str, FileColumn]:
         """Choose from all names; `wordy` are the places of columns that hold no numbers."""
         ...
 
 
 @dataclass(frozen=True)
-class Table:
-    """The columns found in a file and their values as they stand there: units as in the file, NaN for empty cells."""
+class RawTable:
+    """Columns found in a file with their raw values: units as in the file, NaN for empty cells."""
 
     headers: Sequence[str]  # of all columns in it
-    columns: dict[str, Column]  # by quantity
+    columns: dict[str, FileColumn]  # by quantity
     values: dict[str, Array]  # by quantity, each (N,)
     notes: tuple[Note, ...] = ()  # what else a user should know
     date: datetime | None = None  # of the first row, if time is a date
 
 
-def numbers(column: pa.ChunkedArray) -> Array:
-    """Values (N,) of a column of Arrow, nulls as NaN: `true` is 1, time in seconds since the first, words by number."""
+def convert_numbers(column: pa.ChunkedArray) -> Array:
+    """Convert an Arrow column to numbers (N,): null to NaN, `true` to 1, dates to seconds, words to indices."""
     if pa.types.is_timestamp(column.type):
         import pyarrow.compute as pc  # takes a while to import, as does every cast
 
@@ -58,13 +58,13 @@ def numbers(column: pa.ChunkedArray) -> Array:
 
 
 def is_text(kind: pa.DataType) -> bool:
-    """Return whether a column of Arrow holds words, each in its place or by number."""
+    """Return whether an Arrow column holds words, plain or dictionary-encoded."""
     own = kind.value_type if pa.types.is_dictionary(kind) else kind
     return bool(pa.types.is_string(own) or pa.types.is_large_string(own) or pa.types.is_string_view(own))
 
 
-def first_date(column: pa.ChunkedArray) -> datetime | None:
-    """Date of the first of a column of time stamps, of UTC where no zone is given; None of other columns."""
+def find_first_date(column: pa.ChunkedArray) -> datetime | None:
+    """Return the date of the first time stamp, UTC without a zone; None for other columns."""
     if not pa.types.is_timestamp(column.type):
         return None
     import pyarrow.compute as pc  # takes a while to import
@@ -73,7 +73,7 @@ def first_date(column: pa.ChunkedArray) -> datetime | None:
     return None if first is None else datetime.fromtimestamp(first / TICKS[column.type.unit], UTC)
 
 
-def need(module: str) -> None:
+def require_module(module: str) -> None:
     """Refuse a file whose library is not installed.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Text, plain or gzipped, and sheets of Excel; only the columns in need are ever held."""
+"""Read text, plain or gzipped, and sheets of Excel; only the columns in need are ever held."""
 
 import csv
 import io
@@ -17,10 +17,10 @@ from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError, shorten_error
 from pendulum_env.quantity import Quantity
 from pendulum_env.reading import shown
-from pendulum_env.recording.columns import Column, add_labels
-from pendulum_env.recording.expression import letters
+from pendulum_env.recording.columns import FileColumn, add_labels
+from pendulum_env.recording.expression import normalise_name
 from pendulum_env.recording.notes import Note, NoteKind
-from pendulum_env.recording.table import Find, Table, is_text, need, numbers
+from pendulum_env.recording.table import ColumnFinder, RawTable, convert_numbers, is_text, require_module
 from pendulum_env.recording.vocabulary import HEADER, OPTIONAL, UNITS
 
 HEAD = 1 << 16  # bytes in which header and delimiter must show themselves
@@ -50,7 +50,7 @@ STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d{1,9})?)?\s
 
 @dataclass(frozen=True)
 class Layout:
-    """Layout of a text file, by its first lines."""
+    """Layout of a text file, from its first lines."""
 
     headers: tuple[str, ...]
     delimiter: str  # one of , ; tab space
@@ -63,8 +63,8 @@ class Layout:
 Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
 
 
-def read_csv(path: Path, find: Find) -> Table:
-    """The columns in need, with empty cells as NaN.
+def read_csv(path: Path, find: ColumnFinder) -> RawTable:
+    """Read the columns in need, with empty cells as NaN.
 
     Comment lines (#) and lines of fewer cells at the top are passed over; if no header follows, the last comment may
     be it, as written by `numpy.savetxt`. A row of units may stand below the header. Delimiters are comma, semicolon,
@@ -75,16 +75,16 @@ def read_csv(path: Path, find: Find) -> Table:
         RecordingError: if there is no header, a column is missing, or a cell is not a number.
     """
     packed = "gzip" if path.name.lower().endswith(".gz") else None
-    return read_text(lambda: pa.input_stream(str(path), compression=packed), find)
+    return read_text_table(lambda: pa.input_stream(str(path), compression=packed), find)
 
 
-def read_excel(path: Path, find: Find) -> Table:
-    """The first sheet of a workbook that is not empty, read as the text of its cells.
+def read_excel(path: Path, find: ColumnFinder) -> RawTable:
+    """Read the first non-empty sheet of a workbook as the text of its cells.
 
     Raises:
         RecordingError: as `read_csv`, or if python-calamine is not installed.
     """
-    need("python_calamine")
+    require_module("python_calamine")
     from python_calamine import CalamineWorkbook
 
     book = CalamineWorkbook.from_path(path)
@@ -94,50 +94,52 @@ def read_excel(path: Path, find: Find) -> Table:
         [cell.isoformat() if hasattr(cell, "isoformat") else cell for cell in row] for row in rows
     )
     content = pa.py_buffer(text.getvalue().encode())
-    return read_text(lambda: pa.BufferReader(content), find)
+    return read_text_table(lambda: pa.BufferReader(content), find)
 
 
-def read_cells(headers: Sequence[str], columns: dict[str, Column], cells: Mapping[str, pa.ChunkedArray]) -> Table:
+def read_cells(
+    headers: Sequence[str], columns: dict[str, FileColumn], cells: Mapping[str, pa.ChunkedArray]
+) -> RawTable:
     """Read columns of a table in memory, by quantity, as those of a text file: some of them hold text."""
     text = {quantity: series.cast(pa.string()) for quantity, series in cells.items() if is_text(series.type)}
     plain = {quantity: series for quantity, series in cells.items() if pa.types.is_timestamp(series.type)}
-    table = pa.table({quantity: numbers(series) for quantity, series in cells.items()} | plain | text)
+    table = pa.table({quantity: convert_numbers(series) for quantity, series in cells.items()} | plain | text)
     file = pa.BufferOutputStream()
     pacsv.write_csv(table, file, pacsv.WriteOptions(delimiter=";"))  # cells may have decimal commas
     content, places = file.getvalue(), {q: replace(columns[q], index=k) for k, q in enumerate(table.column_names)}
-    found = read_text(lambda: pa.BufferReader(content), lambda *_, **__: places)
+    found = read_text_table(lambda: pa.BufferReader(content), lambda *_, **__: places)
     return replace(found, headers=headers, columns={quantity: columns[quantity] for quantity in found.columns})
 
 
-def read_text(opened: Opened, find: Find) -> Table:
-    """The columns in need of a text, see `read_csv`."""
-    opened = _tidied(opened)
+def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
+    """Read the columns in need of a text, as `read_csv`."""
+    opened = _clean_text(opened)
     with opened() as stream:
-        layout = _layout(stream.read(HEAD))
-    wordy = [k for k, cell in enumerate(layout.first) if not may_be_number(cell, layout.headers[k])]
+        layout = _find_layout(stream.read(HEAD))
+    wordy = [k for k, cell in enumerate(layout.first) if not can_be_number(cell, layout.headers[k])]
     wordy += [k for k, cell in enumerate(layout.first) if not cell and k not in wordy and _is_empty(opened, layout, k)]
     columns = add_labels(find(layout.headers, wordy=wordy), layout.headers, layout.first)
     below = {"count": Quantity(layout.above)}
     notes = [Note(NoteKind.ROWS_BELOW_HEADER, numbers=below)] if layout.above else []
-    if dated := _stamp(layout, columns["time"]):
+    if dated := _find_stamp(layout, columns["time"]):
         notes.append(Note(NoteKind.FIRST_DATE, text=dated[0].strip()))
     try:
-        values = _values(opened, layout, columns)
+        values = _read_values(opened, layout, columns)
     except RecordingError as refusal:
         try:  # a logger that was interrupted leaves half a row
-            values = _values(lambda: _without_last_line(opened), layout, columns)
+            values = _read_values(lambda: _drop_last_line(opened), layout, columns)
         except RecordingError:
             quantity = refusal.quantity if isinstance(refusal, CellError) else ""
             if quantity not in OPTIONAL or columns[quantity].expression is not None:
                 raise refusal from None
-            without = read_text(opened, lambda *_, **__: {q: c for q, c in columns.items() if q != quantity})
+            without = read_text_table(opened, lambda *_, **__: {q: c for q, c in columns.items() if q != quantity})
             return replace(without, notes=(*without.notes, Note(NoteKind.UNREADABLE, (quantity,), text=str(refusal))))
         notes.append(Note(NoteKind.LAST_ROW_CUT))
-    return Table(layout.headers, columns, values, tuple(notes), None if dated is None else _date(dated[0]))
+    return RawTable(layout.headers, columns, values, tuple(notes), None if dated is None else _parse_date(dated[0]))
 
 
-def _tidied(opened: Opened) -> Opened:
-    """Text without what serial monitors print and plotters read, and with tabs between columns that spaces align."""
+def _clean_text(opened: Opened) -> Opened:
+    """Drop what serial monitors and plotters add, and separate columns aligned by spaces with tabs."""
     with opened() as stream:
         head = stream.read(HEAD)
     lines = ARRIVAL.sub(b"", head).split(b"\n")[:-1]
@@ -152,7 +154,7 @@ def _tidied(opened: Opened) -> Opened:
         content = b",".join(labels) + b"\n" + LABELLED.sub(b"", content)
     if is_aligned:
         start, width = content.index(rows[0]), len(rows[0].split())
-        top = [_with_tabs(line, width) for line in content[:start].split(b"\n")]
+        top = [_insert_tabs(line, width) for line in content[:start].split(b"\n")]
         data = re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[start:]))
         content = b"\n".join(top) + data
     return lambda: pa.BufferReader(pa.py_buffer(content))
@@ -164,23 +166,23 @@ def _is_aligned(line: bytes) -> bool:
     return len(cells) > 1 and b"\t" not in line and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in cells)
 
 
-def _with_tabs(line: bytes, width: int) -> bytes:
-    """Names with tabs between them, in a line of so many; names may hold single spaces."""
+def _insert_tabs(line: bytes, width: int) -> bytes:
+    """Separate `width` names in a line with tabs; names may hold single spaces."""
     ways = (re.split(rb"[ \t]{2,}|\t", line.strip()), line.split())
     return next((b"\t".join(cells) for cells in ways if len(cells) == width), line)
 
 
-def _without_last_line(opened: Opened) -> pa.NativeFile:
+def _drop_last_line(opened: Opened) -> pa.NativeFile:
     with opened() as stream:
         content = stream.read()
     return pa.BufferReader(pa.py_buffer(content)[: content.rfind(b"\n") + 1])
 
 
-def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[str, Array]:
+def _read_values(opened: Opened, layout: Layout, columns: dict[str, FileColumn]) -> dict[str, Array]:
     names = [str(index) for index in range(len(layout.headers))]  # the file's own may repeat
     kept = [names[column.index] for column in columns.values()]
-    types = {names[column.index]: _cell_type(quantity, layout, column) for quantity, column in columns.items()}
-    if stamp := _stamp(layout, columns["time"]):
+    types = {names[column.index]: _choose_cell_type(quantity, layout, column) for quantity, column in columns.items()}
+    if stamp := _find_stamp(layout, columns["time"]):
         types[names[columns["time"].index]] = pa.timestamp("ns", tz="UTC" if stamp["zone"] else None)
     first = layout.first[columns["time"].index]
     if is_spelt := bool(CLOCK.fullmatch(first) or (stamp and "," in first)):
@@ -206,15 +208,15 @@ def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[
                 ),
             )
     except pa.ArrowInvalid as error:
-        _refuse(str(error), layout, columns)
+        _refuse_cell(str(error), layout, columns)
     values = dict(zip(columns, table.columns, strict=True))
     if is_spelt:
-        values["time"] = _seconds(values["time"])
-    return {quantity: numbers(column) for quantity, column in values.items()}
+        values["time"] = _convert_times(values["time"])
+    return {quantity: convert_numbers(column) for quantity, column in values.items()}
 
 
-def _seconds(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Times of day, counted on after midnight, in seconds; dates with a decimal comma as dates."""
+def _convert_times(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Convert times of day to seconds, continued after midnight; dates with a decimal comma to dates."""
     import pyarrow.compute as pc  # takes a while to import
 
     column = pc.replace_substring(column, ",", ".")
@@ -222,14 +224,16 @@ def _seconds(column: pa.ChunkedArray) -> pa.ChunkedArray:
         return column.cast(pa.timestamp("ns"))
     parts = pc.split_pattern(column, ":")
     count = len(parts[0])
-    seconds = sum(60.0 ** (count - 1 - k) * numbers(pc.list_element(parts, k).cast(pa.float64())) for k in range(count))
+    seconds = sum(
+        60.0 ** (count - 1 - k) * convert_numbers(pc.list_element(parts, k).cast(pa.float64())) for k in range(count)
+    )
     if count == 3:
         seconds = seconds + np.append(0.0, np.cumsum(np.where(np.diff(seconds) < -DAY / 2, DAY, 0.0)))
     return pa.chunked_array([seconds])
 
 
-def _cell_type(quantity: str, layout: Layout, column: Column) -> pa.DataType:
-    """Type of a column's cells: numbers, `true` and `false`, or words that label segments."""
+def _choose_cell_type(quantity: str, layout: Layout, column: FileColumn) -> pa.DataType:
+    """Return the type of a column's cells: numbers, `true` and `false`, or words that label segments."""
     first = layout.first[column.index]
     if quantity in ("enabled", "segment") and first in (*TRUE, *FALSE):
         return pa.bool_()
@@ -238,60 +242,60 @@ def _cell_type(quantity: str, layout: Layout, column: Column) -> pa.DataType:
 
 def _is_empty(opened: Opened, layout: Layout, place: int) -> bool:
     """Return whether a column has no value in any row."""
-    column = Column("time", layout.headers[place], place, None)
+    column = FileColumn("time", layout.headers[place], place, None)
     try:
         return bool(
             np.isnan(
-                _values(opened, replace(layout, first=("",) * len(layout.headers)), {"time": column})["time"]
+                _read_values(opened, replace(layout, first=("",) * len(layout.headers)), {"time": column})["time"]
             ).all()
         )
     except RecordingError:
         return False
 
 
-def may_be_number(cell: str, header: str) -> bool:
-    """Return whether a column may hold numbers, by its first cell; one without cells and name holds none."""
+def can_be_number(cell: str, header: str) -> bool:
+    """Return whether a column may hold numbers, by its first cell; a column without cells and name cannot."""
     return bool(NUMBER.fullmatch(cell.replace(",", "."))) if cell else bool(header.strip())
 
 
-def _stamp(layout: Layout, time: Column) -> re.Match[str] | None:
-    """The first time, if it is a date."""
+def _find_stamp(layout: Layout, time: FileColumn) -> re.Match[str] | None:
+    """Return the first time, if it is a date."""
     return STAMP.fullmatch(layout.first[time.index])
 
 
-def _date(stamp: str) -> datetime:
-    """Date of a stamp, of UTC where it names no zone; its digits below a microsecond are dropped."""
+def _parse_date(stamp: str) -> datetime:
+    """Parse a date, UTC without a zone; digits below a microsecond are dropped."""
     date = datetime.fromisoformat(re.sub(r"(\.\d{6})\d+", r"\1", stamp.strip().replace(",", ".")))
     return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
-def _layout(head: bytes) -> Layout:
+def _find_layout(head: bytes) -> Layout:
     if not head.strip():
         raise RecordingError("the file is empty: record it again")
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise RecordingError("the text is UTF-16: save it as UTF-8")
     if head.startswith(b"\x1f\x8b"):
         raise RecordingError("it is gzipped: let its name end in .csv.gz")
-    lines = [(match.end(), _decoded(match.group()).strip("\r\n")) for match in LINE.finditer(head)]
+    lines = [(match.end(), _decode_line(match.group()).strip("\r\n")) for match in LINE.finditer(head)]
     content = [number for number, (_, line) in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
     if not content:
         raise RecordingError(f"there are comments but no header {HEADER} and no data: record it again")
-    content = content[_preamble([lines[number][1] for number in content]) :]
+    content = content[_count_preamble([lines[number][1] for number in content]) :]
     first = content[0]
     line, start, data = lines[first][1], lines[first][0], content[1:]
-    probe = _cells(lines[content[-2]][1]) if len(content) > 2 else []
+    probe = _split_cells(lines[content[-2]][1]) if len(content) > 2 else []
     if len(probe) > 2 and not re.search(r"[,;\t]", line) and len(line.split()) != len(probe) and _is_numeric(probe):
         line = lines[content[-2]][1]  # what stands above the table names none of its columns
         raise RecordingError(f"the file has no header: {NAME_COLUMNS.format(len(probe), shown(line.strip(), 40))}")
-    if _is_numeric(_cells(line)):  # no header, unless the comment above is one
+    if _is_numeric(_split_cells(line)):  # no header, unless the comment above is one
         comments = [text.lstrip(" #") for _, text in lines[:first] if text.strip()]
-        if not comments or len(_cells(comments[-1])) != len(_cells(line)):
-            what = NAME_COLUMNS.format(len(_cells(line)), shown(line.strip(), 40))
+        if not comments or len(_split_cells(comments[-1])) != len(_split_cells(line)):
+            what = NAME_COLUMNS.format(len(_split_cells(line)), shown(line.strip(), 40))
             raise RecordingError(f"the first row holds numbers, the file has no header: {what}")
         line, start, data = comments[-1], lines[first - 1][0], content
-    delimiter = _delimiter(line)
-    headers = _cells(line)
-    if data and _are_units(units := _cells(lines[data[0]][1], delimiter), headers):
+    delimiter = _find_delimiter(line)
+    headers = _split_cells(line)
+    if data and _are_units(units := _split_cells(lines[data[0]][1], delimiter), headers):
         headers = [
             f"{name} [{unit.strip(' []()')}]" if unit.strip(" []()-") else name
             for name, unit in zip(headers, units, strict=True)
@@ -301,27 +305,27 @@ def _layout(head: bytes) -> Layout:
     while len(data) > 2 and _is_label(lines[data[0]][1], lines[data[-2]][1], delimiter):
         start, data, above = lines[data[0]][0], data[1:], above + 1
     samples = [lines[number][1] for number in data]
-    rows = [_cells(text, delimiter) for text in samples[:-1]]  # the last may be cut off
+    rows = [_split_cells(text, delimiter) for text in samples[:-1]]  # the last may be cut off
     if rows and {len(row) for row in rows} == {width := len(rows[0])}:
         if width == len(headers) + 1 and not any(row[-1].strip() for row in rows):
             headers = [*headers, ""]  # a delimiter ends every row
-        elif len(_trimmed(headers)) <= width < len(headers):
+        elif len(_trim_header(headers)) <= width < len(headers):
             headers = headers[:width]
     numbers = [cell for row in rows for cell in row if NUMBER.fullmatch(cell.replace(",", ".", 1))]
     comma = any("," in cell for cell in numbers) and not any("." in cell for cell in numbers)
-    first_cells = _first_cells(samples, delimiter, len(headers))
-    return Layout(_apart(headers), delimiter, "," if comma else ".", start, first_cells, above)
+    first_cells = _collect_first_cells(samples, delimiter, len(headers))
+    return Layout(_number_repeated(headers), delimiter, "," if comma else ".", start, first_cells, above)
 
 
 def _is_label(line: str, later: str, delimiter: str) -> bool:
     """Return whether a row begins with a word where later ones begin with a number: it describes the columns."""
-    word, number = (next(iter(_cells(text, delimiter)), "").strip() for text in (line, later))
+    word, number = (next(iter(_split_cells(text, delimiter)), "").strip() for text in (line, later))
     is_number = [bool(NUMBER.fullmatch(cell.replace(",", "."))) for cell in (word, number)]
     return bool(word and number) and is_number == [False, True] and word not in EMPTY
 
 
-def _apart(headers: Sequence[str]) -> tuple[str, ...]:
-    """Names of columns, with numbers behind those that repeat, so that each can be named."""
+def _number_repeated(headers: Sequence[str]) -> tuple[str, ...]:
+    """Number the names that repeat, so that each column has its own."""
     names = [header.strip() for header in headers]
     return tuple(
         f"{name} ({names[: k + 1].count(name)})" if name and names.count(name) > 1 else headers[k]
@@ -329,35 +333,35 @@ def _apart(headers: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _trimmed(cells: list[str]) -> list[str]:
-    """Cells of a header without those at its end that rows may lack: empty ones, and LabVIEW's comment."""
+def _trim_header(cells: list[str]) -> list[str]:
+    """Drop cells at the end of a header that rows may lack: empty ones, and LabVIEW's comment."""
     while cells and cells[-1].strip().lower() in ("", "comment"):
         cells = cells[:-1]
     return cells
 
 
-def _first_cells(lines: Sequence[str], delimiter: str, width: int) -> tuple[str, ...]:
-    """The first cell of each column that is not empty; empty where there is none."""
+def _collect_first_cells(lines: Sequence[str], delimiter: str, width: int) -> tuple[str, ...]:
+    """Return the first non-empty cell of each column, empty where there is none."""
     first = [""] * width
     for line in lines:
-        for k, cell in enumerate(_cells(line, delimiter)[:width]):
+        for k, cell in enumerate(_split_cells(line, delimiter)[:width]):
             first[k] = first[k] or cell.strip()
         if all(first):
             break
     return tuple(first)
 
 
-def _preamble(content: list[str]) -> int:
+def _count_preamble(content: list[str]) -> int:
     """Count the lines above the header, which have fewer cells than columns."""
     if len(content) < 3:
         return 0
     probe = content[-2]  # the last may be cut off
-    delimiter, width = _delimiter(probe), len(_cells(probe))
-    rows = [_cells(line, delimiter) for line in content]
+    delimiter, width = _find_delimiter(probe), len(_split_cells(probe))
+    rows = [_split_cells(line, delimiter) for line in content]
     whole = [number for number, cells in enumerate(rows) if len(cells) == width > 1 and _are_names(cells)]
     if whole:
         return whole[0]
-    trimmed, width = [_trimmed(cells) for cells in rows], len(_trimmed(rows[-2]))
+    trimmed, width = [_trim_header(cells) for cells in rows], len(_trim_header(rows[-2]))
     ends = [number for number, cells in enumerate(trimmed) if len(cells) == width > 1 and _are_names(cells)]
     return ends[-1] if ends else 0
 
@@ -371,27 +375,27 @@ def _are_units(cells: list[str], headers: list[str]) -> bool:
     if len(cells) != len(headers) or any(NUMBER.fullmatch(cell) for cell in cells if cell.strip()):
         return False
     known = {unit for units in UNITS.values() for unit in units}
-    return any(letters(cell) in known for cell in cells)
+    return any(normalise_name(cell) in known for cell in cells)
 
 
-def _decoded(line: bytes) -> str:
+def _decode_line(line: bytes) -> str:
     try:
         return line.decode("utf-8-sig")
     except UnicodeDecodeError:
         return line.decode("latin-1")  # has the degree sign of older Windows programs
 
 
-def _delimiter(line: str) -> str:
-    """Delimiter of a line; commas may be those of numbers, at most one more than there are delimiters."""
+def _find_delimiter(line: str) -> str:
+    """Return the delimiter of a line; commas may be decimal, at most one more than there are delimiters."""
     other = max(";\t", key=line.count)
     if line.count(other) and line.count(other) >= line.count(",") - 1:
         return other
     return "," if "," in line else " "
 
 
-def _cells(line: str, delimiter: str | None = None) -> list[str]:
+def _split_cells(line: str, delimiter: str | None = None) -> list[str]:
     try:
-        return next(csv.reader([line], delimiter=delimiter or _delimiter(line)), [])
+        return next(csv.reader([line], delimiter=delimiter or _find_delimiter(line)), [])
     except csv.Error as error:
         raise RecordingError(f"the header cannot be understood ({error}): put {HEADER} there") from None
 
@@ -401,7 +405,7 @@ def _is_numeric(cells: list[str]) -> bool:
 
 
 class CellError(RecordingError):
-    """A cell of a column cannot be read as its quantity."""
+    """Cell of a column that cannot be read as its quantity."""
 
     def __init__(self, message: str, quantity: str = "") -> None:
         """Take the sentence and the quantity."""
@@ -409,7 +413,7 @@ class CellError(RecordingError):
         self.quantity = quantity
 
 
-def _refuse(told: str, layout: Layout, columns: dict[str, Column]) -> NoReturn:
+def _refuse_cell(told: str, layout: Layout, columns: dict[str, FileColumn]) -> NoReturn:
     """Refuse the cell or row at which pyarrow failed."""
     row = "data row {} (header not counted) has"
     if found := CELL.search(told):

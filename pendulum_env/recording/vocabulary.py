@@ -1,4 +1,4 @@
-"""Names and units as people write them: which mean a quantity, and which need a gain first."""
+"""Names and units of columns: which mean a quantity, and which need a gain first."""
 
 import math
 import re
@@ -158,7 +158,7 @@ class Rank(IntEnum):
     COMMANDED = 2
 
 
-def _stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
+def _list_stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
     """Yield every name without a unit, as letters, with its quantity and rank."""
     for quantity, aliases in ALIASES.items():
         words: dict[Rank, tuple[str, ...]] = {Rank.MEASURED: MEASURED}
@@ -181,7 +181,7 @@ def _stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
             yield stem, (quantity, rank)
 
 
-STEMS = dict(_stems())
+STEMS = dict(_list_stems())
 WHOLE = {  # names that are no stem and unit
     **{name: ("time", unit) for name, unit in TICKS.items()},
     **ODRIVE,

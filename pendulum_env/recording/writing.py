@@ -1,4 +1,4 @@
-"""Writing recordings so that they read back exactly."""
+"""Write recordings so that they read back exactly."""
 
 import gzip
 import os
@@ -20,7 +20,7 @@ from pendulum_env.recording.record import Recording
 
 
 def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write columns time, position, torque and what else there is, in the format that the name's ending asks for.
+    """Write columns time, position, torque and the optional ones in the format of the file's ending.
 
     A column `segment` counts the segments, if there are several. What is known of a load stands in a study, not here.
 

@@ -20,9 +20,9 @@ from pendulum_env.arms.recording import without_units
 from pendulum_env.errors import ColumnError
 from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.columns import NONE, is_told, named_column
-from pendulum_env.recording.expression import NUMBER, Expression, letters, parse
-from pendulum_env.recording.preview import Preview, preview
+from pendulum_env.recording.columns import NONE, is_told, parse_column
+from pendulum_env.recording.expression import NUMBER, Expression, normalise_name, parse_expression
+from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
 from pendulum_env.thinning import thin
 from workbench.app.parts import UNWRAP, aria, button, graph, labelled, panel, table
@@ -83,11 +83,11 @@ def units(role: str) -> list[str]:
 def understood(role: str, text: str, headers: Sequence[str]) -> str:
     """Describe the unit of the column of an expression; empty without a unit."""
     try:
-        column = named_column(quantity(role), text, headers)
+        column = parse_column(quantity(role), text, headers)
     except RecordingError:
         return "not clear yet"
     if column.unit is not None:
-        written = {letters(unit): unit for unit in units(role)}
+        written = {normalise_name(unit): unit for unit in units(role)}
         return f"{written.get(column.unit, column.unit)} (named)"
     if not (unit := SI[quantity(role)]):
         return ""
@@ -113,7 +113,7 @@ class Card:
 
         Raises RecordingError if it cannot be read, or has too few columns to choose from.
         """
-        shown = preview(source.file)
+        shown = read_preview(source.file)
         if sum(values is not None for values in shown.values) < NEEDED:
             raise RecordingError(f"{source.file}: has fewer than {NEEDED} columns of numbers: nothing can be chosen")
         is_free = source.columns.get("torque") == NONE
@@ -126,7 +126,9 @@ class Card:
         for role, text in source.columns.items():
             what = quantity(role)
             try:
-                told = parse(text, shown.headers, {**UNITS[what], **RAW.get(what, {}), **LINEAR.get(what, {})})
+                told = parse_expression(
+                    text, shown.headers, {**UNITS[what], **RAW.get(what, {}), **LINEAR.get(what, {})}
+                )
             except RecordingError:
                 continue  # `none`, or a mistake that reading has told of
             said[told.name] = Choice.of(role, told)
@@ -185,7 +187,7 @@ class Card:
     def seconds(self) -> Array | None:
         """Time from the first row on [s] (N,), None where no column is chosen for it."""
         told = self._expression("time")
-        return None if told is None else self.preview.seconds(told)
+        return None if told is None else self.preview.read_seconds(told)
 
     @property
     def _pairs(self) -> list[tuple[str, Choice]]:

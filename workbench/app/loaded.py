@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from pendulum_env.recording import Recording, Source
-from pendulum_env.recording.study import named_twice
+from pendulum_env.recording.study import find_duplicate
 from workbench.mistakes import InputError
 
 
@@ -39,7 +39,7 @@ class Loaded:
         """
         name, ids = source.file.name, {one.id for one in known}
         alike = [one.source for one in known if one.source.file.name == name]
-        if any(one.file != source.file or named_twice((one, source)) for one in alike):
+        if any(one.file != source.file or find_duplicate((one, source)) for one in alike):
             raise InputError(f"{name}: is loaded already: remove it, or give this one another name")
         recording = read(source)
         endings = ("", *(f" ({k})" for k in range(2, len(ids) + 2)))

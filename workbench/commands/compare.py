@@ -15,7 +15,7 @@ from pendulum_env.formatting import TextTable, join_words
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.recording.study import read_as
+from pendulum_env.recording.study import apply_log_format
 from workbench.inputs import Opened, opened, read_all, sources_of, tell_preprocessed
 from workbench.mistakes import InputError
 from workbench.narrator.diagnosis import comparison_json
@@ -89,7 +89,7 @@ def carried(
 ) -> Payload | None:
     """Find the payload of an arm in recordings relative to a model; None if it is unknown and was not requested."""
     sources = [source for name in arguments.without for source in sources_of(name, arguments)]
-    sources = [read_as(own, asked.model.log_format, arguments.model) for own in sources]
+    sources = [apply_log_format(own, asked.model.log_format, arguments.model) for own in sources]
     empty = replace(asked, recordings=read_all(sources, terminal, asked.read), holdout=[])
     without = empty.preprocessed(terminal, arguments.align).recordings if sources else ()
     try:

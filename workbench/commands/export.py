@@ -9,7 +9,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.physics import Model
 from pendulum_env.reading import shown
 from pendulum_env.recording import Recording
-from pendulum_env.recording.study import Source, read_as
+from pendulum_env.recording.study import Source, apply_log_format
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
 from workbench.inputs import body_of_arguments, read_all, read_model, sources_of
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     model.refuse_unknown_inertia()
     exported = export(model, arguments.to, request)
     if sources:
-        sources = tuple(read_as(source, model.log_format, arguments.model) for source in sources)
+        sources = tuple(apply_log_format(source, model.log_format, arguments.model) for source in sources)
         given = convert_to_model_unit(model, read_all(sources, terminal, Source.read))
         _check(model, exported, request, given.recordings, terminal)
     if arguments.output is not None:

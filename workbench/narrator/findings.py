@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
 from pendulum_env.formatting import capitalise, format_estimate, format_quantity, join_words
-from pendulum_env.settings import Blank, setting
+from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import to_shown_unit
 from workbench.narrator.effects import description, name
 
@@ -56,7 +56,7 @@ def _collect_words(found: Finding) -> dict[str, Any]:
     """Collect the names that the texts in `DESCRIBED` may contain."""
     words: dict[str, Any] = {id: _Measured(own.value, own.std, own.unit) for id, own in found.numbers.items()}
     words |= {kind: join_words(getattr(found, kind)) for kind in ("parameters", "effects", "recordings")}
-    words |= {"begin": _begin(found), "without_torque": setting("columns", {"torque": "none"})}
+    words |= {"begin": _begin(found), "without_torque": format_setting("columns", {"torque": "none"})}
     if "torque_constant" in found.numbers:
         logged = found.numbers["torque_constant"].unit.partition("/")[2]
         words["name"] = "torque constant" if logged == "A" else "torque gain"
@@ -76,7 +76,7 @@ def _begin(found: Finding) -> str:
 
 def advise_inertia() -> str:
     """Tell how the inertia becomes known."""
-    return f"Record faster reversals, or give its value ({setting('fixed', {'inertia': Blank('VALUE')})})."
+    return f"Record faster reversals, or give its value ({format_setting('fixed', {'inertia': Blank('VALUE')})})."
 
 
 def measure(quantity: Quantity, digits: int = 3, is_parameter: bool = False) -> str:
@@ -175,7 +175,7 @@ def _with_remedy(text: str, otherwise: str = "") -> Callable[[Finding], str]:
     def describe_column(found: Finding) -> str:
         options = [
             f"Read {'it' if len(found.remedies) == 1 else join_words(own.recordings)} with "
-            f"{setting('columns', own.columns)} instead."
+            f"{format_setting('columns', own.columns)} instead."
             for own in found.remedies
         ]
         return " ".join([f"{text}.", *(options or filter(None, [otherwise]))])
@@ -332,7 +332,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.RELATIVE_TO_INERTIA: lambda found: (
         "No torque is applied: every parameter is relative to the inertia"
         f"{' of the joint with its known load' if found.recordings else ''}, which is 1. A known value makes them "
-        f"absolute ({setting('fixed', {'inertia': Blank('VALUE')})})."
+        f"absolute ({format_setting('fixed', {'inertia': Blank('VALUE')})})."
     ),
     Kind.LOADS_UNKNOWN: (
         "{unknown}. The log has {channel} for the torque, and known loads that differ are needed. " + OTHER_LOAD

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 from pendulum_env.formatting import join_words
 from pendulum_env.recording.notes import Note, NoteKind
-from pendulum_env.settings import setting
+from pendulum_env.settings import format_setting
 
 WARNING = "warning: "  # begins a note on a likely error
 
@@ -12,7 +12,11 @@ WARNING = "warning: "  # begins a note on a likely error
 def describe_note(note: Note) -> str:
     """Describe a note in a phrase."""
     numbers = {name: number.value for name, number in note.numbers.items()}
-    words = {"quantity": join_words(note.quantities), "text": note.text, "columns": setting("columns", note.columns)}
+    words = {
+        "quantity": join_words(note.quantities),
+        "text": note.text,
+        "columns": format_setting("columns", note.columns),
+    }
     words |= {f"header{k or ''}": name for k, name in enumerate(note.headers)}
     if note.kind in PLACES:
         words["places"] = PLACES[note.kind](note)

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from pendulum_env.recording import RecordingError, read_recording, vocabulary
 from pendulum_env.recording.columns import find_columns
-from pendulum_env.recording.expression import Expression, letters, parse
+from pendulum_env.recording.expression import Expression, normalise_name, parse_expression
 from tests.notes import noted
 
-UNITS = {letters(unit): unit for unit in ("rad", "deg", "rad/s", "N m", "A", "counts", "min-1")}
+UNITS = {normalise_name(unit): unit for unit in ("rad", "deg", "rad/s", "N m", "A", "counts", "min-1")}
 NAMES = st.text(st.characters(exclude_categories=("Cs", "Cc", "Z"), exclude_characters=" "), min_size=1, max_size=12)
 NUMBERS = st.floats(1e-6, 1e6).map(repr) | st.integers(1, 10**6).map(str) | st.just("pi")
 FACTORS = st.lists(st.tuples(st.sampled_from(["*", "/", "*-", "/-"]), NUMBERS).map("".join), max_size=4).map(tuple)
@@ -32,13 +32,13 @@ def test_what_is_written_is_read_back_and_does_what_python_makes_of_it(expressio
     text = str(expression)
     assume(not any(name != expression.name and text.lstrip("- ").startswith(name.lstrip("-")) for name in others))
     assume(not expression.name.startswith("-") and text not in others)
-    assert parse(text, [*others, expression.name], UNITS) == expression
+    assert parse_expression(text, [*others, expression.name], UNITS) == expression
 
 
 @given(text=st.text("ab-:*/+?.0123e pi", max_size=20) | st.text(max_size=20))
 def test_any_text_is_an_expression_or_one_sentence(text: str) -> None:
     try:
-        expression = parse(text, ["a", "a-b", "b*2"], UNITS)
+        expression = parse_expression(text, ["a", "a-b", "b*2"], UNITS)
     except RecordingError as error:
         assert "\n" not in str(error) or "\n" in text
     else:
@@ -73,7 +73,7 @@ def test_quantities_are_found_by_the_names_that_people_and_programs_give_them(he
 
 def test_no_name_has_two_meanings() -> None:
     meanings: dict[str, set[tuple[str, float, bool]]] = {}
-    for stem, (quantity, rank) in vocabulary._stems():
+    for stem, (quantity, rank) in vocabulary._list_stems():
         for unit, factor in {"": 1.0, **vocabulary.UNITS[quantity]}.items():
             meanings.setdefault(stem + unit, set()).add((quantity, factor, rank))
     assert {name: meaning for name, meaning in meanings.items() if len(meaning) > 1} == {}
@@ -88,11 +88,11 @@ def test_units_that_people_are_told_of_are_understood() -> None:
 
 def test_names_of_columns_come_first_and_the_longest_is_meant() -> None:
     headers = ["a", "a-b", "-a", "a:deg", "a*2"]
-    assert [parse(text, headers, UNITS).name for text in headers] == headers
-    assert parse("a-b*3", headers, UNITS) == Expression("a-b", factors=("*3",))
-    assert parse("a-1", headers, UNITS) == Expression("a", offset="-1")
-    assert parse("- a", headers, UNITS) == Expression("a", negative=True)
-    assert parse("a : rad/s / 6 + 1 : deg", headers, UNITS) == Expression("a", "rad/s", ("/6",), "+1", "deg")
+    assert [parse_expression(text, headers, UNITS).name for text in headers] == headers
+    assert parse_expression("a-b*3", headers, UNITS) == Expression("a-b", factors=("*3",))
+    assert parse_expression("a-1", headers, UNITS) == Expression("a", offset="-1")
+    assert parse_expression("- a", headers, UNITS) == Expression("a", negative=True)
+    assert parse_expression("a : rad/s / 6 + 1 : deg", headers, UNITS) == Expression("a", "rad/s", ("/6",), "+1", "deg")
 
 
 @pytest.mark.parametrize(

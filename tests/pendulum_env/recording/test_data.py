@@ -14,7 +14,7 @@ from estimators import add, compare, diagnose, identify
 from pendulum_env.errors import ColumnError
 from pendulum_env.physics import BASE, Model
 from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
-from pendulum_env.settings import as_argument, use_writer
+from pendulum_env.settings import format_argument, use_writer
 from tests.notes import noted
 
 MODEL = Model.build(BASE, [0.09, 2.0, 0.35, 0.9])
@@ -107,7 +107,7 @@ def test_labels_and_durations_of_tables(swing: Recording) -> None:
 
 def test_a_table_without_known_names_is_refused_with_the_call_that_reads_it(swing: Recording) -> None:
     columns = {"a": 1e3 * swing.time, "b": swing.position, "c": swing.torque}
-    use_writer(as_argument)
+    use_writer(format_argument)
     with pytest.raises(ColumnError) as refusal:
         identify(columns)
     (call,) = re.findall(r"columns=(\{.*?\})", str(refusal.value))

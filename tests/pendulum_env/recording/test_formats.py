@@ -15,7 +15,7 @@ import pytest
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.formats import READERS, RECIPES, read_table
-from pendulum_env.recording.preview import preview
+from pendulum_env.recording.preview import read_preview
 from tests.notes import noted
 
 TIME = np.arange(1000) / 250
@@ -220,10 +220,10 @@ def test_bags_of_ros(tmp_path: Path, kind: str) -> None:
     other = read_recording(path, columns=elbow | {"torque": "/motor/torque/data"})
     assert_read(other, atol=1e-6)
     assert "torque is taken from /motor/torque at the times of /joint_states" in noted(other)
-    seen = preview(path)
+    seen = read_preview(path)
     assert {"/motor/torque/data", *elbow.values()} < set(seen.headers) and all(x is not None for x in seen.values)
     np.testing.assert_allclose(seen.values[seen.headers.index(elbow["position"])], signals()["position"], atol=1e-6)
-    np.testing.assert_allclose(seen.seconds("time"), TIME - TIME[0], atol=1e-6)
+    np.testing.assert_allclose(seen.read_seconds("time"), TIME - TIME[0], atol=1e-6)
     with pytest.raises(RecordingError, match="'/joint_states/elbow/position' and '/joint_states/wrist/position' could"):
         read_recording(path)
     if kind != "ros1":

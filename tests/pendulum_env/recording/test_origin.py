@@ -48,15 +48,15 @@ def pasted(path: Path, option: str) -> Recording:
 def test_a_shifted_zero_is_pasted_whatever_the_column_was(write, header, scale, named):
     path = write(**{header: scale * ANGLE})
     read = read_recording(path, columns={} if named is None else {"position": named})
-    moved = read_recording(path, columns=read.origin.shifted(np.radians(-20.0), 1))
+    moved = read_recording(path, columns=read.origin.shift_zero(np.radians(-20.0), 1))
     away = np.angle(np.exp(1j * (moved.position - read.position)))  # a zero is one of each turn
     assert np.degrees(away) == pytest.approx(-20.0, abs=0.06)  # the last digit that is told
 
 
 def test_what_is_no_angle_has_no_shift_and_a_goal_goes_along(write):
-    assert read_recording(write(x=ANGLE), columns={"position": "x:mm"}).origin.shifted(0.3, 1) is None
+    assert read_recording(write(x=ANGLE), columns={"position": "x:mm"}).origin.shift_zero(0.3, 1) is None
     path = write(ang_deg=np.degrees(ANGLE), goal=np.degrees(ANGLE))
-    columns = read_recording(path).origin.shifted(np.radians(12.0), 0)
+    columns = read_recording(path).origin.shift_zero(np.radians(12.0), 0)
     assert columns == {"position": "ang_deg:deg+12", "reference": "goal:deg+12"}
     moved = read_recording(path, columns=columns)
     assert moved.reference == pytest.approx(moved.position, abs=1e-9)
@@ -66,7 +66,7 @@ def test_a_turned_sign_turns_what_was_added_and_keeps_what_else_was_said(write):
     path = write(q=ANGLE, clock=1e3 * TIME, dq=-np.gradient(ANGLE, TIME))
     columns = {"time": "clock:ms", "torque": "-torque*2-0.5", "velocity": "unused"}
     read = read_recording(path, columns=columns)
-    mended = read.origin.turned("torque")
+    mended = read.origin.flip_sign("torque")
     assert mended == columns | {"torque": "torque*2+0.5"}
     turned = read_recording(path, columns=mended)
     assert turned.torque == pytest.approx(-read.torque) and turned.velocity is None

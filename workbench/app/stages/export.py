@@ -18,7 +18,7 @@ from dash.exceptions import PreventUpdate
 
 from estimators.schemes.identification import SAVED
 from pendulum_env.lookup import find
-from pendulum_env.recording.study import format_of, write_study
+from pendulum_env.recording.study import collect_log_format, write_study
 from workbench.app.parts import panel, saves
 from workbench.app.recorder import DIAGNOSIS
 from workbench.app.session import Session, Sessions, Stage
@@ -188,7 +188,7 @@ def _json(content: Any) -> str:
 
 def _model(state: State) -> str:
     fitted = [one.recording for one in state.loaded if not one.held_out]
-    return _json(replace(state.model, log_format=format_of(fitted)).json())
+    return _json(replace(state.model, log_format=collect_log_format(fitted)).json())
 
 
 def _experiment(state: State) -> str:
