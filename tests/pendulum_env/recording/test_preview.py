@@ -19,7 +19,7 @@ def test_every_column_is_seen_as_it_stands_in_the_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(angle, np.arange(200) % 7 + 0.5)
     assert mode is None and np.isnan(free).all()
     np.testing.assert_allclose(seen.read_seconds("clock:ms"), TIME / 1000)
-    assert seen.read_seconds("mode") is None and seen.seconds("Uhr") is None
+    assert seen.read_seconds("mode") is None and seen.read_seconds("Uhr") is None
 
 
 def test_matrices_and_what_is_no_series_are_told_apart(tmp_path: Path) -> None:
