@@ -393,6 +393,12 @@ def logged_slowly(is_held: bool, late: float, kp: float, seed: int) -> Recording
     return Recording("slow", time[:count], position, kp * (known - position), reference=known, drive=drive)
 
 
+def test_a_drive_without_any_torque_is_refused(plain):
+    silent = replace(plain[0], torque=np.zeros(len(plain[0])))
+    with pytest.raises(ValueError, match="computes the torque that the drive asks for"):
+        diagnose([silent])
+
+
 @pytest.mark.parametrize(("is_held", "late"), [(True, 0.0), (False, 0.0), (False, 0.02)])
 def test_goals_are_held_or_run_on_as_the_base_model_with_a_lag_and_a_dead_time_decides(is_held, late):
     recordings = [logged_slowly(is_held, late, kp, k) for k, kp in enumerate((4.0, 7.0))]
