@@ -24,7 +24,7 @@ from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.errors import UserError
 from pendulum_env.excitation import USUAL_SPEED
-from pendulum_env.lookup import with_known_arguments
+from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.policy import Policy, State
 
 SECONDS = (2.0, 10.0)  # [s], range of the random duration of an episode
@@ -65,7 +65,7 @@ class ArmExcitationDesignVector(TaskVector):
     mean torque of 20 ms.
     """
 
-    @with_known_arguments
+    @refuse_unknown_arguments
     def __init__(
         self,
         num_envs: int = 1,

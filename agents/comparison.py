@@ -20,7 +20,7 @@ from estimators.progress import Progress, no_progress
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import UserError
 from pendulum_env.plant import PAPER, Effects, list_effects
-from pendulum_env.reading import shown
+from pendulum_env.reading import quote_value
 
 SCHEMA = "pendulum-ident/evaluation@2"
 RESAMPLES = 2000
@@ -171,7 +171,7 @@ def compare_policies(
     """
     policies = {} if policies is None else policies
     if not isinstance(policies, Mapping):
-        raise UserError(f"policies is {shown(policies)}: give a dictionary of policies by name")
+        raise UserError(f"policies is {quote_value(policies)}: give a dictionary of policies by name")
     for name, policy in policies.items():
         if isinstance(policy, str):
             raise UserError(f"policy {name} is the text {policy!r}: give names of baselines by baselines=[...]")

@@ -20,7 +20,7 @@ from pendulum_env._typing import Array
 from pendulum_env.errors import UserError, format_error
 from pendulum_env.lookup import find
 from pendulum_env.policy import Policy, State
-from pendulum_env.reading import shown
+from pendulum_env.reading import quote_value
 
 Contender = Callable[[int], Policy]  # makes a policy from a seed
 ACTIONS = gym.spaces.Box(-1.0, 1.0, (1,), dtype=np.float32)
@@ -72,7 +72,7 @@ class CheckedPolicy:
         if shares.shape not in ((batch,), (batch, 1)) or not np.isfinite(shares).all():
             wanted = f"return finite numbers of shape ({batch}, 1)"
             seen = f"observations of shape {np.shape(observation)}"
-            raise UserError(f"policy {self.name} returns {shown(action)} for {seen}: {wanted}")
+            raise UserError(f"policy {self.name} returns {quote_value(action)} for {seen}: {wanted}")
         return shares.reshape(batch, 1), state
 
 
@@ -137,7 +137,7 @@ def _make(name: str, policy: Any, constraint: str, inputs: int, seed: int) -> Po
     signal = getattr(policy, "signal", policy)
     if not callable(signal):
         known = "an object with predict, a class, an excitation or a function of time"
-        raise UserError(f"policy {name} is {shown(policy)}: give {known}")
+        raise UserError(f"policy {name} is {quote_value(policy)}: give {known}")
     return SignalPolicy(partial(np.array, _sample_signal(name, signal, constraint)))
 
 

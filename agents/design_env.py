@@ -18,7 +18,7 @@ from agents.task import Task, TaskState, TaskVector
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
-from pendulum_env.lookup import find, with_known_arguments
+from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.plant import Effects, make_plant
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.vector_env import DirectDrivePendulumVector
@@ -44,7 +44,7 @@ class ExcitationDesignVector(TaskVector):
 
     options = ("theta",)
 
-    @with_known_arguments
+    @refuse_unknown_arguments
     def __init__(
         self,
         num_envs: int = 1,

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from agents.observer import ARM, CONSTRAINTS, OBSERVATION_SIZE, mirror_observation
 from pendulum_env._typing import Array
 from pendulum_env.errors import FileError, UserError
-from pendulum_env.files import replacing
+from pendulum_env.files import replace_file
 from pendulum_env.lookup import find
 from pendulum_env.policy import State
-from pendulum_env.reading import read_arrays, shown
+from pendulum_env.reading import quote_value, read_arrays
 
 MAX_WEIGHT = 1e6  # larger weights are refused: no training finds them, and their sums may overflow
 POLICY_FOLDER = Path(__file__).parent / "policies"
@@ -77,7 +77,7 @@ class Network:
         """
         layers: dict[str, Any] = {f"weight{k}": weight.astype(np.float32) for k, weight in enumerate(self.weights)}
         layers |= {f"bias{k}": bias.astype(np.float32) for k, bias in enumerate(self.biases)}
-        with replacing(path) as file:
+        with replace_file(path) as file:
             np.savez_compressed(file, constraint=np.array(self.constraint), levels=self.levels, **layers)
 
     @classmethod
@@ -118,7 +118,7 @@ class Network:
         if [w.shape for w in weights] != [*zip(sizes[1:], sizes, strict=False)] or not actions:
             raise ValueError("its layers, outputs and levels do not follow from one another")
         if constraint not in POLICY_NAMES:
-            raise ValueError(f"its constraint is {shown(constraint)}, none of {', '.join(POLICY_NAMES)}")
+            raise ValueError(f"its constraint is {quote_value(constraint)}, none of {', '.join(POLICY_NAMES)}")
         if np.abs(levels).max() > 1.0:
             raise ValueError("a level is beyond 1, the peak")
         return cls(weights, biases, levels, constraint)

@@ -24,7 +24,7 @@ from benchmarks.parallel import each
 from benchmarks.scoring import Exact, compare, positive, rate, take_workers
 from estimators import Diagnosis, diagnose
 from estimators.diagnosis.experiment import DESIGN, USUAL
-from pendulum_env.excitation import family
+from pendulum_env.excitation import draw_family
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal
 
@@ -133,7 +133,7 @@ def examine(study: Study) -> Row:
         left, settled = {SUGGESTED: open_pairs}, {SUGGESTED: right}
 
         def drawn(rng: np.random.Generator, time: Array) -> Array:
-            signals = family(rng, DESIGN.seconds, USUAL)
+            signals = draw_family(rng, DESIGN.seconds, USUAL)
             return signals[rng.integers(len(signals))].signal(time)
 
         commands = dict(zip(ARMS, (study.poor, drawn), strict=False))

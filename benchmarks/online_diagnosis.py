@@ -29,7 +29,7 @@ from benchmarks.two_link import Multisine, TwoLink
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing, choose_smoothing
 from pendulum_env.arms.body import read_body
-from pendulum_env.arms.joints import arm_base, kinds_at
+from pendulum_env.arms.joints import arm_base, find_kinds
 from pendulum_env.recording import read_recording
 from workbench.terminal import Terminal
 
@@ -312,7 +312,7 @@ def diagnose_arms(n: int, terminal: Terminal) -> None:
         path = Path(folder) / "two.urdf"
         path.write_text(TwoLink().urdf())
         body = read_body(path)
-    library = {one.id: one for one in kinds_at(("quadratic_drag", "cogging", "stribeck", "torque_offset"), body)}
+    library = {one.id: one for one in find_kinds(("quadratic_drag", "cogging", "stribeck", "torque_offset"), body)}
     rate, counts, rows = 500.0, 65_536, []
     for what, after in ARMS.items():
         found = []

@@ -18,7 +18,7 @@ from mkdocs.structure.files import File, Files
 
 from estimators.schemes.six import SCHEMES
 from pendulum_env.formatting import capitalise, join_words
-from pendulum_env.physics import BASE, effects, nameable
+from pendulum_env.physics import BASE, effects, list_nameable
 from pendulum_env.physics.description import Symptom
 from workbench.cli import COMMANDS, main
 from workbench.commands.effects import parameters
@@ -126,13 +126,16 @@ def effects_page() -> str:
     """The library of effects, one by one."""
     parts = [
         "# Effects",
-        f"The model is torque = {_law(' + '.join(term.law for term in BASE))}, and any of {len(nameable())} effects. "
+        f"The model is torque = {_law(' + '.join(term.law for term in BASE))}, and any of "
+        f"{len(list_nameable())} effects. "
         "Each law is added to that side of the balance unless it says otherwise. Your own effect is "
         "[a few lines of Python](../how-to/effect.md).",
         "| effect | law | kind |\n|---|---|---|",
     ]
-    parts[-1] += "".join(f"\n| [`{id}`](#{id}) | {_law(kind.law)} | {kind.kind} |" for id, kind in nameable().items())
-    for id, kind in nameable().items():
+    parts[-1] += "".join(
+        f"\n| [`{id}`](#{id}) | {_law(kind.law)} | {kind.kind} |" for id, kind in list_nameable().items()
+    )
+    for id, kind in list_nameable().items():
         looks = f" [How it looks](../which-effect.md#{id})." if id in effects() else ""
         parts += [
             f"## `{id}` {{ #{id} }}",

@@ -9,15 +9,23 @@ from typing import Any, Protocol
 
 from estimators.free_swings import is_torque_needed
 from estimators.regression.equations import IdentificationError
-from pendulum_env.arms.joints import OF_A_TURN, at_joints, body_of, check_places, effects_of, kinds_at, placed
-from pendulum_env.arms.recording import read_of
+from pendulum_env.arms.joints import (
+    OF_A_TURN,
+    check_places,
+    find_body,
+    find_kinds,
+    list_effects,
+    place_effects,
+    place_term,
+)
+from pendulum_env.arms.recording import read_logged
 from pendulum_env.errors import ColumnError, UserError
-from pendulum_env.physics import BASE, Model, Term, nameable
-from pendulum_env.physics.library import term
-from pendulum_env.physics.limits import Bounds, check_names, limited, limited_term, limits_of
+from pendulum_env.physics import BASE, Model, Term, list_nameable
+from pendulum_env.physics.library import find_term
+from pendulum_env.physics.limits import Bounds, check_names, limit_kind, limit_term, make_limits
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism, describe_joints
 from pendulum_env.physics.model import NO_INERTIA, ModelError
-from pendulum_env.reading import shown
+from pendulum_env.reading import quote_value
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.arrays import is_data
 from pendulum_env.recording.formats import Readable, is_readable
@@ -67,12 +75,13 @@ def _read_input(given: Any, number: str, body: Mechanism, format: Source) -> Rec
         return given
     if not is_readable(given):
         raise TypeError(
-            f"{shown(given)} is not a recording: give the path of a file, a data frame, a mapping of arrays, or a "
+            f"{quote_value(given)} is not a recording: give the path of a file, a data frame, a mapping of "
+            "arrays, or a "
             "Recording"
         )
     name = f"recording{number}" if is_data(given) else None
     try:
-        return read_of(body, given, format, name)
+        return read_logged(body, given, format, name)
     except ColumnError as error:
         if not format.columns:
             raise
@@ -96,11 +105,11 @@ def select_terms(given: Terms | Model | None) -> tuple[Term, ...]:
     if isinstance(given, Model):
         raise TypeError("a model is not a list of terms: pass model.terms")
     several = convert_to_tuple(given)
-    body = body_of(several)
+    body = find_body(several)
     terms = tuple(_find_term(item, body) if isinstance(item, str) else item for item in several)
     for item in terms:
         if not isinstance(item, Term):
-            raise TypeError(f"{shown(item)} is not a term: give its id, such as 'stribeck', or Stribeck()")
+            raise TypeError(f"{quote_value(item)} is not a term: give its id, such as 'stribeck', or Stribeck()")
     if not terms:
         raise ValueError("a model needs at least one term: leave the terms out for the paper's four")
     check_places(terms, body.joints)
@@ -109,7 +118,7 @@ def select_terms(given: Terms | Model | None) -> tuple[Term, ...]:
 
 def _find_term(text: str, body: Mechanism) -> Term:
     id, _, joint = text.partition("@")
-    return placed(term(id)(), joint, joint in body.sliding)
+    return place_term(find_term(id)(), joint, joint in body.sliding)
 
 
 def select_effects(
@@ -125,10 +134,10 @@ def select_effects(
     Raises:
         ValueError: if an id is unknown, or none is left.
     """
-    kinds = effects_of(body) if library is None else library
-    known = {kind.id: kind for kind in at_joints(kinds.values(), body)}
+    kinds = list_effects(body) if library is None else library
+    known = {kind.id: kind for kind in place_effects(kinds.values(), body)}
     barred, allowed = (
-        {kind.id: kind for kind in kinds_at(_list_ids(ids), body, kinds)} for ids in (without, only or ())
+        {kind.id: kind for kind in find_kinds(_list_ids(ids), body, kinds)} for ids in (without, only or ())
     )
     chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in barred}
     if not chosen and known:
@@ -140,7 +149,7 @@ def _list_ids(given: object) -> tuple[str, ...]:
     """Ids of effects, one or several."""
     ids = convert_to_tuple(given)
     if not all(isinstance(id, str) for id in ids):
-        raise TypeError(f"{shown(given)} names no effects: give ids, such as 'stribeck'")
+        raise TypeError(f"{quote_value(given)} names no effects: give ids, such as 'stribeck'")
     return ids
 
 
@@ -184,15 +193,15 @@ def apply_limits(
         LimitsError: if no term has such a parameter, or its bounds leave nothing.
         ValueError: if the terms are of an arm.
     """
-    limits = limits_of(fixed or {}, bounds or {})
+    limits = make_limits(fixed or {}, bounds or {})
     if not limits:
         return tuple(terms), dict(library)
-    if not body_of(terms).can_limit:
+    if not find_body(terms).can_limit:
         raise UserError("values and bounds are known of pendulums alone: leave them out for an arm")
-    check_names(limits, (*(type(item) for item in terms), *nameable().values(), *library.values()))
+    check_names(limits, (*(type(item) for item in terms), *list_nameable().values(), *library.values()))
     return (
-        tuple(limited_term(item, limits) for item in terms),
-        {id: limited(kind, limits) for id, kind in library.items()},
+        tuple(limit_term(item, limits) for item in terms),
+        {id: limit_kind(kind, limits) for id, kind in library.items()},
     )
 
 
@@ -228,7 +237,9 @@ def check_model(given: Model | HasModel) -> Model:
     """
     if not isinstance(given := getattr(given, "model", given), Model):
         result = "one scheme of it" if isinstance(given, Mapping) else "a result"
-        raise TypeError(f"{shown(given)} is not a model: read a file with Model.load, or take the model of {result}")
+        raise TypeError(
+            f"{quote_value(given)} is not a model: read a file with Model.load, or take the model of {result}"
+        )
     if not any(item.kind == "inertial" for item in given.terms):
         raise ModelError(NO_INERTIA)
     return given

@@ -37,8 +37,8 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
 from pendulum_env.errors import UserError
-from pendulum_env.lookup import with_known_arguments
-from pendulum_env.notebook import headline, shown
+from pendulum_env.lookup import refuse_unknown_arguments
+from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording
@@ -134,13 +134,13 @@ class Comparison:
     @property
     def headline(self) -> str:
         """Return the result in one sentence."""
-        return headline(self)
+        return summarise(self)
 
     def __repr__(self) -> str:
         return f"<Comparison: {self.headline}>"
 
     def _repr_html_(self) -> str:
-        return shown(self)
+        return render_html(self)
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; `joint` has all recordings together."""
@@ -201,7 +201,7 @@ def join_recordings(parts: Sequence[RegressionData]) -> RegressionData:
     )
 
 
-@with_known_arguments
+@refuse_unknown_arguments
 def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float | None = None) -> Comparison:
     """Compare a model with recordings, as it is: torque residual and free-running simulation.
 

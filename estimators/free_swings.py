@@ -20,7 +20,7 @@ from estimators.weak_form.torque_windows import prepare
 from pendulum_env._typing import Array
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import BASE, Model, Term
-from pendulum_env.physics.limits import limited_term
+from pendulum_env.physics.limits import limit_term
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA
 from pendulum_env.settings import Blank, format_setting
@@ -126,7 +126,7 @@ def make_swing_terms(terms: Sequence[Term], recordings: Sequence[Recording]) -> 
         raise IdentificationError("no torque is applied: a model of free swings needs the term inertia")
     inertia, name = recordings[0].known_inertia, _find_scaling_parameter(known)
     limits = {"inertia": (inertia, inertia)} | ({name: (-np.inf, np.inf)} if name else {})
-    return tuple(limited_term(term, limits) for term in terms)
+    return tuple(limit_term(term, limits) for term in terms)
 
 
 def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Recording]) -> Model:

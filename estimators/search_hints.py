@@ -18,7 +18,7 @@ from pendulum_env.physics import NonlinearParameter, Samples, Term
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime, TorqueRipple, TorqueSaturation
 from pendulum_env.physics.effect_check import check_variants
 from pendulum_env.physics.friction import LoadDependentFriction, Presliding, Stribeck, TemperatureDependentFriction
-from pendulum_env.physics.limits import clipped
+from pendulum_env.physics.limits import clip_term
 from pendulum_env.physics.potential import Cogging, HardStop, Spring
 from pendulum_env.physics.table import ByAngle, ByTime, Extent, FrictionBySpeed, PowerOfSpeed
 from pendulum_env.physics.time_varying import FrictionDrift, PayloadChange, PeriodicDisturbance
@@ -118,7 +118,7 @@ def make_grid(kind: type[Term], x: Samples, residual: Array) -> list[Term]:
         x: N samples of the motion.
         residual: torque that the model leaves unexplained there (N,) [N m].
     """
-    return list(dict.fromkeys(clipped(variant) for variant in find_hints(kind).grid(kind, x, residual)))
+    return list(dict.fromkeys(clip_term(variant) for variant in find_hints(kind).grid(kind, x, residual)))
 
 
 def count_variants(kind: type[Term], x: Samples, residual: Array) -> int:

@@ -19,11 +19,11 @@ from pendulum_env.interface import (
     VELOCITIES,
     check_positive,
     is_beyond,
+    make_spaces,
     read_start,
-    spaces,
     warn_learner,
 )
-from pendulum_env.lookup import find, with_known_arguments
+from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, Values
 from pendulum_env.physics import Model
 from pendulum_env.plant import Effects, make_plant
@@ -62,7 +62,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
     theta = PlantAttribute(lambda plant: plant.theta)
     effects = PlantAttribute(lambda plant: plant.effects)
 
-    @with_known_arguments
+    @refuse_unknown_arguments
     def __init__(
         self,
         backend: str = "pymunk",
@@ -127,7 +127,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self.recording, self.rate, self.counts = self.traits.recording, self.traits.rate, self.traits.counts
         self.max_torque = min(float(max_torque), self.traits.max_torque)
         self.metadata = {**self.metadata, "render_fps": self.rate}
-        self.observation_space, self.action_space = spaces(self.max_torque)
+        self.observation_space, self.action_space = make_spaces(self.max_torque)
         self._running = False
 
     @property

@@ -190,7 +190,7 @@ def excitation(
     return kind.draw(np.random.default_rng(rng), seconds, amplitude)
 
 
-def family(rng: np.random.Generator, seconds: float, amplitude: float) -> list[Excitation]:
+def draw_family(rng: np.random.Generator, seconds: float, amplitude: float) -> list[Excitation]:
     """Signals that differ in what they make a pendulum do, of a third to all of an amplitude, to choose one from.
 
     Slow ones creep through large angles and reverse seldom, medium and fast ones accelerate, a chirp does both one
@@ -220,14 +220,14 @@ class _Kind(Struct):
     kind: str
 
 
-def signal_json(signal: Excitation) -> JSON:
+def encode_signal(signal: Excitation) -> JSON:
     """Plain dictionary for JSON of a signal that `SIGNALS` knows."""
     kind = next(name for name, kind in SIGNALS.items() if isinstance(signal, kind))
     values = asdict(signal).items()  # type: ignore[call-overload]  # all that SIGNALS knows are records
     return {"kind": kind, **{name: list(v) if isinstance(v, tuple) else v for name, v in values}}
 
 
-def signal_from_json(data: JSON, key: str = "") -> Excitation:
+def decode_signal(data: JSON, key: str = "") -> Excitation:
     """Signal from a dictionary that `signal_json` made.
 
     Args:

@@ -35,12 +35,12 @@ def write_whole(path: str | Path, content: str | bytes, *, private: bool = False
     Raises:
         OSError: as `replacing`.
     """
-    with replacing(path, private=private) as file:
+    with replace_file(path, private=private) as file:
         file.write(content.encode() if isinstance(content, str) else content)
 
 
 @contextmanager
-def replacing(path: str | Path, *, private: bool = False) -> Iterator[BinaryIO]:
+def replace_file(path: str | Path, *, private: bool = False) -> Iterator[BinaryIO]:
     """A file to write to, which takes its name only when all of it is on the disk.
 
     Until then it lies beside its place under a hidden name, which goes away if anything is raised. Links are followed,
@@ -61,7 +61,7 @@ def replacing(path: str | Path, *, private: bool = False) -> Iterator[BinaryIO]:
             with open(target, "wb" if special else "xb", opener=partial(os.open, mode=permissions)) as file:
                 yield file
                 file.flush()
-                synchronise(file)
+                sync_file(file)
             if not special:
                 target.replace(place)
         finally:
@@ -72,12 +72,12 @@ def replacing(path: str | Path, *, private: bool = False) -> Iterator[BinaryIO]:
         raise OSError(error.errno, error.strerror or " ".join(str(error).split()), str(path)) from error
 
 
-def at_once(path: str, flags: int) -> int:
+def open_nonblocking(path: str, flags: int) -> int:
     """Open a file without waiting for the other end of a pipe; an opener of `open`."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)  # unknown to Windows
 
 
-def synchronise(file: BinaryIO | FileIO) -> None:
+def sync_file(file: BinaryIO | FileIO) -> None:
     """Wait until what was written is on the disk: some disks say only then that they are full.
 
     Raises:

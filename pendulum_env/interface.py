@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.reading import shown
+from pendulum_env.reading import quote_value
 from pendulum_env.registration import DESIGN
 
 MAX_TORQUE = 15.0  # [N m], of the DM1015B
@@ -19,7 +19,7 @@ ENDLESS = 20_000  # steps of an episode after which somebody seems to train who 
 WHOLE = ("substeps", "num_envs")  # numbers that count something
 
 
-def spaces(max_torque: float) -> tuple[gym.spaces.Box[np.float32], gym.spaces.Box[np.float32]]:
+def make_spaces(max_torque: float) -> tuple[gym.spaces.Box[np.float32], gym.spaces.Box[np.float32]]:
     """Space of an observation, cos q, sin q, q' [rad/s], and of an action, a torque [N m]."""
     high = np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32)
     return (
@@ -42,7 +42,7 @@ def check_positive(of: str, **values: float) -> None:
     for what, value in values.items():
         is_number = isinstance(value, Real)
         if not is_number or not 0 < value < np.inf or (what in WHOLE and value != int(value)):
-            given = f"{value:g}" if is_number else shown(value)
+            given = f"{value:g}" if is_number else quote_value(value)
             raise ValueError(f"{what} of {of} cannot be {given}: give a positive number")
 
 
@@ -60,7 +60,7 @@ def read_start(options: Mapping[str, Any], shape: tuple[int, ...]) -> list[Array
             start.append(np.full(shape, np.nan))
         if not np.isfinite(start[-1]).all():
             wanted = f"a number{', or one for each of the pendulums' * bool(shape)}"
-            raise ValueError(f"{name} of a reset cannot be {shown(options[name])}: give {wanted}")
+            raise ValueError(f"{name} of a reset cannot be {quote_value(options[name])}: give {wanted}")
     return start
 
 

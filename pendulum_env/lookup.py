@@ -33,7 +33,7 @@ def find(kind: str, name: str, known: Mapping[str, T]) -> T:
     return known[name]
 
 
-def with_known_arguments(function: Callable[P, T]) -> Callable[P, T]:
+def refuse_unknown_arguments(function: Callable[P, T]) -> Callable[P, T]:
     """Decorate a function so that it refuses an unknown keyword with the nearest that it takes.
 
     Raises:

@@ -33,93 +33,93 @@ class Html(str):
 
 
 @singledispatch
-def shown(result: object) -> str:
+def render_html(result: object) -> str:
     """A result as HTML; each kind of result is registered where it is known how to show it.
 
     The narrator of the workbench registers the results of the libraries; it is loaded, by name, when first needed.
     """
     import_module(NARRATOR)
-    show = shown.dispatch(type(result))
-    if show is shown.dispatch(object):
+    show = render_html.dispatch(type(result))
+    if show is render_html.dispatch(object):
         raise TypeError(f"{type(result).__name__} has no HTML form")
     return show(result)
 
 
 @singledispatch
-def headline(result: object) -> str:
+def summarise(result: object) -> str:
     """A result in one sentence, registered as `shown`."""
     import_module(NARRATOR)
-    narrate = headline.dispatch(type(result))
-    if narrate is headline.dispatch(object):
+    narrate = summarise.dispatch(type(result))
+    if narrate is summarise.dispatch(object):
         raise TypeError(f"there is no headline of a {type(result).__name__}")
     return narrate(result)
 
 
-def markup(content: object) -> Html:
+def escape_markup(content: object) -> Html:
     """Convert text to markup by escaping it."""
     return content if isinstance(content, Html) else Html(escape(str(content)))
 
 
-def element(tag: str, style: str, *content: object) -> Html:
+def make_element(tag: str, style: str, *content: object) -> Html:
     """An element with its content, escaped unless it is markup."""
-    return Html(f'<{tag} style="{style}">{"".join(map(markup, content))}</{tag}>')
+    return Html(f'<{tag} style="{style}">{"".join(map(escape_markup, content))}</{tag}>')
 
 
-def card(title: str, *parts: Html) -> str:
+def make_card(title: str, *parts: Html) -> str:
     """A result as one block: its title and what there is to show."""
-    first = element("div", "font-weight:600;font-size:1.12em;margin-bottom:.3em", title)
-    return element("div", "max-width:62em;line-height:1.45;overflow-x:auto", first, *parts)
+    first = make_element("div", "font-weight:600;font-size:1.12em;margin-bottom:.3em", title)
+    return make_element("div", "max-width:62em;line-height:1.45;overflow-x:auto", first, *parts)
 
 
-def heading(text: str) -> Html:
+def make_heading(text: str) -> Html:
     """Title of a part."""
-    return element("div", "font-weight:600;margin:.7em 0 .15em", text)
+    return make_element("div", "font-weight:600;margin:.7em 0 .15em", text)
 
 
-def paragraph(text: str) -> Html:
+def make_paragraph(text: str) -> Html:
     """A sentence or several."""
-    return element("div", "margin:.15em 0", text)
+    return make_element("div", "margin:.15em 0", text)
 
 
-def note(text: str) -> Html:
+def make_note(text: str) -> Html:
     """A remark in small print."""
-    return element("div", f"margin:.15em 0;{SMALL}", text)
+    return make_element("div", f"margin:.15em 0;{SMALL}", text)
 
 
-def bullets(lines: Iterable[str]) -> Html:
+def make_bullets(lines: Iterable[str]) -> Html:
     """A list; nothing if there are no lines."""
-    entries = [element("li", "margin:.1em 0", line) for line in lines]
-    return element("ul", "margin:.2em 0;padding-left:1.3em", *entries) if entries else Html()
+    entries = [make_element("li", "margin:.1em 0", line) for line in lines]
+    return make_element("ul", "margin:.2em 0;padding-left:1.3em", *entries) if entries else Html()
 
 
-def folded(title: str, *parts: Html) -> Html:
+def make_details(title: str, *parts: Html) -> Html:
     """Render a part that is collapsed at first."""
-    summary = element("summary", "cursor:pointer;margin:.5em 0 .2em", title)
-    return element("details", "", summary, *parts)
+    summary = make_element("summary", "cursor:pointer;margin:.5em 0 .2em", title)
+    return make_element("details", "", summary, *parts)
 
 
-def table(content: TextTable) -> Html:
+def make_table(content: TextTable) -> Html:
     """Rows of words under their headers; blocks are drawn as bars."""
     left = [k == 0 or header in content.left for k, header in enumerate(content.headers)]
 
     def row(tag: str, style: str, cells: Sequence[str]) -> Html:
-        return element("tr", "background:none", *(cell(tag, style, k, text) for k, text in enumerate(cells)))
+        return make_element("tr", "background:none", *(cell(tag, style, k, text) for k, text in enumerate(cells)))
 
     def cell(tag: str, style: str, place: int, text: str) -> Html:
         bar = f"color:{BLUE};letter-spacing:-.05em;" if text.startswith("█") else ""
         wrap = "normal" if tag == "th" or (place > 0 and left[place]) else "nowrap"
         layout = f"padding:.22em .75em .22em 0;vertical-align:top;{LINE};white-space:{wrap}"
-        return element(tag, f"{layout};text-align:{'left' if left[place] else 'right'};{bar}{style}", text)
+        return make_element(tag, f"{layout};text-align:{'left' if left[place] else 'right'};{bar}{style}", text)
 
     # a unit stays on one line
     headers = [re.sub(r"\[.*?\]", lambda unit: unit[0].replace(" ", "\xa0"), text) for text in content.headers]
     head = row("th", "font-weight:500;opacity:.75", headers)
     body = [row("td", "font-variant-numeric:tabular-nums", cells) for cells in content.rows]
-    parts = element("thead", "", head), element("tbody", "", *body)
-    return element("table", "border-collapse:collapse;border:0;margin:.3em 0;font-size:.92em", *parts)
+    parts = make_element("thead", "", head), make_element("tbody", "", *body)
+    return make_element("table", "border-collapse:collapse;border:0;margin:.3em 0;font-size:.92em", *parts)
 
 
-class Curve(NamedTuple):
+class PlotCurve(NamedTuple):
     """Values (N,) over what all curves of a plot share, and how they are drawn."""
 
     values: Array
@@ -127,20 +127,20 @@ class Curve(NamedTuple):
     dashed: bool = False
 
 
-def legend(entries: Iterable[tuple[str, Curve]]) -> Html:
+def make_legend(entries: Iterable[tuple[str, PlotCurve]]) -> Html:
     """Names of curves, each in its colour."""
     line = "display:inline-block;width:1.6em;margin:0 .4em .25em 0;border-top:2px"
     keys = []
     for name, curve in entries:
-        drawn = element("span", f"{line} {'dashed' if curve.dashed else 'solid'} {curve.color}")
-        keys.append(element("span", "margin-right:1.2em;white-space:nowrap", drawn, name))
-    return element("div", SMALL, *keys)
+        drawn = make_element("span", f"{line} {'dashed' if curve.dashed else 'solid'} {curve.color}")
+        keys.append(make_element("span", "margin-right:1.2em;white-space:nowrap", drawn, name))
+    return make_element("div", SMALL, *keys)
 
 
-def plot(
+def make_plot(
     label: str,
     x: Array,
-    curves: Sequence[Curve],
+    curves: Sequence[PlotCurve],
     noise: Array | None = None,
     span: tuple[float, float] | None = None,
 ) -> Html:
@@ -177,6 +177,8 @@ def plot(
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none" role="img" aria-label="{escape(label)}" '
         f'style="display:block;width:100%;height:{HEIGHT}px;overflow:hidden">{"".join(shapes)}</svg>'
     )
-    limits = element("span", "white-space:nowrap;margin-left:1em", f"{low:.3g} to {high:.3g}")
-    caption = element("div", f"display:flex;justify-content:space-between;{SMALL}", element("span", "", label), limits)
-    return element("div", "max-width:42em;margin:.35em 0", caption, drawing)
+    limits = make_element("span", "white-space:nowrap;margin-left:1em", f"{low:.3g} to {high:.3g}")
+    caption = make_element(
+        "div", f"display:flex;justify-content:space-between;{SMALL}", make_element("span", "", label), limits
+    )
+    return make_element("div", "max-width:42em;margin:.35em 0", caption, drawing)

@@ -11,7 +11,7 @@ from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model, Term, effects
-from pendulum_env.physics.terms import with_nonlinear_values
+from pendulum_env.physics.terms import set_nonlinear_values
 from pendulum_env.plant import check_linear, check_nonlinear
 
 Values = Mapping[str, ArrayLike]  # parameters by name; of a batch also one for each plant (B,)
@@ -90,7 +90,7 @@ class PlantParameters:
     @property
     def terms(self) -> tuple[Term, ...]:
         """Terms with the nonlinear parameters of now."""
-        return with_nonlinear_values(self.model.terms, self.now)
+        return set_nonlinear_values(self.model.terms, self.now)
 
     @property
     def theta(self) -> Array:
@@ -171,12 +171,12 @@ class PlantParameters:
         if not values.keys() & self._nonlinear.keys():
             return
         merged = {**self.now, **values}
-        terms = with_nonlinear_values(self.model.terms, merged)
+        terms = set_nonlinear_values(self.model.terms, merged)
         if any(np.ndim(term.delay) for term in terms):
             raise UserError("plants of a batch have one dead_time: give one number, or make each environment by itself")
         for k in range(max(1, *self._batch) if self._batch else 1):
             one = {name: np.ravel(value)[k] for name, value in merged.items()}
-            for term in with_nonlinear_values(self.model.terms, one):
+            for term in set_nonlinear_values(self.model.terms, one):
                 if term.fault:
                     raise UserError(f"{term.id} of a plant cannot be so: {term.fault}")
 

@@ -11,7 +11,7 @@ import numpy as np
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Model, NonlinearParameter, Term, effect
 from pendulum_env.physics.library import MEASURED
-from pendulum_env.reading import LARGE, shown
+from pendulum_env.reading import LARGE, quote_value
 
 Effects = str | Sequence[str] | Mapping[str, float | Mapping[str, float]] | None  # see `list_effects`
 
@@ -46,12 +46,12 @@ def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
     return Model.build(BASE, np.array([theta.get(name, usual) for name, usual in PAPER.items()]))
 
 
-def typical(kind: type[Term]) -> dict[str, float]:
+def get_typical_values(kind: type[Term]) -> dict[str, float]:
     """Parameters of an effect, of a size that a rig might show: linear ones first, names without the effect's id."""
-    return sizes(kind())
+    return list_sizes(kind())
 
 
-def sizes(term: Term) -> dict[str, float]:
+def list_sizes(term: Term) -> dict[str, float]:
     """List the sizes of a term; a term of several orders has more linear parameters."""
     linear = {column.name.removeprefix(f"{term.id}."): TYPICAL.get(column.unit, 0.1) for column in term.columns}
     return linear | term.nonlinear_values | (read_parameters(size) if (size := term.typical_size) else {})
@@ -59,7 +59,7 @@ def sizes(term: Term) -> dict[str, float]:
 
 def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
     """Parameters of an effect, of about the size that a rig might show: linear ones first, then free nonlinear ones."""
-    values = typical(kind)
+    values = get_typical_values(kind)
     nonlinear = {
         parameter.name: float(rng.integers(5, 25))
         if parameter.integer
@@ -87,7 +87,7 @@ def hide(plant: Model, text: str) -> Model:
     if id in MEASURED:
         raise ValueError(f"{id} acts by the joint's {MEASURED[id].needs}, which no simulated pendulum has")
     kind = effect(id)
-    parameters = typical(kind)
+    parameters = get_typical_values(kind)
     if separator == "=":
         values = [_number(part, text) for part in listed.split(",")]
         if len(values) > len(parameters):
@@ -101,7 +101,7 @@ def hide(plant: Model, text: str) -> Model:
     for parameter in kind.nonlinear_parameters:
         check_nonlinear(id, parameter, nonlinear[parameter.name])
     term = kind(**nonlinear)
-    parameters = sizes(term)
+    parameters = list_sizes(term)
     for name in given:
         find(f"parameter of {id}", name, parameters)
     linear = {name: given.get(name, usual) for name, usual in parameters.items() if name not in nonlinear}
@@ -172,10 +172,10 @@ def list_effects(effects: Effects) -> tuple[str, ...]:
     if isinstance(effects, Mapping):
         return tuple(_write_effect(id, size) for id, size in effects.items())
     if not isinstance(effects, Iterable | None):
-        raise TypeError(f"effects is {shown(effects)}: give texts such as 'stribeck=0.4', or sizes by id")
+        raise TypeError(f"effects is {quote_value(effects)}: give texts such as 'stribeck=0.4', or sizes by id")
     for text in effects or ():
         if not isinstance(text, str):
-            raise TypeError(f"an effect is {shown(text)}: give a text such as 'stribeck=0.4'")
+            raise TypeError(f"an effect is {quote_value(text)}: give a text such as 'stribeck=0.4'")
     return tuple(effects or ())
 
 
@@ -186,7 +186,7 @@ def _write_effect(id: str, size: object) -> str:
             return f"{id}:{listed}" if listed else id
         return f"{id}={float(size)!r}"  # type: ignore[arg-type]  # what is no number is refused
     except (TypeError, ValueError):
-        raise TypeError(f"the size of {id} is {shown(size)}: give a number, or numbers by parameter") from None
+        raise TypeError(f"the size of {id} is {quote_value(size)}: give a number, or numbers by parameter") from None
 
 
 def make_plant(
@@ -213,13 +213,13 @@ def make_plant(
         plant = model if isinstance(model, Model) else Model.load(model)
         plant.refuse_unknown_inertia()
     else:
-        plant = paper_plant(theta if theta is None or isinstance(theta, Mapping) else _named(theta))
+        plant = paper_plant(theta if theta is None or isinstance(theta, Mapping) else _name_values(theta))
     for text in list_effects(effects):
         plant = hide(plant, text)
     return plant
 
 
-def _named(theta: Sequence[float]) -> dict[str, float]:
+def _name_values(theta: Sequence[float]) -> dict[str, float]:
     """The four parameters, in order."""
     try:
         values = [float(value) for value in theta]

@@ -57,7 +57,7 @@ class OpenLoop:
         return np.asarray(torque, dtype=np.float32)[..., None], (steps + 1,)
 
 
-def transitions(
+def iterate_steps(
     env: gym.Env[Any, Any], policy: Policy | Controller, seed: int | None = None, options: dict[str, Any] | None = None
 ) -> Iterator[tuple[tuple[float, Any, Any] | None, dict[str, Any]]]:
     """Run a policy or a controller to the end of the episode, as long as somebody asks for the next step.
@@ -120,7 +120,9 @@ def rollout(
     Returns:
         One sample for each step; its torque acts from its time on.
     """
-    return Recording(*measure(islice(transitions(env, policy, seed), steps), watch, until), name=name, is_checked=True)
+    return Recording(
+        *measure(islice(iterate_steps(env, policy, seed), steps), watch, until), name=name, is_checked=True
+    )
 
 
 def measure(

@@ -22,7 +22,7 @@ from msgspec import Meta, inspect
 from numpy.typing import NDArray
 
 from pendulum_env.errors import FileError, UserError, shorten_error
-from pendulum_env.files import at_once
+from pendulum_env.files import open_nonblocking
 from pendulum_env.lookup import find
 
 LARGEST = 500_000_000  # bytes of a file: some 8 million rows of CSV
@@ -34,7 +34,7 @@ LONGEST = 1000  # characters of a text in a record
 T = TypeVar("T")
 
 
-def shown(value: object, most: int = SHOWN) -> str:
+def quote_value(value: object, most: int = SHOWN) -> str:
     """A value as a sentence quotes it, up to so many characters; what it holds in turn is left out."""
     if type(value).__module__ != "builtins" and "\n" in repr(value):  # of an array, or a result
         return f"<{type(value).__name__}>"
@@ -56,7 +56,7 @@ def check_size(path: str | os.PathLike[str]) -> None:
     try:
         status = os.stat(path)
     except (OSError, ValueError) as error:
-        raise FileError(f"{path}: cannot be read ({_reason(error)}): check the path") from None
+        raise FileError(f"{path}: cannot be read ({_get_reason(error)}): check the path") from None
     if not stat.S_ISREG(status.st_mode):
         raise FileError(f"{path}: cannot be read (it is a folder, a device or a pipe): name a file")
     if status.st_size > LARGEST:
@@ -73,7 +73,7 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
     try:
         return Path(path).read_bytes()
     except OSError as error:
-        raise FileError(f"{path}: cannot be read ({_reason(error)}): check the path") from None
+        raise FileError(f"{path}: cannot be read ({_get_reason(error)}): check the path") from None
 
 
 def read_own(path: str | os.PathLike[str]) -> bytes:
@@ -83,7 +83,7 @@ def read_own(path: str | os.PathLike[str]) -> bytes:
         FileError: if it cannot be read, belongs to somebody else, or others may write to it.
     """
     try:
-        with open(path, "rb", opener=at_once) as file:
+        with open(path, "rb", opener=open_nonblocking) as file:
             status = os.fstat(file.fileno())  # of the file that is read, whatever takes its name meanwhile
             if not stat.S_ISREG(status.st_mode):
                 raise FileError(f"{path}: cannot be read (it is no file): check the path")
@@ -94,7 +94,7 @@ def read_own(path: str | os.PathLike[str]) -> bytes:
                     raise FileError(f"{path}: others may write to it, and reading it runs what is in it: chmod go-w it")
             return file.read()
     except OSError as error:
-        raise FileError(f"{path}: cannot be read ({_reason(error)})") from None
+        raise FileError(f"{path}: cannot be read ({_get_reason(error)})") from None
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
@@ -109,7 +109,7 @@ def read_text(path: str | os.PathLike[str]) -> str:
         raise FileError(f"{path}: is no text: save it as UTF-8") from None
 
 
-def _reason(error: Exception) -> str:
+def _get_reason(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
 
 
@@ -150,16 +150,16 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     return content
 
 
-def toml(table: Mapping[str, Any]) -> list[str]:
+def format_toml(table: Mapping[str, Any]) -> list[str]:
     """Lines of a table in TOML, tables in it on one line each: the counterpart of `read_toml`."""
-    return [f"{name} = {_toml(value)}" for name, value in table.items()]
+    return [f"{name} = {_format_value(value)}" for name, value in table.items()]
 
 
-def _toml(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "{" + ", ".join(toml(value)) + "}"
+        return "{" + ", ".join(format_toml(value)) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_toml, value)) + "]"
+        return "[" + ", ".join(map(_format_value, value)) + "]"
     if isinstance(value, float):
         return repr(float(value))  # of NumPy's, too
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # whole numbers, truth values and texts
@@ -175,7 +175,9 @@ def _refuse_values(path: str | os.PathLike[str], content: Any) -> None:
         elif isinstance(value, list):
             stack += value
         elif isinstance(value, str) and re.search("[\0\ud800-\udfff]", value):
-            raise FileError(f"{path}: holds {shown(value)}, which is no text: take out the characters that are none")
+            raise FileError(
+                f"{path}: holds {quote_value(value)}, which is no text: take out the characters that are none"
+            )
         elif isinstance(value, int) and abs(value) >= 10**DIGITS:
             raise FileError(f"{path}: holds a number of more than {DIGITS} digits: write a smaller one")
 
@@ -218,7 +220,7 @@ def convert(content: Any, kind: type[T], key: str = "") -> T:
         raise FileError(f"'{place}': {message}" if place else message)
     message = re.sub(r"`(\w+)(?: \| null)?`", lambda word: WORDS.get(word[1], word[1]), message.partition(", got")[0])
     message = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):g}", message)
-    raise FileError(f"{repr(place) if place else 'it'} is {shown(value)}: {message[0].lower()}{message[1:]}")
+    raise FileError(f"{repr(place) if place else 'it'} is {quote_value(value)}: {message[0].lower()}{message[1:]}")
 
 
 def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:
@@ -226,7 +228,7 @@ def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:
     kinds = kind.types if isinstance(kind, inspect.UnionType) else (kind,)
     words = [word for one in kinds if isinstance(one, inspect.LiteralType) for word in one.values]
     if words and isinstance(content, str | int) and content not in words:
-        raise FileError(f"'{key}' is {shown(content)}: expected one of {', '.join(map(str, words))}")
+        raise FileError(f"'{key}' is {quote_value(content)}: expected one of {', '.join(map(str, words))}")
     for one in kinds:
         if isinstance(content, list) and isinstance(one, inspect.ListType | inspect.VarTupleType):
             for k, inner in enumerate(content):

@@ -21,10 +21,10 @@ from pendulum_env.interface import (
     VELOCITIES,
     check_positive,
     is_beyond,
+    make_spaces,
     read_start,
-    spaces,
 )
-from pendulum_env.lookup import find, with_known_arguments
+from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, Values
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import Balance, CommandLine, step
@@ -49,7 +49,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
     theta = PlantAttribute(lambda plant: plant.theta)  # (P, B)
     effects = PlantAttribute(lambda plant: plant.effects)
 
-    @with_known_arguments
+    @refuse_unknown_arguments
     def __init__(
         self,
         num_envs: int = 1,
@@ -88,7 +88,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self.num_envs, self.rate, self.substeps, self.max_torque = num_envs, float(rate), int(substeps), max_torque
         self.max_episode_steps = np.inf if max_episode_steps in (None, -1) else max_episode_steps
         self.render_mode = None
-        self.single_observation_space, self.single_action_space = spaces(max_torque)
+        self.single_observation_space, self.single_action_space = make_spaces(max_torque)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._everyone, self._nobody = np.ones(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)

@@ -12,7 +12,7 @@ from benchmarks import independent_plant, mujoco_plant
 from benchmarks.independent_plant import Plant, random_case, simulate
 from benchmarks.truth import Truth
 from estimators.search_hints import SearchHints, find_hints
-from pendulum_env.physics import effects, nameable
+from pendulum_env.physics import effects, list_nameable
 from pendulum_env.physics.library import BUILT_IN
 from tests.cases import CASES
 from tools.prose import README, ROOT
@@ -124,4 +124,4 @@ def test_an_effect_without_entries_lacks_every_part_that_has_its_id():
 
 
 def test_the_readme_counts_the_effects():
-    assert f"a library of {len(nameable())} effects" in README.read_text(encoding="utf-8")
+    assert f"a library of {len(list_nameable())} effects" in README.read_text(encoding="utf-8")

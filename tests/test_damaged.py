@@ -16,7 +16,7 @@ from agents.config import Config
 from agents.network import POLICY_FOLDER, Network
 from benchmarks.two_link import TwoLink
 from pendulum_env.arms import read_body
-from pendulum_env.arms.joints import arm_base, at_joint
+from pendulum_env.arms.joints import arm_base, place_effect
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.backends.hardware.config import load as load_rig
 from pendulum_env.errors import FileError, UserError
@@ -24,7 +24,7 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.physics.table import TABLES, Extent
-from pendulum_env.reading import read_toml, toml
+from pendulum_env.reading import format_toml, read_toml
 from pendulum_env.recording import Recording, read_recording, write_recording
 from pendulum_env.recording.study import read_sources
 from tests.pendulum_env.recording.test_formats import write_bag, write_xlsx
@@ -100,8 +100,11 @@ def kept(name: str) -> Callable[[Path], bytes]:
 
 def arm_model(_: Path) -> bytes:
     """A model of an arm with an effect that has whole numbers, a table, limits and a log's format."""
-    terms = [*arm_base(body()), *(kind() for kind in (at_joint(Cogging, "elbow"), at_joint(Stribeck, "shoulder")))]
-    terms.append(at_joint(TABLES["torque_by_angle"], "elbow").over(Extent(-1.0, 2.0, 4))())
+    terms = [
+        *arm_base(body()),
+        *(kind() for kind in (place_effect(Cogging, "elbow"), place_effect(Stribeck, "shoulder"))),
+    ]
+    terms.append(place_effect(TABLES["torque_by_angle"], "elbow").over(Extent(-1.0, 2.0, 4))())
     model = ArmModel.build(terms, 0.5, 0.01)
     limits = {"viscous@elbow": [0.1, 0.6], "coulomb@elbow": [None, 2.0]}
     return json.dumps(model.json() | {"limits": limits, "log_format": LOG_FORMAT}).encode()
@@ -200,7 +203,7 @@ def test_a_document_with_a_wrong_or_missing_value_is_refused_in_one_sentence(nam
     refused, accepted = [], []
 
     def is_refused() -> bool:
-        path.write_text(json.dumps(content) if ending == ".json" else "\n".join(toml(content)))
+        path.write_text(json.dumps(content) if ending == ".json" else "\n".join(format_toml(content)))
         return refusal(read, path) is not None
 
     for where, key in list(places(content)):

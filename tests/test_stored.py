@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from agents.config import Config
-from pendulum_env.arms.model import ArmModel, Asked
+from pendulum_env.arms.model import ArmModel, ModelOptions
 from pendulum_env.backends.hardware.config import load as load_rig
 from pendulum_env.excitation import Multisine
 from pendulum_env.physics import Model
@@ -35,7 +35,7 @@ def test_a_model_of_an_arm():
     pytest.importorskip("pinocchio")
     model = ArmModel.load(STORED / "arm-model.json", body())
     assert model.json() == stored_json("arm-model.json")
-    assert Asked.of_model(STORED / "arm-model.json").log_format == model.log_format != {}
+    assert ModelOptions.of_model(STORED / "arm-model.json").log_format == model.log_format != {}
 
 
 def test_a_diagnosis():

@@ -16,7 +16,7 @@ from estimators.arms.limits import find_limits
 from estimators.arms.reference import Reference
 from pendulum_env.arms.body import Body, BodyError
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
-from pendulum_env.arms.plane import planar_links
+from pendulum_env.arms.plane import find_planar_links
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.formatting import join_words
 from pendulum_env.reading import LARGE
@@ -82,7 +82,7 @@ def _simulated(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
     seen |= {"effects": arguments.effects, "max_torque": MOST_TORQUE}
     if arguments.backend != "mujoco":
         try:
-            links = planar_links(body)
+            links = find_planar_links(body)
             steps = max(1, round(1000.0 / arguments.rate))  # [Hz], of the simulator's steps at least
             # velocities as the controller sees them
             return PlanarArm(links, joints=body.joints, substeps=steps, velocity="ideal", **seen)

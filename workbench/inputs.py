@@ -17,7 +17,7 @@ from estimators.diagnosis.suggestion import Suggestion
 from estimators.free_swings import find_known_values
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import arm_base
-from pendulum_env.arms.model import ArmModel, Asked, load_model
+from pendulum_env.arms.model import ArmModel, ModelOptions, load_model
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.errors import FileError
 from pendulum_env.formatting import join_words
@@ -206,7 +206,7 @@ def tell_preprocessed(given: FitData, align: bool | None, terminal: Terminal) ->
 
 def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Opened:
     """Read the input of a command on an arm."""
-    made = Asked.of_model(path) if path else Asked()
+    made = ModelOptions.of_model(path) if path else ModelOptions()
     sources = [apply_log_format(source, made.log_format, path) for source in sources]
     asked = robot_of(arguments, sources, made)
     robot = asked.with_logged_joints(sources)
@@ -230,13 +230,15 @@ def body_of_arguments(arguments: argparse.Namespace) -> Mechanism:
     """
     if arguments.robot is None:
         return PENDULUM
-    made = Asked.of_model(arguments.model) if arguments.model else Asked()
+    made = ModelOptions.of_model(arguments.model) if arguments.model else ModelOptions()
     return robot_of(arguments, made=made).body(made.held)
 
 
-def robot_of(arguments: argparse.Namespace, sources: Sequence[Source] = (), made: Asked | None = None) -> RobotFile:
+def robot_of(
+    arguments: argparse.Namespace, sources: Sequence[Source] = (), made: ModelOptions | None = None
+) -> RobotFile:
     """The robot as the arguments, or else a study or the model that was `made` of it, ask for it."""
-    made = made or Asked()  # of a robot, where no model says what it was made of
+    made = made or ModelOptions()  # of a robot, where no model says what it was made of
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
-from pendulum_env.backends.hardware.process import ordinary
+from pendulum_env.backends.hardware.process import restore_priority
 from pendulum_env.formatting import join_words
 from workbench.narrator.effects import name
 from workbench.processes import End, Worker, attend
@@ -95,7 +95,7 @@ class Apart:
 
 def _diagnose_samples(rate: float, smoothing: Smoothing, connection: Connection[Any, Any]) -> OnlineDiagnosis:
     attend()
-    ordinary()  # a motor's loop, which began this, may be more urgent
+    restore_priority()  # a motor's loop, which began this, may be more urgent
     judge = Here(rate, smoothing)
     connection.send(False)
     while (samples := connection.recv()) is not None:

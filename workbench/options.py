@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pendulum_env.lookup import find
-from pendulum_env.physics import Term, nameable
+from pendulum_env.physics import Term, list_nameable
 from pendulum_env.plant import hide, paper_plant, read_parameters
-from pendulum_env.reading import DIGITS, LARGE, shown
+from pendulum_env.reading import DIGITS, LARGE, quote_value
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import TOLD
 from pendulum_env.servo.drive import KEYS, WORDS, Drive
@@ -66,7 +66,7 @@ def _within(kind: Callable[[str], Number], low: Number, high: Number, asked: str
         with suppress(ValueError):
             if low <= (value := kind(text)) <= high:
                 return value
-        raise argparse.ArgumentTypeError(f"{shown(text)} should be {asked}")
+        raise argparse.ArgumentTypeError(f"{quote_value(text)} should be {asked}")
 
     return converted
 
@@ -99,7 +99,7 @@ def _page(text: str) -> str:
 def _names(text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
-        raise InputError(f"{shown(text)} should be names of joints with commas between them")
+        raise InputError(f"{quote_value(text)} should be names of joints with commas between them")
     return names
 
 
@@ -132,7 +132,7 @@ def known_effect(id: str, known: Callable[[str], type[Term]] | None = None) -> s
 
     Raises ValueError if there is none; the message names the nearest.
     """
-    return id if id == COUPLING else (find("effect", id, nameable()) if known is None else known(id)).id
+    return id if id == COUPLING else (find("effect", id, list_nameable()) if known is None else known(id)).id
 
 
 def known(text: str) -> dict[str, float]:
@@ -146,7 +146,7 @@ def ranges(text: str) -> dict[str, tuple[float, float]]:
     for name, both in _pairs(text, asked):
         low, colon, high = (word.strip() for word in both.partition(":"))
         if not colon:
-            raise InputError(f"{shown(f'{name}={both}')} should be {asked}")
+            raise InputError(f"{quote_value(f'{name}={both}')} should be {asked}")
         bounds[name] = (_bound(low or "-inf"), _bound(high or "inf"))
     return bounds
 
@@ -156,7 +156,7 @@ def _pairs(text: str, asked: str) -> Iterator[tuple[str, str]]:
     for part in text.split(","):
         name, equals, value = (word.strip() for word in part.partition("="))
         if not (name and equals):
-            raise InputError(f"{shown(part)} should be {asked}")
+            raise InputError(f"{quote_value(part)} should be {asked}")
         yield name, value
 
 
@@ -166,7 +166,7 @@ def _bound(text: str) -> float:
     except ValueError:
         value = math.nan
     if not (abs(value) <= LARGE or math.isinf(value)):
-        raise InputError(f"{shown(text)} should be a number from {-LARGE:g} to {LARGE:g}, or left out")
+        raise InputError(f"{quote_value(text)} should be a number from {-LARGE:g} to {LARGE:g}, or left out")
     return value
 
 

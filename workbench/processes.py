@@ -25,7 +25,7 @@ from typing import Any
 
 from estimators.progress import Progress
 from pendulum_env.physics import load_plugin
-from pendulum_env.physics.plugin import fault, plugins
+from pendulum_env.physics.plugin import describe_fault, list_plugins
 from pendulum_env.settings import use_writer
 from workbench.mistakes import MISTAKES, InputError, sentence, write_option
 
@@ -96,7 +96,7 @@ class Worker:
         """Start the process."""
         context = multiprocessing.get_context("spawn")  # a copy of a process with threads would be unsound
         self.connection, theirs = context.Pipe()
-        self.process = context.Process(target=_work, args=(theirs, plugins(), libraries), daemon=True, name=name)
+        self.process = context.Process(target=_work, args=(theirs, list_plugins(), libraries), daemon=True, name=name)
         with interrupts_wait():
             self.process.start()
         theirs.close()
@@ -137,7 +137,7 @@ def _work(connection: Connection[Any, Any], files: Sequence[Path], libraries: Se
         except MISTAKES as mistake:
             word = End(why=sentence(mistake))
         except BaseException as error:
-            if (of_plugin := fault(error)) is None:
+            if (of_plugin := describe_fault(error)) is None:
                 raise
             word = End(why=sentence(of_plugin))
         connection.send(word)
@@ -231,7 +231,7 @@ def local_workers(count: int) -> Iterator[Executor]:
     They know the effects of the users' files.
     """
     others = set(multiprocessing.active_children())
-    executor = _LocalPool(count, multiprocessing.get_context("spawn"), _join, (plugins(),))
+    executor = _LocalPool(count, multiprocessing.get_context("spawn"), _join, (list_plugins(),))
     try:
         yield executor
     finally:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.recording import STILL, ArmRecording, find_logged_joints, read_arm_source
-from pendulum_env.arms.robot import find_movable_joints, pinocchio
+from pendulum_env.arms.robot import find_movable_joints, import_pinocchio
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Source
 from pendulum_env.recording.study import read_sources
@@ -30,7 +30,7 @@ class RobotFile:
 
     def body(self, held: Mapping[str, float] | None = None) -> Body:
         """Its links, other joints held at the given places, or at zero; raises BodyError as `read_body`."""
-        pinocchio()
+        import_pinocchio()
         status = self.file.stat() if self.file.exists() else None
         changed = (status.st_mtime_ns, status.st_size) if status else None
         return _body(self, tuple((held or {}).items()), changed)

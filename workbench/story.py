@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from estimators.diagnosis.result import Diagnosis
 from pendulum_env.formatting import TextTable
 from pendulum_env.physics import Estimate
-from pendulum_env.physics.model import short_name
+from pendulum_env.physics.model import shorten_name
 from workbench.narrator.diagnosis import (
     describe_disagreement,
     describe_errors,
@@ -71,5 +71,5 @@ def tell_diagnosis(
 
 def parameters_line(estimates: Mapping[str, Estimate], is_biased: bool) -> list[str]:
     """Parameters with standard errors on one line, if there are any."""
-    values = ", ".join(f"{short_name(name)} {own}" for name, own in estimates.items())
+    values = ", ".join(f"{shorten_name(name)} {own}" for name, own in estimates.items())
     return [f"parameters{' (biased by what is left)' if is_biased else ''}: {values}"] if values else []

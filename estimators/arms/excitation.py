@@ -16,7 +16,7 @@ from estimators.arms.reference import KNOT_PERIOD, TICK, Reference, average_moti
 from estimators.regression.equations import IdentificationError
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.plane import friction_of
+from pendulum_env.arms.plane import get_friction
 from pendulum_env.plant import PAPER
 
 MIN_SPEED = 0.05  # [rad/s or m/s]; slower samples are near stick and have no information
@@ -47,7 +47,7 @@ def parameter_scales(body: Body) -> Array:
     known = sorted((norm, kind) for (kind, _), norm in norms.items() if norm > 0)
     least = {kind: next((norm for norm, other in known if other == kind), 1.0) for kind, _ in groups}
     links = [norms[own] or least[own[0]] for own in groups]
-    friction = np.array(friction_of(body)).T
+    friction = np.array(get_friction(body)).T
     for own, usual in zip(friction, (PAPER["viscous"], PAPER["coulomb"]), strict=True):
         own[own == 0] = min(own[own > 0], default=usual)
     return np.concatenate([links, *friction])

@@ -14,9 +14,9 @@ from estimators.arms.reference import Reference
 from estimators.progress import Progress, no_progress
 from pendulum_env._typing import Array
 from pendulum_env.arms.env import SimulatedArm
-from pendulum_env.arms.plane import friction_of
+from pendulum_env.arms.plane import get_friction
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.policy import measure, transitions
+from pendulum_env.policy import iterate_steps, measure
 
 BANDWIDTH = 30.0  # [rad/s]; fast against the motion, slow against samples of some milliseconds
 
@@ -51,7 +51,7 @@ class Follow:
     @cached_property
     def _friction(self) -> Array:
         """Return viscous and dry friction of the joints in the file, by default zero (2, n)."""
-        return np.array(friction_of(self.motion.body, np.zeros(len(self.limits)))).T
+        return np.array(get_friction(self.motion.body, np.zeros(len(self.limits)))).T
 
 
 def follow(
@@ -82,6 +82,6 @@ def follow(
     (position,), (velocity,), _ = motion(np.zeros(1))
     seconds = samples / arm.rate
     start = {"position": position, "velocity": velocity}
-    run = islice(transitions(arm, Follow(motion, limits), int(rng.integers(2**31)), start), samples)
+    run = islice(iterate_steps(arm, Follow(motion, limits), int(rng.integers(2**31)), start), samples)
     measured = measure(run, lambda info: progress(f"{info['time']:.0f} s", info["time"] / seconds))
     return ArmRecording.of(name, arm.joints, *measured)

@@ -25,7 +25,7 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.arms.body import STANDARD, Body, LinkLoad
-from pendulum_env.arms.joints import Coupling, Links, links_of
+from pendulum_env.arms.joints import Coupling, Links, find_links
 from pendulum_env.lookup import find
 from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.recording import Recording
@@ -128,7 +128,7 @@ def find_carried(
         Payloads that stand out, with the numbers of the recordings that carry each.
     """
     count = sum(len({w.run for w in own.windows}) for own in parts)
-    rows = PayloadRows.of(parts, terms, joint or links_of(terms).joints[-1])
+    rows = PayloadRows.of(parts, terms, joint or find_links(terms).joints[-1])
     if count < 2 or "m" not in rows.shown:
         return []
     mass = np.append(0.0, rows.masses(count))
@@ -171,7 +171,7 @@ class PayloadRows(NamedTuple):
     def of(cls, parts: Sequence[TorqueWindows], terms: Sequence[Term], joint: str) -> PayloadRows:
         """Join the rows of several parts."""
         phi, y, number, recording, clusters = [], [], [], [], []
-        body, first, cluster = links_of(terms), 0, 0
+        body, first, cluster = find_links(terms), 0, 0
         for data in parts:
             near = TorqueRows(data).equations(terms).tangent()
             phi.append(near.slopes)

@@ -17,7 +17,7 @@ import scipy
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import links_of
+from pendulum_env.arms.joints import find_links
 from pendulum_env.physics import Estimate, Model
 
 
@@ -64,7 +64,7 @@ class Nearest:
 
 def nearest_body(model: Model) -> Nearest:
     """The links whose base parameters are the model's; where no body has those, the nearest."""
-    body = links_of(model.terms)
+    body = find_links(model.terms)
     count = len(body.base)
     theta, std = model.theta[:count], np.array([model.estimates[name].std for name in body.names])
     std = np.maximum(std, NEAREST.least * np.maximum(np.abs(theta), 1e-3 * np.abs(theta).max()))

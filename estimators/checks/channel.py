@@ -38,7 +38,7 @@ from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Links, arm_base, body_of
+from pendulum_env.arms.joints import Links, arm_base, find_body
 from pendulum_env.physics import BASE, Column, Model, Term
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.term import LOAD
@@ -90,7 +90,7 @@ class ChannelFits:
         Raises:
             IdentificationError: if too little of the motion is clear of stick.
         """
-        is_arm = isinstance(body_of(beside), Body)
+        is_arm = isinstance(find_body(beside), Body)
         data = _make_arm_windows(recordings, beside) if is_arm else _make_pendulum_windows(recordings)
         rows = np.flatnonzero(np.concatenate([_find_clear_windows(w) for w in data.windows]))
         joints = [(data.where(at), data.part(at)) for at in data.joints]

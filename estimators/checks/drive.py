@@ -8,7 +8,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LOOP
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
-from pendulum_env.servo.torque import asked_torque
+from pendulum_env.servo.torque import compute_asked_torque
 
 
 def find_speed_rate(model: Model, recordings: Sequence[Recording]) -> Finding | None:
@@ -28,7 +28,7 @@ def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
     if not told:
         return None
     logged, asked = (
-        np.concatenate(every) for every in zip(*((own.torque, asked_torque(own)) for own in told), strict=True)
+        np.concatenate(every) for every in zip(*((own.torque, compute_asked_torque(own)) for own in told), strict=True)
     )
     share = float(logged @ asked / max(asked @ asked, np.finfo(float).tiny))
     if abs(share - 1.0) < LOOP.scale:

@@ -22,8 +22,8 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import find_known_values
 from estimators.selection.criterion import Criterion
 from pendulum_env.arms.body import Body, LinkLoad
-from pendulum_env.arms.joints import body_of
-from pendulum_env.arms.recording import with_payload
+from pendulum_env.arms.joints import find_body
+from pendulum_env.arms.recording import add_payload
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import TorqueConstant
@@ -89,7 +89,7 @@ class FitData:
             IdentificationError: if units differ, also from that of the constant; if there is too little motion; or if
                 torque is applied in held-out recordings only and no parameter is known.
         """
-        if isinstance(body_of(terms), Body):
+        if isinstance(find_body(terms), Body):
             return cls(tuple(recordings), tuple(holdout), terms=tuple(terms))
         known = find_known_values([term for term in terms if isinstance(term, Term)]) if known is None else known
         data = cls(*calibrate(recordings, holdout, constant, known))
@@ -144,7 +144,7 @@ class FitData:
 
         def loaded(recordings: Sequence[Recording], first: int) -> tuple[Recording, ...]:
             numbered = enumerate(recordings, first)
-            return tuple(with_payload(own, load) if k in carrying else own for k, own in numbered)
+            return tuple(add_payload(own, load) if k in carrying else own for k, own in numbered)
 
         def parts(data: FitData) -> dict[str, Any]:
             return {

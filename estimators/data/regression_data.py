@@ -33,11 +33,11 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, prepare
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
-from pendulum_env.arms.joints import Coupling, Links, arm_base, body_of
+from pendulum_env.arms.joints import Coupling, Links, arm_base, find_body
 from pendulum_env.physics import BASE, Model, NonlinearParameter, Samples, Term
 from pendulum_env.physics.table import Table
-from pendulum_env.physics.term import loads
-from pendulum_env.physics.terms import complexity, has_link, link_of
+from pendulum_env.physics.term import list_loads
+from pendulum_env.physics.terms import count_term_parameters, find_link, has_link
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 
@@ -236,7 +236,7 @@ class RegressionData:
             few[0] if whole else min((self.refine(t, effect.id) for t in few[:STARTS]), key=lambda one: one.fitted_rms)
             for few in forms.values()
         ]
-        return sorted(ends, key=lambda trial: (complexity(trial.terms[-1]), trial.fitted_rms))
+        return sorted(ends, key=lambda trial: (count_term_parameters(trial.terms[-1]), trial.fitted_rms))
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
@@ -255,7 +255,7 @@ class RegressionData:
 
     def reach(self, joint: str = "") -> tuple[float, float]:
         """Return the least and the largest recorded position of a joint, or of the joints that a term loads [rad]."""
-        positions = [w.recording.position for w in self.data.windows if w.at in loads(joint)]
+        positions = [w.recording.position for w in self.data.windows if w.at in list_loads(joint)]
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
 
     def inertias(self, base: Sequence[Term]) -> dict[str, float]:
@@ -273,7 +273,7 @@ class RegressionData:
 
     def units(self, at: str = "") -> JointUnits:
         """Return the units of quantities at a joint."""
-        return body_of(self.base).units(at, self.recordings[0].units)
+        return find_body(self.base).units(at, self.recordings[0].units)
 
     def stand_out(self, residual: Array, at: str, axes: Sequence[str] = tuple(SYMBOLS), most: int = 6) -> list[Region]:
         """Return the regions where a residual (R,) [N m] exceeds the noise at a joint, the most significant first."""
@@ -285,7 +285,7 @@ class RegressionData:
         """Return the data with the states of a model's link estimated from the motion around each instant."""
         if not (has_link(model.terms) and self.layout.predicts_torque):
             return self
-        term = link_of(model.terms)
+        term = find_link(model.terms)
         link_states = [simulate_link_motion(windows, model) for windows in self.data.windows]
         segments = [
             replace(segment, hidden={term.id: estimate_link_state(segment, x, term)})
@@ -299,7 +299,7 @@ class RegressionData:
 
     def errors(self, model: Model) -> Errors:
         """Return the errors of a model in torque, of each joint and of all, and in free-running position."""
-        residual, body = self.residual(model.terms, model.theta), body_of(self.base)
+        residual, body = self.residual(model.terms, model.theta), find_body(self.base)
         if not self.layout.predicts_torque:
             return Errors(np.nan, np.nan).with_loop(residual)
         torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan

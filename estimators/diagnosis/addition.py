@@ -29,8 +29,8 @@ from estimators.selection.motion import refit_by_likelihood
 from estimators.selection.physical import make_confirmation_gates
 from estimators.selection.search import SearchResult
 from pendulum_env.arguments import check_order
-from pendulum_env.arms.joints import kind_at
-from pendulum_env.lookup import with_known_arguments
+from pendulum_env.arms.joints import find_kind
+from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.terms import is_hidden
@@ -47,7 +47,7 @@ def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = 
     ).steps[-1]
 
 
-@with_known_arguments
+@refuse_unknown_arguments
 def add(
     model: Model | HasModel,
     id: str,
@@ -83,7 +83,7 @@ def add(
     holdout = select_recordings(holdout, empty=True, body=body, log_format=model.log_format)
     if not isinstance(id, str):
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
-    kind = kind_at(id, body)
+    kind = find_kind(id, body)
     model.add(kind())  # raises if it is there already
     select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that none has
     if all(recording.is_free for recording in recordings):

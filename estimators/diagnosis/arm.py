@@ -22,9 +22,9 @@ from estimators.selection.search import SearchResult, search
 from estimators.selection.tables import find_explaining_law
 from estimators.signals.residual import Region, make_region_everywhere
 from estimators.weak_form.windows import concatenate_samples
-from pendulum_env.arms.joints import at_joints, links_of
+from pendulum_env.arms.joints import find_links, place_effects
 from pendulum_env.physics.table import TABLES
-from pendulum_env.physics.terms import ids
+from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 
 
@@ -35,7 +35,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
         UserError: if instruments or bounds of an experiment are asked for.
     """
     setting.refuse_experiment("an arm")
-    known = ids(setting.base)
+    known = list_ids(setting.base)
     library = {id: kind for id, kind in setting.library.items() if id not in known}
     data = FitData.of(recordings, holdout, (*setting.base, *library.values()))
     return data, replace(setting, library=library)
@@ -43,13 +43,13 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     """Make the evaluator of models; every table may compete at every joint."""
-    return setting.evaluator(data.parts, at_joints(TABLES.values(), links_of(setting.base)))
+    return setting.evaluator(data.parts, place_effects(TABLES.values(), find_links(setting.base)))
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     """Withhold parameters that the recordings do not determine."""
     *others, last = trial.found.steps
-    body, data = links_of(trial.setting.base), trial.evaluator.train.data
+    body, data = find_links(trial.setting.base), trial.evaluator.train.data
     seen = (concatenate_samples([w.samples for w in data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in seen), strict=True)
     model = last.model.withholding(find_undetermined_links(last.model, *map(np.column_stack, motion)))

@@ -22,7 +22,7 @@ from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
 from estimators.weak_form.columns import NOT_NEGATIVE
 from pendulum_env.physics import Model, Term
-from pendulum_env.physics.terms import ids
+from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 
 Treatment = Callable[["Trial"], FitData | None]  # data after one more treatment; None if it does not apply
@@ -110,7 +110,7 @@ class Trial:
     @property
     def terms(self) -> Terms:
         """Terms of the final model, as they were searched for unless the refit dropped some."""
-        return (self.found if ids(self.found.terms) == ids(self.final.terms) else self.final).terms
+        return (self.found if list_ids(self.found.terms) == list_ids(self.final.terms) else self.final).terms
 
     def unbounded(self, model: Model) -> Model:
         """Return a final model as the data alone would have it, where a parameter is at a bound of a body."""

@@ -8,7 +8,7 @@ from estimators.diagnosis.pendulum import PENDULUM
 from estimators.diagnosis.servo import SERVO
 from estimators.in_loop.rollouts import are_driven
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 
@@ -19,6 +19,6 @@ def choose_case(base: Sequence[Term], recordings: Sequence[Recording]) -> Case:
     Raises:
         RecordingError: if some recordings are of servos with a known controller, and others are not.
     """
-    if isinstance(body_of(base), Body):
+    if isinstance(find_body(base), Body):
         return ARM
     return SERVO if are_driven(recordings) else PENDULUM

@@ -29,10 +29,10 @@ from estimators.signals.residual import Region, makes_whole_turns
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.excitation import Excitation, family
+from pendulum_env.excitation import Excitation, draw_family
 from pendulum_env.physics import Model, Samples, Term, simulate
-from pendulum_env.physics.terms import ids
-from pendulum_env.plant import paper_plant, typical
+from pendulum_env.physics.terms import list_ids
+from pendulum_env.plant import get_typical_values, paper_plant
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.units import JointUnits, is_of_torque
@@ -149,7 +149,7 @@ def list_questions(
     """List the open questions of a diagnosis."""
     pairs = [(id, selected) for selected, *alike in groups for id in alike]
     pairs += [doubt.rivals for doubt in doubts if doubt.rivals is not None]
-    present = ids(terms)
+    present = list_ids(terms)
     asked = []
     for id, instead in pairs:
         others = [term for term in terms if term.id != instead]
@@ -172,7 +172,7 @@ def make_typical_effect(kind: type[Term], inertia: float = 0.0) -> tuple[Term, A
 
     Of a free swing, torques are in the proportion of its inertia to that of the paper's rig.
     """
-    values = typical(kind)
+    values = get_typical_values(kind)
     term = kind(**{parameter.name: values.pop(parameter.name) for parameter in kind.nonlinear_parameters})
     theta = np.array(list(values.values()))
     if inertia:
@@ -299,7 +299,7 @@ def simulate_candidates(evaluator: ModelEvaluator, model: Model, torque: float) 
     Motions that are far faster than any recorded are left out: a light joint with hardly any friction runs away.
     """
     seconds, shares = DESIGN.seconds, DESIGN.shares
-    signals = [signal for share in shares for signal in family(np.random.default_rng(0), seconds, share * torque)]
+    signals = [signal for share in shares for signal in draw_family(np.random.default_rng(0), seconds, share * torque)]
     time = _make_times(evaluator)
     return _simulate_experiments(
         evaluator, model, signals, np.column_stack([signal.signal(time) for signal in signals]), 0.0

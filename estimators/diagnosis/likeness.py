@@ -11,7 +11,7 @@ import scipy
 from estimators.regression.least_squares import solve_least_squares
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import Array
-from pendulum_env.physics.table import Curve, Table
+from pendulum_env.physics.table import Table, TableCurve
 
 Form = Literal["wave", "line", "bump", "step", "power"]
 Formula = Callable[..., Sequence[Array]]  # of the argument (N,) and nonlinear parameters: columns (N,) or constants
@@ -53,7 +53,7 @@ class Likeness:
     parameters: int
 
 
-def find_likenesses(table: Table, curve: Curve) -> list[Likeness]:
+def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
     """The formulas of three kinds that come nearest to a table, the nearest first; fewer where nothing comes near.
 
     They are fitted to the table where it is told best, beside what the model has of its argument. Of a formula with
@@ -104,7 +104,7 @@ def _is_enough(simple: Likeness, other: Likeness) -> bool:
     return simple.parameters < other.parameters and left < 2.0 * less
 
 
-def _compute_residual_squares(curve: Curve, columns: Array, weights: Array) -> float:
+def _compute_residual_squares(curve: TableCurve, columns: Array, weights: Array) -> float:
     """Weighted sum of squares that a fit of columns (N, K) leaves."""
     scaled, target = columns * weights[:, None], weights * curve.value
     return float(np.sum((target - scaled @ solve_least_squares(scaled, target)) ** 2))

@@ -31,7 +31,7 @@ from estimators.signals.residual import Region
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import Model
 from pendulum_env.physics.table import COMPETING, TABLES
-from pendulum_env.physics.terms import untested_ends
+from pendulum_env.physics.terms import find_untested_ends
 from pendulum_env.recording import Recording
 
 ENOUGH = 40  # windows; with fewer, a finding warns
@@ -164,7 +164,7 @@ def _find_few_clusters(evaluator: ModelEvaluator) -> list[Finding]:
 
 def _find_untested_ranges(model: Model, low: float, high: float) -> list[Finding]:
     """Return findings on terms that were tested between two angles [rad] only."""
-    ends = {term.id: untested_ends(term, low, high, model.units(term.at)) for term in model.terms}
+    ends = {term.id: find_untested_ends(term, low, high, model.units(term.at)) for term in model.terms}
     return [Finding(Kind.UNTESTED_RANGE, own, effects=(id,)) for id, own in ends.items() if own]
 
 

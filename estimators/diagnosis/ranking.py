@@ -22,7 +22,7 @@ from estimators.selection.tables import remove_table
 from estimators.simulation import output_error
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.model import SIGNIFICANT
-from pendulum_env.physics.terms import has_transmission, is_hidden, untested_ends
+from pendulum_env.physics.terms import find_untested_ends, has_transmission, is_hidden
 
 
 def rank_effects(
@@ -122,7 +122,7 @@ def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
     ratio = _compute_held_out_rms(evaluator, longer, term.at) / _compute_held_out_rms(evaluator, others, term.at)
     gates = evaluator.gates(longer, others)
     reach, units, verdict = evaluator.train.reach(term.at), evaluator.train.units(term.at), Verdict.NOT_EXCITED
-    untested = untested_ends(type(term)(), *reach, units)
+    untested = find_untested_ends(type(term)(), *reach, units)
     if untested and not evaluator.is_significant(longer, others):
         reason = Finding(Kind.NOT_TESTED, untested, effects=(term.id,))
     elif not (excited := make_excitation_gate(evaluator, longer)).passed:

@@ -22,7 +22,7 @@ from estimators.selection.score import Gain
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
 from pendulum_env.errors import UserError
-from pendulum_env.notebook import headline, shown
+from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import Model
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.terms import has_link
@@ -270,13 +270,13 @@ class Diagnosis:
     @property
     def headline(self) -> str:
         """The result in one sentence: `Stribeck friction is missing`."""
-        return headline(self)
+        return summarise(self)
 
     def __repr__(self) -> str:
         return f"<Diagnosis: {self.headline}>"
 
     def _repr_html_(self) -> str:
-        return shown(self)
+        return render_html(self)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON, as the design of the command line fixes it; a pendulum has one joint, "".
@@ -352,7 +352,7 @@ class Addition:
         return self.after.model
 
     def __repr__(self) -> str:
-        return f"<Addition: {headline(self)}>"
+        return f"<Addition: {summarise(self)}>"
 
     def _repr_html_(self) -> str:
-        return shown(self)
+        return render_html(self)

@@ -23,14 +23,14 @@ from estimators.diagnosis.treatments import choose_treatment
 from estimators.progress import Progress, forward, no_progress
 from estimators.selection.criterion import Criterion
 from pendulum_env.arguments import check_order
-from pendulum_env.arms.joints import body_of
-from pendulum_env.lookup import with_known_arguments
+from pendulum_env.arms.joints import find_body
+from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.recording import Recording
 
 
-@with_known_arguments
+@refuse_unknown_arguments
 def diagnose(
     recordings: Recordings,
     holdout: Recordings = (),
@@ -89,7 +89,7 @@ def diagnose(
     kinds = (recordings, Recording), (holdout, Recording), (base, Term | Model)
     check_order("diagnose(recordings, holdout, base)", *kinds)
     terms = select_terms(base)
-    body = body_of(terms)
+    body = find_body(terms)
     terms, effects = apply_limits(terms, select_effects(library, only, without, body), fixed, bounds)
     fitted, unseen = select_recordings(recordings, body=body), select_recordings(holdout, empty=True, body=body)
     effects, limits = select_visible_effects(effects, fitted), Limits(max_torque, max_angle, max_speed)

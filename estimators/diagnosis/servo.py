@@ -41,7 +41,7 @@ from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.potential import GravityTilt
-from pendulum_env.physics.terms import ids
+from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 
 
@@ -57,7 +57,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     setting.refuse_experiment("a servo in the loop")
     data = FitData.of(recordings, holdout, setting.base)
     more = [GravityTilt(), *([BackEmf()] if has_unpowered_motor(data.recordings) else [])]
-    base = (*setting.base, *(term for term in more if term.id not in ids(setting.base)))
+    base = (*setting.base, *(term for term in more if term.id not in list_ids(setting.base)))
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
     data = with_goal_reading(data, base)
@@ -105,7 +105,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     found = refit(trial.found)
     train, unseen = refine_rows(found.evaluator)
     evaluator, steps = replace(found.evaluator, train=train.data, holdout=unseen.data), found.steps
-    fitted = {ids(step.model.terms): step.model.terms for step in steps}
+    fitted = {list_ids(step.model.terms): step.model.terms for step in steps}
     terms, named = found.terms, [step.added for step in steps[1:]]
 
     def without(*left_out: str | None) -> Terms:
@@ -114,7 +114,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     while idle := [id for id in named if not evaluator.is_significant(terms, without(id))]:
         named.remove(idle[-1])
         rest = without(idle[-1])
-        terms = fitted.get(ids(rest)) or train.with_nonlinear(rest)
+        terms = fitted.get(list_ids(rest)) or train.with_nonlinear(rest)
     if len(named) == len(steps) - 1:
         return found, ()
     kept = [fit_step(found.evaluator, id, without(*named[k + 1 :])) for k, id in enumerate(named)]
@@ -144,7 +144,7 @@ def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
 
     Otherwise back-EMF is viscous friction, unless the motor is ever off: then the base model has it already.
     """
-    is_pressed = LoadDependentFriction.id in ids(terms) and BackEmf.id not in ids(terms)
+    is_pressed = LoadDependentFriction.id in list_ids(terms) and BackEmf.id not in list_ids(terms)
     finding = Finding(Kind.BACK_EMF_INCLUDED, effects=(BackEmf.id,))
     return data.with_treatment(finding) if is_pressed and select_voltage_drives(data.recordings) else None
 
@@ -152,7 +152,7 @@ def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     """Add findings on the drive, and the effects that a search by logged torque alone selects."""
     data = trial.data
-    dropped = ids(trial.found.terms) - ids(trial.final.terms)
+    dropped = list_ids(trial.found.terms) - list_ids(trial.final.terms)
     doubts = (data.doubt, find_speed_rate(found.model, data.recordings), find_torque_scale(data.recordings))
     readings = [one for one in data.treatments if one.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
     found = replace(
@@ -177,7 +177,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     alone = replace(trial.setting, base=base, library=library, progress=no_progress)
     with suppress(IdentificationError):  # too little motion for a regression
         by_torque = search(replace(PENDULUM.evaluator(data.with_timing(), alone), tables=()))
-        found = replace(found, by_torque=tuple(sorted(ids(by_torque.terms) - ids(base))))
+        found = replace(found, by_torque=tuple(sorted(list_ids(by_torque.terms) - list_ids(base))))
     return found
 
 

@@ -10,7 +10,7 @@ from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import FileError
-from pendulum_env.excitation import Excitation, signal_from_json, signal_json
+from pendulum_env.excitation import Excitation, decode_signal, encode_signal
 from pendulum_env.reading import NonNegative, Number, Text, convert
 
 LONGEST = 100_000.0  # [s] of an experiment
@@ -66,7 +66,7 @@ class Suggestion:
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        drive = {"signal": signal_json(self.signal)} if self.signal is not None else {"release": self.release}
+        drive = {"signal": encode_signal(self.signal)} if self.signal is not None else {"release": self.release}
         return {
             "settles": [{"effect": aim.effect, "instead": aim.instead} for aim in self.settles],
             "seconds": self.seconds,
@@ -95,7 +95,7 @@ class Suggestion:
             raise FileError(
                 f"'{f'{key}.signal'.lstrip('.')}' is missing: expected the signal, or the angle of 'release'"
             )
-        signal = None if content.signal is None else signal_from_json(content.signal, f"{key}.signal".lstrip("."))
+        signal = None if content.signal is None else decode_signal(content.signal, f"{key}.signal".lstrip("."))
         expected = content.peak_torque, content.reach, content.peak_speed
         return cls(signal, content.seconds, content.settles, *expected, content.release if signal is None else None)
 

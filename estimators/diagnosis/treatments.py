@@ -9,9 +9,9 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.evaluator import compute_held_out_cost
 from estimators.selection.motion import is_misfit
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import links_of
+from pendulum_env.arms.joints import find_links
 from pendulum_env.physics import BASE, Term
-from pendulum_env.physics.terms import ids
+from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording.record import NEWTON_METRE
 
 TORQUE = {Kind.TIMED_BESIDE, Kind.PAYLOAD}  # treatments that change the torque
@@ -102,7 +102,7 @@ def include_payload(trial: Trial) -> FitData | None:
     parts = [part.data for part in (data.parts if data.holdout else data.parts[:1])]
     for payload, numbers in find_carried(parts, trial.found.terms):
         names = tuple((*data.recordings, *data.holdout)[k].name for k in numbers)
-        finding = payload_finding(payload, links_of(trial.setting.base), names)
+        finding = payload_finding(payload, find_links(trial.setting.base), names)
         data = data.with_payload(payload.load, numbers, finding)
     return None if data is trial.data else data
 
@@ -119,7 +119,7 @@ def payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> Fin
 
 def align_with_effects(trial: Trial) -> FitData | None:
     """Time the torque under a model with the selected effects: an effect may imitate a delay, or hide one."""
-    known = ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
+    known = list_ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
     effects = [term for term in trial.found.terms if term.id not in known]
     if not effects or trial.data.has_treatment(Kind.TIMED_BESIDE) or not (trial.data.has_moved or trial.unexplained):
         return None

@@ -23,7 +23,7 @@ from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime
-from pendulum_env.physics.terms import ids
+from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 
 LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
@@ -50,7 +50,7 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
     if all(own.drive is None or own.drive.goal for own in recordings):
         return None
     torque = RegressionData.of(recordings, part=part).torque
-    late = [() if effect.id in ids(base) else (effect(),) for effect in LATE]
+    late = [() if effect.id in list_ids(base) else (effect(),) for effect in LATE]
     found: list[Reading] = []
     for is_held in (True, False):
         rows = RolloutRows(Rollouts(tuple(recordings), FINE, is_held, part), torque)

@@ -20,7 +20,7 @@ from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.servo.drive import LONGEST
 from pendulum_env.servo.loop import Servos, follow
-from pendulum_env.servo.torque import bus_voltage
+from pendulum_env.servo.torque import get_bus_voltage
 
 GRAIN = 0.02  # [s] between the positions that are compared,
 STEPS, FINE = 11, 20  # of the integrator while models are searched for, and in the end
@@ -88,7 +88,7 @@ class Rollouts:
             drives,
             step,
             np.where(ramps, between(goals), mean_of_held(goals)),
-            held([bus_voltage(part) for part in parts]),
+            held([get_bus_voltage(part) for part in parts]),
             held([part.powered for part in parts]),
             np.array([part.position[0] for part in parts]),
             np.array([_estimate_initial_velocity(part) for part in parts]),

@@ -11,7 +11,7 @@ from estimators.schemes.balance import adapt_to_arms, apply_scheme, compute_bala
 from estimators.schemes.six import GUARD, Scheme
 from estimators.signals.measurements import Smoothing, measure
 from pendulum_env._typing import Array, Mask
-from pendulum_env.arms.joints import Links, links_of
+from pendulum_env.arms.joints import Links, find_links
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Term
 
@@ -45,7 +45,7 @@ class ArmStream:
             if one.borrows is not None or one.drifts:
                 raise ValueError(f"{one.id} needs the whole recording of an arm: set borrows=None, and give a window")
         self._terms, self._schemes, self._smoothing = tuple(terms), adapt_to_arms(schemes), smoothing
-        self.joints = links_of(terms).joints
+        self.joints = find_links(terms).joints
         self._clock = Clock(1.0 / period)
         # samples after the current one that decide whether it is clear of stick
         self._after = smoothing.reach + max(smoothing.reach + 1, round(GUARD / period)) + 2

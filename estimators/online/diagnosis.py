@@ -33,7 +33,7 @@ from pendulum_env.arms.joints import Links
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term, effects
-from pendulum_env.physics.term import loads
+from pendulum_env.physics.term import list_loads
 
 
 @dataclass(frozen=True)
@@ -432,7 +432,7 @@ def find_obstacle(effect: type[Term]) -> Obstacle | None:
         return Obstacle.HAS_STATE
     if effect.delay is not Term.delay:
         return Obstacle.IS_DELAY
-    if len(loads(effect.at)) > 1:
+    if len(list_loads(effect.at)) > 1:
         return Obstacle.LOADS_TWO_JOINTS
     if any(parameter.instant for parameter in effect.nonlinear_parameters):
         return Obstacle.IS_SUDDEN

@@ -9,7 +9,7 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.formatting import TextTable, format_estimate
-from pendulum_env.notebook import card, note, shown, table
+from pendulum_env.notebook import make_card, make_note, make_table, render_html
 
 
 @dataclass(eq=False)  # not frozen, which is slow: one is made at every sample
@@ -98,10 +98,10 @@ class SchemeEstimates(dict[str, Any]):
     """Estimates of several schemes, a `SchemeEstimate` by id; a batch has masks of Gymnasium, such as `_dynamic`."""
 
     def _repr_html_(self) -> str:
-        return shown(self)
+        return render_html(self)
 
 
-@shown.register
+@render_html.register
 def show_estimates(found: SchemeEstimates) -> str:
     """Render the estimates of several schemes; of a batch, those of the first plant."""
     schemes = {id: own for id, own in found.items() if isinstance(own, SchemeEstimate)}
@@ -114,8 +114,8 @@ def show_estimates(found: SchemeEstimates) -> str:
         known = {name: format_estimate(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
         rows.append((id, *(known.get(name, "") for name in units)))
     batch = [len(own["theta"]) for own in schemes.values() if np.ndim(own["theta"]) > 1]
-    return card(
+    return make_card(
         "Online estimates",
-        table(TextTable(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
-        note(f"of the first of {batch[0]} pendulums" if batch else ""),
+        make_table(TextTable(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
+        make_note(f"of the first of {batch[0]} pendulums" if batch else ""),
     )

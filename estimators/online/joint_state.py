@@ -30,7 +30,7 @@ from estimators.online.estimates import Estimates
 from estimators.signals.motion import SLOWEST
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.simulation import Balance, Prepared, prepared, simulate
+from pendulum_env.physics.simulation import Balance, PreparedStep, prepare_step, simulate
 from pendulum_env.physics.term import Memory, zero
 
 
@@ -187,7 +187,7 @@ class _Filter:
         known = 2 + int(sum(term.delay for term in terms) / period)  # number of commands that act within a period
         self._commands = deque(known * [0.0], maxlen=known)
         self._memory: Mapping[str, Memory] | None = None
-        self._program: Prepared | None = None
+        self._program: PreparedStep | None = None
         size = 2 + len(theta)
         points = MerweScaledSigmaPoints(size, alpha=1.0, beta=0.0, kappa=0.0)  # equal weights, none for the mean
         self._ukf = UnscentedKalmanFilter(size, 1, period, _measure, self._forward, points)
@@ -236,7 +236,7 @@ class _Filter:
         """Predict the state one period after `time`; states of terms follow the mean."""
         ukf = self._ukf
         ukf.Q = self._process_noise()
-        self._program = self._program or prepared(self._terms)
+        self._program = self._program or prepare_step(self._terms)
         mean, after = ukf.x, list[Samples]()
         ukf.predict(time=time)
         if any(term.remembers for term in self._terms):

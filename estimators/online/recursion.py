@@ -13,8 +13,8 @@ import numpy as np
 
 from estimators.regression.recursive import PRIOR
 from pendulum_env._typing import Array, Mask
-from pendulum_env.physics.compiled import Machine, Step
-from pendulum_env.physics.symbols import names
+from pendulum_env.physics.compiled import Machine, SymbolicStep
+from pendulum_env.physics.symbols import make_symbols
 
 
 class SquareRootLeastSquares:
@@ -127,10 +127,10 @@ def check_ranges(prior: float, forgetting: float) -> None:
 
 
 @functools.cache
-def _update(size: int, forgetting: float, prior: float) -> Step:
+def _update(size: int, forgetting: float, prior: float) -> SymbolicStep:
     """Build the update by one equation y = phi' theta, in symbols; an unused equation changes nothing."""
-    given = {"phi": names("phi", size), "y": names("y"), "used": names("used")}
-    theta, root, sums = names("theta", size), names("root", size, size), names("sums", 4)
+    given = {"phi": make_symbols("phi", size), "y": make_symbols("y"), "used": make_symbols("used")}
+    theta, root, sums = make_symbols("theta", size), make_symbols("root", size, size), make_symbols("sums", 4)
     used = given["used"]
     row, power = given["phi"] * used, 1.0 if forgetting == 1 else np.where(used > 0, forgetting, 1.0)
     # f = S' phi;  lambda + phi' P phi = lambda + f' f;  raised = P phi
@@ -143,12 +143,12 @@ def _update(size: int, forgetting: float, prior: float) -> Step:
     # S = (S - raised f' / (total + sqrt(lambda total))) / sqrt(lambda)
     new_root = root - np.outer(raised, f / (total + np.sqrt(power * total)))
     if forgetting < 1:
-        given["turn"] = names("turn", size)
+        given["turn"] = make_symbols("turn", size)
         new_root = _fade_information(new_root / np.sqrt(power), given["turn"] * used, size * (1.0 - forgetting) / prior)
     _, squares, count, _ = sums
     new_sums = np.array([error, power * (squares + error * relative), power * count + used, total])
     after = {"theta": theta + raised * relative, "root": new_root, "sums": new_sums}
-    return Step(given, {"theta": theta, "root": root, "sums": sums}, after)
+    return SymbolicStep(given, {"theta": theta, "root": root, "sums": sums}, after)
 
 
 def _fade_information(root: Any, direction: Any, share: float) -> Any:

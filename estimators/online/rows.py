@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.symbols import Operand, Symbol, names
+from pendulum_env.physics.symbols import Operand, Symbol, make_symbols
 from pendulum_env.physics.term import Law, zero
 
 VIEWS = ("torque", "impulse", "energy")
@@ -32,7 +32,7 @@ class History:
         """Return a value now and at a number of past instants, the newest first."""
         if not isinstance(value, Symbol):
             return (times + 1) * [value]
-        past = names(label, times)
+        past = make_symbols(label, times)
         self.before[label], self.after[label] = past, np.array([value, *past[:-1]])
         return [value, *past]
 
@@ -95,7 +95,7 @@ def balance_rows(
     for label, law in list_laws(terms).items():
         value = _evaluate_formula(law, x)
         if value is None:
-            value = own[label] = names(label)
+            value = own[label] = make_symbols(label)
         parts[label] = history.remember(label, value, 3)
 
     def mean(values: list[Any]) -> Any:
@@ -134,7 +134,7 @@ def compute_stick_mask(guards: StickGuards, index: Any, velocity: Any, halts: An
         halts: index of the last halt for each guard, as of the sample at the distance of the guard (G,).
         history: states of the recurrence.
     """
-    halt, (_, last) = names("halt"), history.remember("newest", velocity, 1)
+    halt, (_, last) = make_symbols("halt"), history.remember("newest", velocity, 1)
     turned = (np.sign(velocity) != np.sign(last)) & (index > 0)
     halted = ((np.abs(velocity) <= guards.slowest) | turned) & (index >= 0)
     history.before["halt"], history.after["halt"] = halt, np.where(halted, index, halt)

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.online.rows import VIEWS, History
 from estimators.schemes.six import Integral, LowPass, Scheme, compute_decay
-from pendulum_env.physics.symbols import names
+from pendulum_env.physics.symbols import make_symbols
 
 
 def list_guards(schemes: Sequence[Scheme]) -> tuple[float | None, ...]:
@@ -55,9 +55,9 @@ def scheme_equations(
     """
     guards, windows, width = list_guards(schemes), list_windows(schemes, period), views.shape[1]
     before, after = history.before, history.after
-    before["clear"], after["clear"] = names("clear", len(guards)), clear
-    before["moving"], after["moving"] = names("moving"), moving
-    before["total"] = names("total", len(windows), width + 1)
+    before["clear"], after["clear"] = make_symbols("clear", len(guards)), clear
+    before["moving"], after["moving"] = make_symbols("moving"), moving
+    before["total"] = make_symbols("total", len(windows), width + 1)
     after["total"] = before["total"].copy()
     found, usable, sums = [], [], itertools.count()
     for place, scheme in enumerate(schemes):
@@ -72,7 +72,7 @@ def scheme_equations(
             gain = 1.0 - compute_decay(scheme.operator.cutoff, period)
             for stage in range(scheme.operator.order):
                 label = f"filter.{place}.{stage}"
-                before[label] = names(label, width)
+                before[label] = make_symbols(label, width)
                 after[label] = row = before[label] + gain * (row - before[label])
         if isinstance(scheme.operator, Integral):
             k = next(sums)

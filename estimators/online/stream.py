@@ -28,9 +28,9 @@ from estimators.signals.measurements import Smoothing
 from estimators.signals.motion import LEAD_IN
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.compiled import Machine, Step
+from pendulum_env.physics.compiled import Machine, SymbolicStep
 from pendulum_env.physics.simulation import Balance
-from pendulum_env.physics.symbols import names
+from pendulum_env.physics.symbols import make_symbols
 from pendulum_env.recording.sampling import SAMPLING
 
 NEVER = -1e9
@@ -246,32 +246,39 @@ class Stream:
             given[label][:] = law(x)
 
 
-def _receive_sample(longest: float) -> Step:
+def _receive_sample(longest: float) -> SymbolicStep:
     """Build the check of a sample in symbols: its finite values, and whether it follows the last one."""
-    sample, (time, position) = names("sample", 3), names("last", 2)
+    sample, (time, position) = make_symbols("sample", 3), make_symbols("last", 2)
     is_number = np.abs(sample[0] + sample[1] + sample[2]) < np.inf
     now = [np.where(is_number, value, 0.0) for value in sample]
     taken = np.array([now[0], now[1], now[1] - position, now[2]])
     after = {"last": taken[:2], "taken": taken, "anew": 1.0 - is_number * (now[0] - time <= longest)}
-    return Step({"sample": sample}, {"last": np.array([time, position])}, after)
+    return SymbolicStep({"sample": sample}, {"last": np.array([time, position])}, after)
 
 
-def _advance_instant(terms: Sequence[Term], schemes: Sequence[Scheme], guarded: StickGuards, period: float) -> Step:
+def _advance_instant(
+    terms: Sequence[Term], schemes: Sequence[Scheme], guarded: StickGuards, period: float
+) -> SymbolicStep:
     """Build the step by one instant in symbols, up to the equations of the sample `behind` the newest."""
-    index, instant, newest, history = names("index"), names("instant", INSTANT), names("newest"), History()
+    index, instant, newest, history = (
+        make_symbols("index"),
+        make_symbols("instant", INSTANT),
+        make_symbols("newest"),
+        History(),
+    )
     given = {"index": index, "instant": instant, "newest": newest}
     if any(term.delay for term in terms):
-        supplied = given["supplied"] = names("supplied", 2)
+        supplied = given["supplied"] = make_symbols("supplied", 2)
     else:
         supplied = [history.remember(f"supplied.{k}", instant[k], 1)[1] for k in (TORQUE, HELD)]
     at_rest = Balance(terms, np.ones(sum(len(term.columns) for term in terms))).start(Samples(*np.zeros((4, 1))))
-    memory = {id: names(f"memory.{id}", len(own)) for id, own in at_rest.items()}
+    memory = {id: make_symbols(f"memory.{id}", len(own)) for id, own in at_rest.items()}
     given |= {f"memory.{id}": own for id, own in memory.items()}
     views, velocity, own = balance_rows(terms, index - (guarded.behind - 1), instant, supplied, memory, period, history)
-    given["halts"] = names("halts", len(guarded.distances))
+    given["halts"] = make_symbols("halts", len(guarded.distances))
     clear = compute_stick_mask(guarded, index, newest, given["halts"], history)
-    given["oldest"] = names("oldest", len(list_windows(schemes, period)), views.shape[1] + 1)
+    given["oldest"] = make_symbols("oldest", len(list_windows(schemes, period)), views.shape[1] + 1)
     moving, place = np.abs(velocity) > guarded.slowest, index - guarded.behind
     found, usable = scheme_equations(schemes, views, clear, moving, given["oldest"], place, period, history)
     results = {"regressor": apply_gate(views[0, :-1], clear[0]), "equations": found, "usable": usable}
-    return Step(given | own, history.before, history.after | results)
+    return SymbolicStep(given | own, history.before, history.after | results)

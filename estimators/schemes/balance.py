@@ -23,7 +23,7 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links
 from pendulum_env.physics import Term
-from pendulum_env.physics.term import loads
+from pendulum_env.physics.term import list_loads
 
 Joints = tuple[Measurements, ...]  # of n joints
 
@@ -89,7 +89,7 @@ def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[E
     phi[:, :, :first] = of_body
     y = np.column_stack([supplied(m) for m in joints])
     for own in others:
-        factors = {names.index(joint): factor for joint, factor in loads(own.at).items()}
+        factors = {names.index(joint): factor for joint, factor in list_loads(own.at).items()}
         m, place = _combine_measurements(joints, factors), next(iter(factors))
         for column in own.columns:
             values = of_column(m, column)

@@ -18,8 +18,8 @@ from estimators.schemes.balance import Joints, apply_scheme, compute_balances
 from estimators.schemes.six import Regression, Regressor, Scheme, give
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.joints import Links
-from pendulum_env.arms.model import model_of
-from pendulum_env.notebook import shown
+from pendulum_env.arms.model import make_arm_model
+from pendulum_env.notebook import render_html
 from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.physics.term import zero
 from pendulum_env.recording import Recording
@@ -113,7 +113,7 @@ class Identified:
         return f"<Identified by {self.scheme}: {', '.join(told)}>"
 
     def _repr_html_(self) -> str:
-        return shown(self)
+        return render_html(self)
 
     def per(self, units: JointUnits) -> Identified:
         """Convert the estimates to another joint, or another unit of torque."""
@@ -257,7 +257,7 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
     last = (choose_indices(len(data.time) // each, POINTS) + 1) * each - 1
     return Identified(
         scheme=scheme.id,
-        model=model_of(model),
+        model=make_arm_model(model),
         convergence=_compute_convergence(equations, data, fit, free, theta, std, last),
         residual_rms=fit.rms,
         unit=scheme.unit,

@@ -33,10 +33,10 @@ from estimators.weak_form.torque_windows import TorqueWindows, prepare
 from pendulum_env._typing import JSON
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.joints import find_body
 from pendulum_env.formatting import join_words
-from pendulum_env.lookup import find, with_known_arguments
-from pendulum_env.notebook import headline, shown
+from pendulum_env.lookup import find, refuse_unknown_arguments
+from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds, LimitsError, collect_limits
 from pendulum_env.physics.mechanism import Mechanism
@@ -124,10 +124,10 @@ class Identification(Mapping[str, Identified]):
     def __repr__(self) -> str:
         count = len(self.recordings)
         names = join_words(self.recordings) if count <= SHOWN else f"{count} recordings"
-        return f"<Identification of {names}>\n{headline(self)}"
+        return f"<Identification of {names}>\n{summarise(self)}"
 
     def _repr_html_(self) -> str:
-        return shown(self)
+        return render_html(self)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -141,7 +141,7 @@ class Identification(Mapping[str, Identified]):
         }
 
 
-@with_known_arguments
+@refuse_unknown_arguments
 def identify(
     recordings: Recordings,
     terms: Terms = BASE,
@@ -176,7 +176,7 @@ def identify(
     """
     check_order("identify(recordings, terms, schemes)", (recordings, Recording), (terms, Term | Model))
     terms, chosen = select_terms(terms), select_schemes(schemes)
-    body = body_of(terms)
+    body = find_body(terms)
     recordings = select_recordings(recordings, body=body)
     terms, _ = apply_limits(terms, {}, fixed, bounds)
     limits = collect_limits(terms)

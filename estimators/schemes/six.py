@@ -30,11 +30,11 @@ from estimators.arguments import convert_to_tuple
 from estimators.regression.equations import Equations
 from estimators.signals.measurements import Measurements, remember
 from pendulum_env._typing import Array, Mask
-from pendulum_env.filters import lag
+from pendulum_env.filters import filter_lag
 from pendulum_env.lookup import find
 from pendulum_env.physics import Column, Term
 from pendulum_env.physics.term import LOAD
-from pendulum_env.reading import shown
+from pendulum_env.reading import quote_value
 
 CUTOFF = 200.0  # lambda [rad/s], the paper's 31.83 Hz
 GUARD = 0.02  # [s] on either side of stick and reversals
@@ -143,7 +143,7 @@ def apply_low_pass(series: Array, cutoff: float, period: float, order: int = 1) 
     """
     a = compute_decay(cutoff, period)
     for _ in range(order):
-        series = lag(series, a)
+        series = filter_lag(series, a)
     return series
 
 
@@ -313,7 +313,7 @@ def select_schemes(given: str | Sequence[str | Regressor]) -> tuple[Regressor, .
     for item in chosen:
         if isinstance(item, type) or not hasattr(item, "regression"):
             raise TypeError(
-                f"{shown(item)} is not a scheme: give an id, such as 'energy', or scheme('energy', guard=0.02)"
+                f"{quote_value(item)} is not a scheme: give an id, such as 'energy', or scheme('energy', guard=0.02)"
             )
     ids = [item.id for item in chosen]
     if not ids:

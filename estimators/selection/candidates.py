@@ -12,7 +12,7 @@ from estimators.selection.gates import Gate
 from estimators.selection.residuals import Terms
 from estimators.weak_form.nonlinear import release
 from pendulum_env.physics import Term
-from pendulum_env.physics.terms import complexity, has_transmission, ids
+from pendulum_env.physics.terms import count_term_parameters, has_transmission, list_ids
 
 SAME = 1e-6  # of a torque, numerical difference of equal laws
 
@@ -32,7 +32,7 @@ def screen_effects(evaluator: ModelEvaluator, terms: Terms, excluded: Collection
 
 def screen_library(evaluator: ModelEvaluator, terms: Terms, excluded: Collection[str] = ()) -> dict[str, Screened]:
     """Screen each effect of the library that the terms lack; transmissions come last, since they take long."""
-    missing = [effect for id, effect in evaluator.library.items() if id not in ids(terms) | {*excluded}]
+    missing = [effect for id, effect in evaluator.library.items() if id not in list_ids(terms) | {*excluded}]
     missing.sort(key=lambda effect: effect.kind == "transmission")
     found: dict[str, Screened] = {}
     for done, effect in enumerate(missing):
@@ -113,7 +113,7 @@ def _get_gravity(evaluator: ModelEvaluator, trial: ScoredTerms) -> float:
 
 def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
     """Return whether a term with more parameters can reproduce any torque of another at the same joint."""
-    if larger.at != term.at or complexity(larger) <= complexity(term) or not term.columns:
+    if larger.at != term.at or count_term_parameters(larger) <= count_term_parameters(term) or not term.columns:
         return False
     (own,), (other,) = evaluator.train.columns([term]), evaluator.train.columns([larger])
     left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model
-from pendulum_env.physics.term import loads
+from pendulum_env.physics.term import list_loads
 
 
 @dataclass(frozen=True, repr=False)
@@ -85,7 +85,7 @@ class Errors:
 
 def get_error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:
     """Return the root mean square of the errors of the joints that a term loads [N m]."""
-    own = [joints[joint] for joint in loads(at) if joint in joints]
+    own = [joints[joint] for joint in list_loads(at) if joint in joints]
     return float(np.sqrt(np.mean(np.square(own)))) if own else otherwise
 
 

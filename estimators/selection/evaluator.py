@@ -19,12 +19,12 @@ from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_val
 from estimators.simulation import output_error
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
-from pendulum_env.arms.model import model_of
+from pendulum_env.arms.model import make_arm_model
 from pendulum_env.physics import BASE, Model, Term, effects
-from pendulum_env.physics.limits import released
+from pendulum_env.physics.limits import release_term
 from pendulum_env.physics.table import COMPETING, ByTime
-from pendulum_env.physics.term import loads
-from pendulum_env.physics.terms import has_link, has_transmission, ids
+from pendulum_env.physics.term import list_loads
+from pendulum_env.physics.terms import has_link, has_transmission, list_ids
 
 
 @dataclass
@@ -57,7 +57,7 @@ class ModelEvaluator:
 
     def __post_init__(self) -> None:
         self.parts = self.train, self.holdout
-        known = ids(self.base)
+        known = list_ids(self.base)
         self.tables = [table for table in self.tables if table.id not in known]
         self.residuals = Residuals(self.train, self.holdout, self.criterion, self.base)
         self._blocks = [_make_blocks(part, BLOCK) for part in self.parts]
@@ -197,7 +197,7 @@ class ModelEvaluator:
 
     def without_known(self, terms: Terms) -> Terms:
         """Return the terms with known parameters free; of a free swing as they are, since one has to be known."""
-        freed = tuple(map(released, terms))
+        freed = tuple(map(release_term, terms))
         is_scaled = freed != terms and any(recording.known_inertia for recording in self.train.recordings)
         return terms if is_scaled else freed
 
@@ -207,7 +207,7 @@ class ModelEvaluator:
 
     def _find_unknown(self) -> frozenset[str]:
         """Name the inertia if it is within 3 standard errors of zero by noise alone: nothing is simulated by it."""
-        if not self.train.layout.predicts_torque or "inertia" not in ids(self.base):
+        if not self.train.layout.predicts_torque or "inertia" not in list_ids(self.base):
             return frozenset()
         model, fit = fit_terms(self.train, self.base)
         inertia, rms = model.estimates["inertia"], float(np.sqrt(np.mean(fit.residual**2)))
@@ -227,7 +227,7 @@ class ModelEvaluator:
         parts = {"train": self.train, "holdout": self.holdout}
         if self.linked is None and has_link(model.terms):
             parts = {name: part.with_link_states(model) for name, part in parts.items()}
-        model = model_of(model).per(self.train.recordings[0].units).withholding(self._unknown)
+        model = make_arm_model(model).per(self.train.recordings[0].units).withholding(self._unknown)
         return Step(added, model, {name: part.errors(model) for name, part in parts.items()})
 
     def refit_to_motion(self, step: Step) -> Step:
@@ -245,7 +245,7 @@ class ModelEvaluator:
 
     def violations(self, terms: Terms) -> list[Gate]:
         """Return the physical bounds that the effects among the terms violate at their own joints."""
-        where = {joint for term in terms[len(self.base) :] for joint in loads(term.at)}
+        where = {joint for term in terms[len(self.base) :] for joint in list_loads(term.at)}
         return find_violations(self.model(terms), {at: x for at, x in self.train.motions.items() if at in where})
 
     def is_confirmed(self, after: Step, before: Step) -> bool:

@@ -20,7 +20,7 @@ from estimators.simulation import multiple_shooting
 from estimators.weak_form.nonlinear import reset
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
-from pendulum_env.physics.terms import forms, has_link, ids, parameters
+from pendulum_env.physics.terms import count_parameters, has_link, list_forms, list_ids
 
 
 @dataclass(frozen=True)
@@ -78,14 +78,16 @@ def add_effect(state: SearchState) -> SearchState | None:
         if not evaluator.is_supported(longer, terms):
             continue
         longer = refit_nonlinear(evaluator, longer)
-        evaluator.progress(f"confirming {', '.join(sorted(one[0] for one in forms(longer) - forms(terms)))}", 0.9)
+        evaluator.progress(
+            f"confirming {', '.join(sorted(one[0] for one in list_forms(longer) - list_forms(terms)))}", 0.9
+        )
         if has_link(longer) and not has_link(terms) and evaluator.train.layout.predicts_torque:
             if not confirmed and (linked := add_link(state, longer)) is not None:
                 return linked
         elif evaluator.lowers_errors(longer, terms) or improves_form(evaluator, longer, terms):
             confirmed.append(longer)
     if confirmed:
-        return state.with_terms(min(confirmed, key=parameters))
+        return state.with_terms(min(confirmed, key=count_parameters))
     return add_pair(state, screened[: evaluator.criterion.beam])
 
 
@@ -94,8 +96,8 @@ def improves_form(evaluator: ModelEvaluator, longer: Terms, terms: Terms) -> boo
 
     The effect has to lower both errors. The form has to lower only the torque error, since a simulation may be chaotic.
     """
-    changed = {id for id, *_ in forms(longer) ^ forms(terms)}
-    if ids(longer) != ids(terms) or len(changed) != 1 or not evaluator.train.layout.predicts_torque:
+    changed = {id for id, *_ in list_forms(longer) ^ list_forms(terms)}
+    if list_ids(longer) != list_ids(terms) or len(changed) != 1 or not evaluator.train.layout.predicts_torque:
         return False
     (effect,) = (term for term in longer if term.id in changed)
     after, before = (evaluator.fit(None, one).errors["holdout"].at(effect.at) for one in (longer, terms))

@@ -12,8 +12,8 @@ from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.table import Table
-from pendulum_env.physics.term import LOAD, loads
-from pendulum_env.physics.terms import forms
+from pendulum_env.physics.term import LOAD, list_loads
+from pendulum_env.physics.terms import list_forms
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
@@ -28,7 +28,9 @@ def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
         model: with parameters.
         motions: samples of each joint, by its name.
     """
-    here = replace(model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(loads(term.at))))
+    here = replace(
+        model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(list_loads(term.at)))
+    )
     found = [
         Gate(column.name, value, column.nearest(value), False, model.units().unit(column.unit))
         for column, value in bound_violations(here.terms, here.theta)
@@ -39,7 +41,7 @@ def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
     ]
     for at, x in motions.items():
         own = replace(model, terms=tuple(term for term in model.terms if term.at == at))
-        found += _find_violations_at(own, x, any(at in loads(term.at) for term in model.terms if term.at != at))
+        found += _find_violations_at(own, x, any(at in list_loads(term.at) for term in model.terms if term.at != at))
     return found
 
 
@@ -139,9 +141,9 @@ def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Sam
         motions: samples of each joint of the training data.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
-    common = forms(after.model.terms) & forms(before.model.terms)
-    others = [term for step in (after, before) for term in step.model.terms if forms([term]).isdisjoint(common)]
-    changed = {joint for term in others for joint in loads(term.at)} or set(motions)
+    common = list_forms(after.model.terms) & list_forms(before.model.terms)
+    others = [term for step in (after, before) for term in step.model.terms if list_forms([term]).isdisjoint(common)]
+    changed = {joint for term in others for joint in list_loads(term.at)} or set(motions)
     wrong = find_violations(after.model, {at: motions[at] for at in motions if at in changed})
     if wrong:
         return wrong

@@ -17,7 +17,7 @@ from estimators.selection.residuals import Terms
 from estimators.selection.tables import drop_unneeded, replace_by_table
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
-from pendulum_env.physics.terms import forms, ids
+from pendulum_env.physics.terms import list_forms, list_ids
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def search(evaluator: ModelEvaluator) -> SearchResult:
     start = refit_nonlinear(evaluator, evaluator.base)
     state = grow(SearchState(evaluator, start, start))
     if not state.is_noise:
-        known, firsts = ids(state.terms), screen_effects(state.evaluator, start)
+        known, firsts = list_ids(state.terms), screen_effects(state.evaluator, start)
         freed = state.evaluator.without_known(start)
         for first in firsts[: evaluator.criterion.beam]:
             if (
@@ -72,21 +72,21 @@ def _is_better(one: SearchState, other: SearchState) -> bool:
 
 def grow(state: SearchState) -> SearchState:
     """Add effects while they gain; after each, drop and swap effects."""
-    start, seen = state, {forms(state.terms)}
+    start, seen = state, {list_forms(state.terms)}
     while len(state.terms) - len(start.start) < state.evaluator.criterion.max_effects:
         longer = add_effect(state)
         if longer is None:
             break
         revised = revise(longer)
-        if forms(revised.terms) in seen:  # avoids a cycle; unneeded effects are dropped in the end
+        if list_forms(revised.terms) in seen:  # avoids a cycle; unneeded effects are dropped in the end
             revised = longer
-        follows = forms(revised.terms) == forms(longer.terms) or are_confirmed(
+        follows = list_forms(revised.terms) == list_forms(longer.terms) or are_confirmed(
             revised.evaluator, find_model_path(revised)
         )
         state = revised if follows else longer
-        if forms(state.terms) in seen:
+        if list_forms(state.terms) in seen:
             break
-        seen.add(forms(state.terms))
+        seen.add(list_forms(state.terms))
     return state
 
 
@@ -103,7 +103,7 @@ def are_confirmed(evaluator: ModelEvaluator, steps: Sequence[Step]) -> bool:
     if all(evaluator.is_confirmed(after, before) for before, after in pairwise(steps)):
         return True
     base, terms = steps[0].model.terms, steps[-1].model.terms
-    smaller = [remove_term(terms, term) for term in terms if term.id not in ids(base)]
+    smaller = [remove_term(terms, term) for term in terms if term.id not in list_ids(base)]
     return (
         evaluator.residuals.is_noise(terms)
         and evaluator.is_confirmed(steps[-1], steps[0])
@@ -117,7 +117,7 @@ def find_model_path(state: SearchState) -> list[Step]:
     The effect that the final model needs most comes first. Without such an order, that order is returned. With a large
     unexplained residual, the errors may fall only with the parameters fitted to the motion.
     """
-    evaluator, terms, known = state.evaluator, state.terms, ids(state.start)
+    evaluator, terms, known = state.evaluator, state.terms, list_ids(state.start)
     order: list[Term] = []
     rest = terms
     while effects := rest[len(state.start) :]:

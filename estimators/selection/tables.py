@@ -11,8 +11,8 @@ from estimators.selection.moves import SearchState, remove_term, sort_by_score
 from estimators.selection.residuals import Terms
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime, Table
-from pendulum_env.physics.term import loads
-from pendulum_env.physics.terms import ids, parameters
+from pendulum_env.physics.term import list_loads
+from pendulum_env.physics.terms import count_parameters, list_ids
 
 
 def replace_by_table(state: SearchState) -> SearchState:
@@ -45,7 +45,9 @@ def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
     gain = evaluator.bootstrap.gain(density(terms), density(state.terms), evaluator.penalty(terms, state.terms))
     probability = evaluator.bootstrap.probabilities([density(terms), density(state.terms)])[0]
     is_likely = probability > evaluator.criterion.tie_probability
-    replaces = parameters(terms) < parameters(state.terms) and is_likely and evaluator.residuals.is_noise(terms)
+    replaces = (
+        count_parameters(terms) < count_parameters(state.terms) and is_likely and evaluator.residuals.is_noise(terms)
+    )
     if not replaces and not state.is_noise:
         replaces = (
             gain.p_value <= evaluator.criterion.p_value
@@ -58,7 +60,7 @@ def list_table_models(state: SearchState) -> Iterator[Terms]:
     """Yield models with each table: instead of all effects, or beside those still needed."""
     evaluator = state.evaluator
     unexplained = {at for at in evaluator.residuals.joints if not evaluator.residuals.is_noise_at(at, state.terms)}
-    joints = unexplained | {at for effect in state.effects for at in loads(effect.at)}
+    joints = unexplained | {at for effect in state.effects for at in list_loads(effect.at)}
     for table in evaluator.tables:
         if table.at and table.at not in joints:
             continue
@@ -81,7 +83,7 @@ def add_beside_table(state: SearchState) -> SearchState:
         if longer is None:
             break
         others = [
-            find_best_variant(evaluator, terms, table) for table in evaluator.tables if table.id not in ids(terms)
+            find_best_variant(evaluator, terms, table) for table in evaluator.tables if table.id not in list_ids(terms)
         ]
         if any(trial is not None and evaluator.is_significant(trial.terms, longer) for trial in others):
             break
@@ -126,7 +128,7 @@ def get_table(state: SearchState, terms: Terms) -> Table:
 
 def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
     """Return the id of the law that best predicts held-out data; None if none is supported and lowers their errors."""
-    trials = [find_best_variant(evaluator, terms, law) for law in laws if law.id not in ids(terms)]
+    trials = [find_best_variant(evaluator, terms, law) for law in laws if law.id not in list_ids(terms)]
     found = [
         trial.terms
         for trial in trials

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.filters import lag
+from pendulum_env.filters import filter_lag
 from pendulum_env.physics import Samples
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime
 
@@ -85,6 +85,6 @@ def _hold_sampled_torque(torque: Array, late: float) -> Array:
 def _unmix_series(mixed: Array, share: float) -> Array:
     """Recover a series u (N,) from its mixture (1 - share) u[k] + share u[k - 1], with a share of at most 0.5."""
     echo = min(share / (1 - share), ECHO)
-    clear = lag(mixed, -echo, mixed[0])
+    clear = filter_lag(mixed, -echo, mixed[0])
     rest = share - echo / (1 + echo)  # of a sample, by which slow torque would still be late
     return (1 - rest) * clear + rest * np.append(clear[1:], clear[-1])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from pendulum_env._typing import Array, Mask
-from pendulum_env.filters import savitzky_golay
+from pendulum_env.filters import filter_savitzky_golay
 from pendulum_env.recording import Recording
 
 STILL = 1e-9  # [rad] or any unit, change of a signal from sample to sample that is rounding alone
@@ -82,8 +82,8 @@ def smooth_motion(recording: Recording, series: Array, half_width: int) -> tuple
         part = series[first:stop]
         length = min(2 * half_width + 1, len(part) - 1 + len(part) % 2)
         order = min(3, length - 1)
-        slope = savitzky_golay(part, length, order, 1, 1.0 / recording.rate)
-        parts.append((savitzky_golay(part, length, order), slope))
+        slope = filter_savitzky_golay(part, length, order, 1, 1.0 / recording.rate)
+        parts.append((filter_savitzky_golay(part, length, order), slope))
     smoothed, slopes = zip(*parts, strict=True)
     return np.concatenate(smoothed), np.concatenate(slopes)
 

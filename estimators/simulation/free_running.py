@@ -14,7 +14,7 @@ import scipy
 from estimators.weak_form.windows import Windows, trace_all
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, Samples, Term, Trajectory, simulate
-from pendulum_env.physics.simulation import LONGEST_STEP, delayed, substeps
+from pendulum_env.physics.simulation import LONGEST_STEP, count_substeps, delay_torque
 from pendulum_env.physics.term import Memory
 
 HORIZON = 1.0  # [s], usual length of a window
@@ -57,7 +57,7 @@ class Segments:
         reach = np.arange(-int(np.ceil(delay * recording.rate)) - 1, 0)[:, None] + self.first
         begins = np.array(recording.starts)[np.searchsorted(recording.starts, self.first, side="right") - 1]
         before = np.where(reach >= begins, recording.torque[np.maximum(reach, 0)], 0.0)
-        return delayed(self.torque, before, delay * recording.rate)
+        return delay_torque(self.torque, before, delay * recording.rate)
 
 
 def choose_segments(windows: Windows, seconds: float = HORIZON, covers: bool = False) -> Segments:
@@ -131,7 +131,7 @@ def simulate_all(
     perturbations = np.zeros((len(models), 2)) if perturbations is None else perturbations
     alike: dict[tuple[int, int], list[int]] = {}
     for k, segment in enumerate(segments):
-        alike.setdefault((len(segment.torque), substeps(1.0 / segment.windows.recording.rate)), []).append(k)
+        alike.setdefault((len(segment.torque), count_substeps(1.0 / segment.windows.recording.rate)), []).append(k)
     results: dict[int, Array] = {}
     for numbers in alike.values():
         together = [segments[k] for k in numbers]

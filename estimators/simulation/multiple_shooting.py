@@ -37,7 +37,7 @@ from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory
 from pendulum_env.physics.term import Memory
-from pendulum_env.physics.terms import link_of
+from pendulum_env.physics.terms import find_link
 
 PERTURBATION = np.array(
     [3e-4, 3e-3, 1e-3, 1e-2]
@@ -94,7 +94,7 @@ class Shooting:
         """Simulate segments of V points from states (V, S, B), each (N + 1, V B); `observe` as in `simulate`."""
         q, v, *hidden = (row.ravel() for row in np.swapaxes(states, 0, 1))
         models = [(point.terms, point.theta) for point in points]
-        link = {link_of(points[0].terms).id: tuple(hidden)}
+        link = {find_link(points[0].terms).id: tuple(hidden)}
         return simulate_segments([self.segments], models, q, v, link, self.step, observe)
 
     def errors(self, points: Sequence[Point], states: Array) -> Array:
@@ -111,7 +111,7 @@ def repeat_points(points: Sequence[Point], times: int) -> list[Point]:
 
 def cut(windows: Windows, point: Point, first: Index) -> Shooting:
     """Cut segments from given samples on, with initial states from the measured motion."""
-    segments, link = cut_segments(windows, first, count_periods(windows, SHOOTING.length)), link_of(point.terms)
+    segments, link = cut_segments(windows, first, count_periods(windows, SHOOTING.length)), find_link(point.terms)
     hidden = start_memory([segments], [link])[link.id]
     return Shooting(
         segments, np.array([segments.position[0], segments.velocity, *hidden]), np.full(len(first), DAMPING[0])
@@ -128,7 +128,7 @@ def list_adjacent_segments(windows: Windows) -> Index:
 def compute_state_slopes(shooting: Shooting, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
     """Return errors (V, B, N) of V points from V sets of states (V, S, B), and slopes by states (V, B, N, S)."""
     count, size, segments = states.shape
-    moves = PERTURBATION * (1.0 if find_hints(type(link_of(points[0].terms))).multimodal else SMOOTH)
+    moves = PERTURBATION * (1.0 if find_hints(type(find_link(points[0].terms))).multimodal else SMOOTH)
     perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(moves)])[None, :, :, None]
     errors = shooting.errors(repeat_points(points, size + 1), perturbed.reshape(-1, size, segments))
     errors = errors.reshape(count, size + 1, segments, -1)
@@ -185,7 +185,7 @@ def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array
     The starts are the present states, those from the measured motion, and a link on either side of the play.
     """
     traced = cut(shooting.segments.windows, point, shooting.segments.first).states
-    gap = link_of(point.terms).nonlinear_values.get("gap", 0.0)
+    gap = find_link(point.terms).nonlinear_values.get("gap", 0.0)
     candidates = [shooting.states, traced]
     for side in (-1, 0, 1) if gap else ():
         candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
@@ -202,7 +202,7 @@ def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array
 
 def simulate_link_motion(windows: Windows, model: Model) -> Samples:
     """Simulate the motion of motor and link in adjacent segments, and return the samples of the recording."""
-    point, term = Point.of(model), link_of(model.terms)
+    point, term = Point.of(model), find_link(model.terms)
     x = windows.trace([term])[0]
     shooting, _ = initialise_states(cut(windows, point, list_adjacent_segments(windows)), point)
     seen: list[Memory] = []
@@ -349,7 +349,7 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
         every: recording's windows.
         model: initial guess; one of its terms has a link. It is returned unchanged if segments are too few.
     """
-    point, multimodal = Point.of(model), find_hints(type(link_of(model.terms))).multimodal
+    point, multimodal = Point.of(model), find_hints(type(find_link(model.terms))).multimodal
     if _are_few(every, point):
         return model
     if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
@@ -418,7 +418,7 @@ def change_point(point: Point, factors: Mapping[str, float]) -> Point:
 def add_link_gravity(point: Point) -> Point:
     """Return the point with the gravity of the link."""
     names = [column.name for term in point.terms for column in term.columns]
-    term = link_of(point.terms)
+    term = find_link(point.terms)
     if "gravity" not in names or "gravity" not in term.nonlinear_values or term.id not in names:
         return point
     theta = point.theta.copy()

@@ -8,7 +8,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.table import Table
-from pendulum_env.physics.term import loads
+from pendulum_env.physics.term import list_loads
 
 NOT_NEGATIVE = ("inertia", "viscous", "coulomb")  # parameters of any body; gravity may have either sign
 
@@ -30,7 +30,9 @@ def list_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     negative. Beside a table of friction, viscous and dry friction are only parts of friction, and have any sign. Limits
     that a user has set to a parameter take the place of those of a body.
     """
-    tables = {at for term in terms if isinstance(term, Table) and term.kind == "dissipative" for at in loads(term.at)}
+    tables = {
+        at for term in terms if isinstance(term, Table) and term.kind == "dissipative" for at in list_loads(term.at)
+    }
     least, most = bounds_of_laws(terms)
     is_body = np.array([_is_of_body(term, term.at in tables) for term in terms for _ in term.columns], dtype=bool)
     least[is_body & (least == -np.inf) & (most > 0.0)] = 0.0

@@ -27,9 +27,9 @@ from estimators.weak_form.windows import WindowAverages, Windows, cut
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links
-from pendulum_env.arms.recording import payload_of
+from pendulum_env.arms.recording import get_payload
 from pendulum_env.physics import Term
-from pendulum_env.physics.term import loads
+from pendulum_env.physics.term import list_loads
 from pendulum_env.recording import Recording
 
 FEWEST = 20  # windows of each joint
@@ -44,7 +44,7 @@ def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[
     """
     entries = [
         [
-            replace(cut(joint, width), at=name, run=run, payload=payload_of(recording))
+            replace(cut(joint, width), at=name, run=run, payload=get_payload(recording))
             for name, joint in zip(links.body.joints, recording.joints, strict=True)
         ]
         for run, recording in enumerate(recordings)
@@ -114,7 +114,7 @@ def _compute_coupling_columns(entries: Sequence[Sequence[Windows]], kind: type[C
 
 def _compute_shared_columns(w: Windows, entries: Sequence[Windows], term: Term) -> tuple[Array, Array]:
     """Columns (R, P) on the rows of a joint, and their time derivatives, of a motor coupled to several joints."""
-    factors = loads(term.at)
+    factors = list_loads(term.at)
     if w.at not in factors:
         return (np.zeros((len(w.centers), len(term.columns))),) * 2
     turns = np.array([factors.get(own.at, 0.0) for own in entries])

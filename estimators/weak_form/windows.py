@@ -35,7 +35,7 @@ from estimators.signals.motion import LEAD_IN, SLOWEST, get_known_load, get_temp
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.arms.body import LinkLoad
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
-from pendulum_env.physics.term import LOAD, traces
+from pendulum_env.physics.term import LOAD, trace_variants
 from pendulum_env.recording import Recording
 
 DENSEST = 4  # entries of a matrix of averages per sample, above which averages are made by sliding the window
@@ -334,7 +334,7 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
         every = zip(runs, commands, periods, strict=True)
         memories = iter([[variant.trace(*run) for variant in variants] for run in every])
     else:
-        memories = iter(traces(variants, runs, commands, periods))
+        memories = iter(trace_variants(variants, runs, commands, periods))
     traced = []
     for w, x in zip(windows, driving, strict=True):
         segments = [next(memories) for _ in w.recording.starts]

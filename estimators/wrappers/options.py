@@ -17,7 +17,7 @@ from estimators.schemes.six import SCHEMES, Scheme, select_schemes
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, compute_encoder_noise
 from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.joints import Coupling, arm_base, effects_of, kinds_at, model_terms
+from pendulum_env.arms.joints import Coupling, arm_base, arrange_terms, find_kinds, list_effects
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.interface import note_identifier
 from pendulum_env.lookup import find
@@ -162,7 +162,7 @@ class Plant:
         Raises:
             ValueError: if a term or its joint is unknown.
         """
-        return arm_base(self.body) if terms is None else select_terms(model_terms(terms, self.body))
+        return arm_base(self.body) if terms is None else select_terms(arrange_terms(terms, self.body))
 
     def effects(self, names: Sequence[str] | None) -> dict[str, type[Term]]:
         """Return possible effects by id, by default all that need only the columns of `info`.
@@ -173,8 +173,8 @@ class Plant:
             ValueError: if an effect or joint is unknown.
         """
         if names is None:
-            names = [id for id, kind in effects_of(self.body).items() if id != Coupling.id and not kind.needs]
-        return {kind.id: kind for kind in kinds_at(names, self.body)}
+            names = [id for id, kind in list_effects(self.body).items() if id != Coupling.id and not kind.needs]
+        return {kind.id: kind for kind in find_kinds(names, self.body)}
 
 
 def make_estimator(

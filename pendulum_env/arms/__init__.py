@@ -6,10 +6,12 @@ from pendulum_env.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from pendulum_env.arms.body import BaseParameter, Body, BodyError, read_body
-    from pendulum_env.arms.joints import Links, arm_base, at_joint, friction, joint_effects, placed
+    from pendulum_env.arms.joints import Links, arm_base, friction, joint_effects, place_effect, place_term
+    from pendulum_env.arms.joints import at_joint as at_joint  # the old names of place_effect and place_term,
+    from pendulum_env.arms.joints import placed as placed  # kept for one more release
     from pendulum_env.arms.model import ArmModel
     from pendulum_env.arms.planar import TWO_LINK, Link
-    from pendulum_env.arms.plane import planar_links
+    from pendulum_env.arms.plane import find_planar_links
     from pendulum_env.arms.recording import ArmRecording, find_logged_joints, read_arm_recording, read_arm_source
     from pendulum_env.arms.robot import find_movable_joints
 else:
@@ -25,13 +27,13 @@ __all__ = [
     "Link",
     "Links",
     "arm_base",
-    "at_joint",
     "find_logged_joints",
     "find_movable_joints",
+    "find_planar_links",
     "friction",
     "joint_effects",
-    "placed",
-    "planar_links",
+    "place_effect",
+    "place_term",
     "read_arm_recording",
     "read_arm_source",
     "read_body",

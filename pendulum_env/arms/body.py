@@ -23,7 +23,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pendulum_env._typing import Array, Index
-from pendulum_env.arms.robot import BodyError, pinocchio, read_robot
+from pendulum_env.arms.robot import BodyError, import_pinocchio, read_robot
 from pendulum_env.formatting import join_words
 from pendulum_env.physics.mechanism import Mechanism
 
@@ -243,7 +243,7 @@ class Body(Mechanism):
 
     def stored(self, q: Array, v: Array) -> Array:
         """Regressor of the energy K + U, up to a constant (N, P)."""
-        model, data, pin = self.model, self._data, pinocchio()
+        model, data, pin = self.model, self._data, import_pinocchio()
 
         def energies(q: Array, v: Array, a: Array) -> Array:
             return pin.computeKineticEnergyRegressor(model, data, q, v) + pin.computePotentialEnergyRegressor(
@@ -270,7 +270,7 @@ class Body(Mechanism):
         return self._with_rotors(self._regress(self._weightless, q, np.zeros_like(v), v), v)
 
     def _regress(self, model: Any, q: Array, v: Array, a: Array) -> Array:
-        regressor = partial(pinocchio().computeJointTorqueRegressor, model, self._data)
+        regressor = partial(import_pinocchio().computeJointTorqueRegressor, model, self._data)
         count = len(self.links)  # of a single one, Pinocchio gives no row but a vector
         links = self._each(regressor, *self._all(q, v, a)).reshape(len(q), count, 10 * count)
         return links if count == len(self.joints) else np.einsum("kn,Nkp->Nnp", self.ratios, links)
@@ -298,19 +298,19 @@ class Body(Mechanism):
     @property
     def torque_limits(self) -> Array:
         """Largest torque of each joint (n,) [N m] or [N], infinite where the file has none."""
-        return _limits(np.abs(self._of_joints(self.model.upperEffortLimit)))
+        return _replace_unlimited(np.abs(self._of_joints(self.model.upperEffortLimit)))
 
     @property
     def velocity_limits(self) -> Array:
         """Largest speed of each joint (n,) [rad/s] or [m/s], infinite where the file has none."""
-        return _limits(self._of_joints(self.model.upperVelocityLimit))
+        return _replace_unlimited(self._of_joints(self.model.upperVelocityLimit))
 
     def _of_joints(self, values: Array) -> Array:
         """Select the independent joints (n,)."""
         return np.array(values, dtype=float)[[self.links.index(joint) for joint in self.joints]]
 
 
-def _limits(largest: Array) -> Array:
+def _replace_unlimited(largest: Array) -> Array:
     return np.where((largest > 0) & (largest < UNLIMITED), largest, np.inf)
 
 

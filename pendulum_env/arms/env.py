@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.planar import TWO_LINK, Link, PlanarBodies, joint_models, joint_names, urdf
-from pendulum_env.arms.plane import friction_of
+from pendulum_env.arms.planar import TWO_LINK, Link, PlanarBodies, make_joint_models, name_joints, write_urdf
+from pendulum_env.arms.plane import get_friction
 from pendulum_env.arms.world import SpatialBodies
 from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.formatting import join_words
 from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond, warn_learner
-from pendulum_env.lookup import find, with_known_arguments
+from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.plant import PAPER, Effects
 from pendulum_env.rendering import MODES, Renderer
 
@@ -140,7 +140,7 @@ class PlanarArm(SimulatedArm):
     Joint angles are relative to the link before, and all zero where the arm hangs down.
     """
 
-    @with_known_arguments
+    @refuse_unknown_arguments
     def __init__(
         self,
         links: Sequence[Link] = TWO_LINK,
@@ -175,13 +175,13 @@ class PlanarArm(SimulatedArm):
         check_positive("an arm", rate=rate, substeps=substeps, max_torque=max_torque)
         self._renderer = Renderer(render_mode)
         self.links = tuple(links)
-        joints = joint_names(len(links)) if joints is None else tuple(joints)
+        joints = name_joints(len(links)) if joints is None else tuple(joints)
         if len(set(joints)) != len(self.links):
             raise ValueError(
                 f"an arm of {len(self.links)} links needs as many joints of different names, not {join_words(joints)}"
             )
         sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
-        self.models = joint_models([(link.viscous, link.coulomb) for link in self.links], joints, effects)
+        self.models = make_joint_models([(link.viscous, link.coulomb) for link in self.links], joints, effects)
         bodies = PlanarBodies(self.links, self.models, 1.0 / rate, int(substeps))
         super().__init__(joints, bodies, sensor, rate=rate, max_torque=max_torque)
         self.render_mode = render_mode
@@ -190,7 +190,7 @@ class PlanarArm(SimulatedArm):
     @property
     def urdf(self) -> str:
         """The arm as URDF, for `read_body`."""
-        return urdf(self.links, self.joints)
+        return write_urdf(self.links, self.joints)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Picture (H, W, 3) of the arm and the torques at its joints; None in mode human."""
@@ -229,6 +229,6 @@ class SpatialArm(SimulatedArm):
         body.refuse_impossible_links()
         (mass,) = body.mass_matrix(np.zeros((1, len(body.joints))), body.values)
         light = np.minimum(1.0, np.diag(mass) / PAPER["inertia"])
-        models = joint_models(friction_of(body, light), body.joints, effects, body.sliding)
+        models = make_joint_models(get_friction(body, light), body.joints, effects, body.sliding)
         sensor = Sensor(counts, torque_noise, ideal_velocity=True)
         super().__init__(body.joints, SpatialBodies(body, models, 1.0 / rate), sensor, rate=rate, max_torque=max_torque)

@@ -17,12 +17,12 @@ import numpy as np
 from pendulum_env.arms.body import Body
 from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
-from pendulum_env.physics import Column, Term, nameable
+from pendulum_env.physics import Column, Term, list_nameable
 from pendulum_env.physics.base import BASE, Coulomb, Viscous
-from pendulum_env.physics.library import MEASURED, addition
+from pendulum_env.physics.library import MEASURED, find_addition
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
-from pendulum_env.physics.term import derived, loads, one
+from pendulum_env.physics.term import derive_kind, list_loads, one
 from pendulum_env.units import JointUnits
 
 T = TypeVar("T")
@@ -39,7 +39,7 @@ def can_sit(id: str, slides: bool = False) -> bool:
     return id not in NOT_DECENTRALISED and not (slides and (id in OF_A_TURN or id == Coupling.id))
 
 
-def at_joint(effect: type[Term], joint: str, slides: bool = False) -> type[Term]:
+def place_effect(effect: type[Term], joint: str, slides: bool = False) -> type[Term]:
     """An effect as it is at one of several joints: the same law, with `@joint` behind its id and its parameters.
 
     Where the joint slides, the units are those of m and N. Nothing changes at the joint of a pendulum, without a name.
@@ -51,19 +51,19 @@ def at_joint(effect: type[Term], joint: str, slides: bool = False) -> type[Term]
         return effect
     if effect.at:
         raise UserError(f"{effect.id} is at a joint already: place {effect.id.partition('@')[0]} at '{joint}' instead")
-    return _at_joint(cast(Hashable, effect), joint, slides)
+    return _make_placed_effect(cast(Hashable, effect), joint, slides)
 
 
 @cache  # so that the same effect at the same joint is the same class
-def _at_joint(effect: type[Term], joint: str, slides: bool) -> type[Term]:
+def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Term]:
     units = JointUnits(slides=slides)
 
     def named(columns: Sequence[Column]) -> tuple[Column, ...]:
         own = (column for column in columns if column.name not in OF_THE_ARM)
         return tuple(replace(column, name=f"{column.name}@{joint}", unit=units.unit(column.unit)) for column in own)
 
-    made = derived(
-        effect, at_joint, joint, slides,
+    made = derive_kind(
+        effect, place_effect, joint, slides,
         id=f"{effect.id}@{joint}",
         at=joint,
         slides=slides,
@@ -104,34 +104,34 @@ class Coupling(Term):
 
 
 @cache
-def _coupled(kind: type[Coupling], at: str, is_heavy: bool) -> type[Coupling]:
-    return derived(kind, _coupled, at, is_heavy, id=f"coupling@{at}", at=at, is_heavy=is_heavy)
+def _make_coupling(kind: type[Coupling], at: str, is_heavy: bool) -> type[Coupling]:
+    return derive_kind(kind, _make_coupling, at, is_heavy, id=f"coupling@{at}", at=at, is_heavy=is_heavy)
 
 
-def coupled(at: str, is_heavy: bool) -> type[Coupling]:
+def get_coupling(at: str, is_heavy: bool) -> type[Coupling]:
     """The coupling of two joints, `elbow,wrist` or `elbow,-wrist`, with or without an inertia of its motor."""
-    return _coupled(Coupling, at, is_heavy)
+    return _make_coupling(Coupling, at, is_heavy)
 
 
-def couplings(body: Body) -> tuple[type[Coupling], ...]:
+def list_couplings(body: Body) -> tuple[type[Coupling], ...]:
     """Couplings of joints that follow each other, each way."""
     turning = [can_sit(Coupling.id, slides) for slides in body.slides]
     pairs = [pair for pair, both in zip(pairwise(body.joints), pairwise(turning), strict=True) if all(both)]
-    return tuple(coupling(f"{first},{sign}{second}", body) for first, second in pairs for sign in ("", "-"))
+    return tuple(choose_coupling(f"{first},{sign}{second}", body) for first, second in pairs for sign in ("", "-"))
 
 
-def coupling(at: str, body: Body) -> type[Coupling]:
+def choose_coupling(at: str, body: Body) -> type[Coupling]:
     """The coupling of two joints of an arm; without inertia where a link's may be what its motor's would be."""
-    factors = np.array([loads(at).get(joint, 0.0) for joint in body.joints])
+    factors = np.array([list_loads(at).get(joint, 0.0) for joint in body.joints])
     q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(body.joints)))
     felt, links = np.outer(a @ factors, factors).ravel(), body.torque(q, v, a).reshape(a.size, -1)
     left = felt - links @ np.linalg.lstsq(links, felt, rcond=None)[0]
-    return coupled(at, bool(np.linalg.norm(left) > OF_NO_LINK * np.linalg.norm(felt)))
+    return get_coupling(at, bool(np.linalg.norm(left) > OF_NO_LINK * np.linalg.norm(felt)))
 
 
-def placed(term: Term, joint: str, slides: bool = False) -> Term:
+def place_term(term: Term, joint: str, slides: bool = False) -> Term:
     """A term as it is at a joint."""
-    return at_joint(type(term), joint, slides)(**term.nonlinear_values)
+    return place_effect(type(term), joint, slides)(**term.nonlinear_values)
 
 
 def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
@@ -141,7 +141,7 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
         ValueError: with the term, and the joints that there are.
     """
     for term in terms:
-        if not isinstance(term, Links) and not set(loads(term.at)) <= set(joints):
+        if not isinstance(term, Links) and not set(list_loads(term.at)) <= set(joints):
             other = f"none of the joints {', '.join(joints)}: place it, placed(term, {joints[0]!r})"
             raise UserError(
                 f"{term.id} is at {other if any(joints) else 'a joint of an arm, and a pendulum has one joint'}"
@@ -151,42 +151,42 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
 def friction(body: Mechanism) -> tuple[Term, ...]:
     """Viscous and Coulomb friction at each joint."""
     joints = zip(body.joints, body.slides, strict=True)
-    return tuple(placed(term, joint, slides) for joint, slides in joints for term in FRICTION)
+    return tuple(place_term(term, joint, slides) for joint, slides in joints for term in FRICTION)
 
 
 def arm_base(body: Mechanism) -> tuple[Term, ...]:
     """Return the base terms: links, or inertia and gravity, and viscous and Coulomb friction at each joint."""
-    return model_terms(friction(body), body) if isinstance(body, Body) else BASE
+    return arrange_terms(friction(body), body) if isinstance(body, Body) else BASE
 
 
-def model_terms(terms: Sequence[T], body: Mechanism) -> tuple[T | Links, ...]:
+def arrange_terms(terms: Sequence[T], body: Mechanism) -> tuple[T | Links, ...]:
     """Terms of a model: those given for a pendulum, and behind the links of an arm those at its joints."""
     return (Links(body), *terms) if isinstance(body, Body) else tuple(terms)
 
 
-def body_of(terms: Sequence[object]) -> Mechanism:
+def find_body(terms: Sequence[object]) -> Mechanism:
     """Joints of a model by its first term: the links of an arm have a body, others are at the joint of a pendulum."""
     return terms[0].mechanism if terms and isinstance(terms[0], Term) else PENDULUM
 
 
-def links_of(terms: Sequence[object]) -> Body:
+def find_links(terms: Sequence[object]) -> Body:
     """Return the links of the terms of an arm."""
-    body = body_of(terms)
+    body = find_body(terms)
     assert isinstance(body, Body)
     return body
 
 
-def effects_of(body: Mechanism) -> dict[str, type[Term]]:
+def list_effects(body: Mechanism) -> dict[str, type[Term]]:
     """Effects that may be missing at the joints of a body, by id."""
-    return joint_effects() if isinstance(body, Body) else nameable()
+    return joint_effects() if isinstance(body, Body) else list_nameable()
 
 
 def joint_effects() -> dict[str, type[Term]]:
     """Effects of the library that can sit at a joint of an arm, and the coupling of two, by id."""
-    return {id: effect for id, effect in nameable().items() if can_sit(id)} | {Coupling.id: Coupling}
+    return {id: effect for id, effect in list_nameable().items() if can_sit(id)} | {Coupling.id: Coupling}
 
 
-def at_joints(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Term]]:
+def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Term]]:
     """Effects at each joint where they make sense; a coupling at each pair of joints that follows each other.
 
     Those that are at a joint already stay there.
@@ -196,32 +196,36 @@ def at_joints(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Term]]:
         return kinds
     joints = zip(body.joints, body.slides, strict=True)
     alone = [kind for kind in kinds if kind is not Coupling and not kind.at]
-    placed = [at_joint(kind, joint, slides) for joint, slides in joints for kind in alone if can_sit(kind.id, slides)]
-    return [*placed, *(couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
+    placed = [
+        place_effect(kind, joint, slides) for joint, slides in joints for kind in alone if can_sit(kind.id, slides)
+    ]
+    return [*placed, *(list_couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
 
 
-def kind_at(text: str, body: Mechanism) -> type[Term]:
+def find_kind(text: str, body: Mechanism) -> type[Term]:
     """The effect that `stribeck`, at an arm `stribeck@elbow` or `coupling@elbow,-wrist`, names, or a table.
 
     Raises:
         ValueError: if there is no such effect or joint; the message names the nearest.
     """
     if not isinstance(body, Body):
-        return addition(text)
+        return find_addition(text)
     joints, (id, _, at) = body.joints, text.partition("@")
     if id != Coupling.id:
-        kind, joint = effect_at(text, joints, joint_effects() | TABLES, body.sliding)
-        return at_joint(kind, joint, body.slides[joints.index(joint)])
-    pair = [find("joint", joint, {name: name for name in joints}) for joint in loads(at)]
+        kind, joint = parse_effect(text, joints, joint_effects() | TABLES, body.sliding)
+        return place_effect(kind, joint, body.slides[joints.index(joint)])
+    pair = [find("joint", joint, {name: name for name in joints}) for joint in list_loads(at)]
     _refuse_sliding(id, pair, body.sliding)
     if len(pair) != 2 or at.startswith("-"):
         raise UserError(
             f"'{text}' should name two joints, such as {id}@{joints[0]},{joints[-1]}, with - for the second"
         )
-    return coupling(at, body)
+    return choose_coupling(at, body)
 
 
-def kinds_at(names: Iterable[str], body: Mechanism, known: Mapping[str, type[Term]] | None = None) -> list[type[Term]]:
+def find_kinds(
+    names: Iterable[str], body: Mechanism, known: Mapping[str, type[Term]] | None = None
+) -> list[type[Term]]:
     """Effects by name: `stribeck` at each joint where it makes sense, `stribeck@elbow` at that one.
 
     Args:
@@ -232,13 +236,13 @@ def kinds_at(names: Iterable[str], body: Mechanism, known: Mapping[str, type[Ter
     Raises:
         ValueError: if there is no such effect or joint; the message names the nearest.
     """
-    names, known = list(names), effects_of(body) if known is None else known
+    names, known = list(names), list_effects(body) if known is None else known
     what = "effect of joints" if isinstance(body, Body) else "effect"
     everywhere = [find(what, name, known) for name in names if "@" not in name]
-    return [*at_joints(everywhere, body), *(kind_at(name, body) for name in names if "@" in name)]
+    return [*place_effects(everywhere, body), *(find_kind(name, body) for name in names if "@" in name)]
 
 
-def effect_at(
+def parse_effect(
     text: str,
     joints: Sequence[str],
     known: Mapping[str, type[Term]] | None = None,
@@ -303,3 +307,6 @@ class Links(Term):
         if not np.any((np.abs(here - there).max(axis=0) < OF_NO_LINK) & (np.abs(here).max(axis=0) > OF_NO_LINK)):
             return ()
         return ("one",) if self.body.slides[joint] else ("sine", "cosine")
+
+
+at_joint, placed = place_effect, place_term  # names of earlier releases, kept for one more

@@ -11,15 +11,15 @@ from msgspec import Struct
 
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling, Links, at_joint, can_sit, coupled, links_of
+from pendulum_env.arms.joints import Coupling, Links, can_sit, find_links, get_coupling, place_effect
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics import Model, ModelError, Term, library
-from pendulum_env.physics.limits import collect_limits, limited_term, read_limits, write_limits
+from pendulum_env.physics.limits import collect_limits, limit_term, read_limits, write_limits
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.model import ARM_SCHEMA, read_estimate, read_log_format
 from pendulum_env.physics.table import Table, read_table
-from pendulum_env.physics.term import loads
-from pendulum_env.reading import Number, Text, convert, read_json, shown
+from pendulum_env.physics.term import list_loads
+from pendulum_env.reading import Number, Text, convert, quote_value, read_json
 from pendulum_env.settings import format_setting
 
 HINT = "identify or diagnose the arm to have one"
@@ -36,7 +36,7 @@ class ArmModel(Model):
     @property
     def body(self) -> Body:
         """The links."""
-        return links_of(self.terms)
+        return find_links(self.terms)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON; base parameters also say what they combine."""
@@ -84,7 +84,7 @@ class ArmModel(Model):
                 f"{format_setting('rotors', True)} as then"
             )
         limits = read_limits(data.limits or {})
-        terms = [limited_term(_term(k, data, body), limits) for k in range(len(data.terms))]
+        terms = [limit_term(_build_term(k, data, body), limits) for k in range(len(data.terms))]
         for k, term in enumerate(terms):
             if term.id in {other.id for other in terms[:k]}:
                 raise ModelError(f"'terms[{k}]' is {term.id} again: each term may appear once")
@@ -125,7 +125,7 @@ class _ArmModelFile(_ArmFile, kw_only=True):
     limits: dict[str, tuple[Number | None, Number | None]] | None = None
 
 
-def model_of(model: Model) -> Model:
+def make_arm_model(model: Model) -> Model:
     """A model as that of an arm, if links are the first of its terms."""
     if not isinstance(model.body, Body):
         return model
@@ -138,7 +138,7 @@ def load_model(path: str | Path, body: Mechanism) -> Model:
 
 
 @dataclass(frozen=True)
-class Asked:
+class ModelOptions:
     """How a model was made: which joints of the robot move, where others are held, and so on; how logs were read."""
 
     joints: tuple[str, ...] | None = None
@@ -148,7 +148,7 @@ class Asked:
     log_format: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def of_model(cls, path: str | Path) -> Asked:
+    def of_model(cls, path: str | Path) -> ModelOptions:
         """Read it from the file of a model; empty if the file is no model."""
         try:
             data = convert(read_json(path, HINT), _ArmFile)
@@ -158,19 +158,19 @@ class Asked:
         return cls(data.joints if held else None, held, data.rotors, bool(data.weightless), data.log_format or {})
 
 
-def _term(k: int, data: _ArmModelFile, body: Body) -> Term:
+def _build_term(k: int, data: _ArmModelFile, body: Body) -> Term:
     """Make term k of a model file."""
     item = data.terms[k]
-    places = list(loads(item.joint)) if item.id == Coupling.id else [item.joint]
+    places = list(list_loads(item.joint)) if item.id == Coupling.id else [item.joint]
     for place in places:
         if place not in body.joints:
             raise ModelError(f"'terms[{k}].joint' is '{place}': the robot has {', '.join(body.joints)}")
     if item.id == Coupling.id:
         if len(places) != 2:
-            raise ModelError(f"'terms[{k}].joint' is {shown(item.joint)}: expected two joints, such as A,-B")
-        return coupled(item.joint, f"coupling.inertia@{item.joint}" in data.theta)()
+            raise ModelError(f"'terms[{k}].joint' is {quote_value(item.joint)}: expected two joints, such as A,-B")
+        return get_coupling(item.joint, f"coupling.inertia@{item.joint}" in data.theta)()
     try:
-        kind = library.term(item.id)
+        kind = library.find_term(item.id)
     except ValueError as error:
         raise ModelError(f"'terms[{k}].id': {error}") from None
     slides = body.slides[body.joints.index(item.joint)]
@@ -185,7 +185,7 @@ def _term(k: int, data: _ArmModelFile, body: Body) -> Term:
         if not (parameter.low <= value <= parameter.high and (value.is_integer() or not parameter.integer)):
             what = "a whole number" if parameter.integer else "a number"
             raise ModelError(f"'{place}' is {value:g}: expected {what} from {parameter.low:g} to {parameter.high:g}")
-    there = at_joint(kind, item.joint, slides)
+    there = place_effect(kind, item.joint, slides)
     if issubclass(there, Table):
         return read_table(there, item.extent, f"terms[{k}].extent")
     term = there(**values)

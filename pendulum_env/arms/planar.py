@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.arms.joints import FRICTION, effect_at
+from pendulum_env.arms.joints import FRICTION, parse_effect
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import Balance, CommandLine
 from pendulum_env.plant import PAPER, Effects, hide, list_effects
@@ -55,12 +55,12 @@ class Link:
 TWO_LINK = (Link(1.2, 0.45, 0.2, 0.02), Link(0.8, 0.35, 0.15, 0.008))
 
 
-def joint_names(count: int) -> tuple[str, ...]:
+def name_joints(count: int) -> tuple[str, ...]:
     """`shoulder`, `elbow`, `wrist`, then numbers."""
     return tuple(("shoulder", "elbow", "wrist")[k] if k < 3 else f"joint{k + 1}" for k in range(count))
 
 
-def joint_models(
+def make_joint_models(
     friction: Sequence[tuple[float, float]],
     names: Sequence[str],
     effects: Effects = (),
@@ -80,13 +80,13 @@ def joint_models(
     models = [Model.build(FRICTION, np.array(pair)) for pair in friction]
     for text in list_effects(effects):
         place = re.split("[=:]", text, maxsplit=1)[0]
-        kind, joint = effect_at(place, names, sliding=sliding)
+        kind, joint = parse_effect(place, names, sliding=sliding)
         at = list(names).index(joint)
         models[at] = hide(models[at], kind.id + text[len(place) :])
     return tuple(models)
 
 
-class Acting:
+class JointBalances:
     """Torque balances of the joints of a simulated arm, with their states."""
 
     def __init__(self, models: Sequence[Model], h: float) -> None:
@@ -134,7 +134,7 @@ class PlanarBodies:
     def __init__(self, links: Sequence[Link], models: Sequence[Model], period: float, substeps: int) -> None:
         """Take links, what acts at their joints, the time between samples [s] and steps in it."""
         self.links, self.substeps, self.step = tuple(links), substeps, period / substeps
-        self._acting = Acting(models, self.step)
+        self._acting = JointBalances(models, self.step)
 
     def start(self, position: Array, velocity: Array) -> None:
         """Put the arm at joint angles (n,) [rad] with joint velocities (n,) [rad/s]."""
@@ -218,7 +218,7 @@ class PlanarBodies:
         return np.diff([body.angular_velocity for body in self._bodies], prepend=0.0)
 
 
-def urdf(links: Sequence[Link], names: Sequence[str]) -> str:
+def write_urdf(links: Sequence[Link], names: Sequence[str]) -> str:
     """The arm as URDF, with its joints' names and friction; angles are counted as in the simulation."""
     from xml.sax.saxutils import quoteattr  # it brings all of urllib
 
@@ -227,7 +227,7 @@ def urdf(links: Sequence[Link], names: Sequence[str]) -> str:
     for k, (link, joint) in enumerate(zip(links, names, strict=True)):
         i = link.inertia
         bodies.append(
-            f'<link name="link{k + 1}"><inertial><origin xyz="{_in_space(link, link.center, link.aside)}"/>'
+            f'<link name="link{k + 1}"><inertial><origin xyz="{_locate_point(link, link.center, link.aside)}"/>'
             f'<mass value="{link.mass}"/>'
             f'<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i / 10}"/></inertial></link>'
         )
@@ -236,11 +236,11 @@ def urdf(links: Sequence[Link], names: Sequence[str]) -> str:
             f'<origin xyz="{place}"/><axis xyz="0 -1 0"/>'
             f'<dynamics damping="{link.viscous}" friction="{link.coulomb}"/></joint>'
         )
-        parent, place = f"link{k + 1}", _in_space(link, link.length, 0.0)
+        parent, place = f"link{k + 1}", _locate_point(link, link.length, 0.0)
     return "\n".join(['<robot name="planar-arm">', *bodies, *joints, "</robot>", ""])
 
 
-def _in_space(link: Link, along: float, aside: float) -> str:
+def _locate_point(link: Link, along: float, aside: float) -> str:
     """A point of a link from its joint, where all joints are at zero: x to the right, z up [m]."""
     s, c = np.sin(link.angle), np.cos(link.angle)
     return f"{along * s + aside * c:.9g} 0 {aside * s - along * c:.9g}"

@@ -5,7 +5,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, BodyError
 from pendulum_env.arms.planar import Link
-from pendulum_env.arms.robot import pinocchio
+from pendulum_env.arms.robot import import_pinocchio
 from pendulum_env.plant import PAPER
 from pendulum_env.recording.study import GRAVITY
 from pendulum_env.settings import format_setting
@@ -13,7 +13,7 @@ from pendulum_env.settings import format_setting
 ALIKE = 1e-6  # of directions, and of lengths as shares of the arm's
 
 
-def friction_of(body: Body, shares: Array | None = None) -> list[tuple[float, float]]:
+def get_friction(body: Body, shares: Array | None = None) -> list[tuple[float, float]]:
     """Viscous [N m s/rad] and dry [N m] friction of each joint by the file, or shares of the paper's if it has none."""
     model, places = body.model, [body.links.index(joint) for joint in body.joints]
     usual = np.outer(np.ones(len(places)) if shares is None else shares, [PAPER["viscous"], PAPER["coulomb"]])
@@ -21,7 +21,7 @@ def friction_of(body: Body, shares: Array | None = None) -> list[tuple[float, fl
     return [both if any(both) else (b, fc) for both, (b, fc) in zip(given, usual.tolist(), strict=True)]
 
 
-def planar_links(body: Body) -> tuple[Link, ...]:
+def find_planar_links(body: Body) -> tuple[Link, ...]:
     """Links of a chain whose joints all turn about one horizontal direction.
 
     Friction is the file's (`<dynamics damping="..." friction="..."/>` of URDF); a joint without any has the paper's.
@@ -30,7 +30,7 @@ def planar_links(body: Body) -> tuple[Link, ...]:
         BodyError: if the arm is none such, as pymunk simulates in a plane, or a link has an inertia that no body has.
     """
     body.refuse_impossible_links()
-    model, pin, count = body.model, pinocchio(), len(body.joints)
+    model, pin, count = body.model, import_pinocchio(), len(body.joints)
     if list(model.parents)[1:] != list(range(count)):  # nor do any follow others
         raise BodyError(
             f"{body.name}: branches, the simulator knows chains only: simulate it with "
@@ -59,7 +59,7 @@ def planar_links(body: Body) -> tuple[Link, ...]:
     joints = np.array([place.translation for place in places]) @ plane.T  # (n, 2)
     centers = np.array([solid.lever for solid in solids]) @ plane.T
     links = []
-    for k, (solid, (viscous, coulomb)) in enumerate(zip(solids, friction_of(body), strict=True)):
+    for k, (solid, (viscous, coulomb)) in enumerate(zip(solids, get_friction(body), strict=True)):
         mass, inertia = float(solid.mass), float(axes[k] @ solid.inertia @ axes[k])
         to_center, last = centers[k] - joints[k], k + 1 == len(joints)
         line = to_center if last else joints[k + 1] - joints[k]

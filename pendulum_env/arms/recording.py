@@ -97,14 +97,14 @@ class ArmRecording(Recording):
         return f"{super().summary}, {len(self.names)} joint{'s' * (len(self.names) > 1)}"
 
 
-def payload_of(recording: Recording) -> LinkLoad | None:
+def get_payload(recording: Recording) -> LinkLoad | None:
     """Return the known payload of a recording."""
     return recording.payload if isinstance(recording, ArmRecording) else None
 
 
-def with_payload(recording: Recording, load: LinkLoad) -> Recording:
+def add_payload(recording: Recording, load: LinkLoad) -> Recording:
     """Return a recording of an arm with a known payload, in addition to what it is known to carry at the same link."""
-    before = payload_of(recording)
+    before = get_payload(recording)
     if before is not None:
         load = LinkLoad(load.joint, before.standard + load.standard)
     return replace(recording, payload=load)  # type: ignore[call-arg]
@@ -139,7 +139,7 @@ def read_arm_recording(
     """
     check_named(columns)
     look = read_preview(source, most=500)  # columns: four of 64 joints, and what else a robot logs
-    named = _named(get_label(source), look.headers, joints, held, dict(columns or {}))
+    named = _name_columns(get_label(source), look.headers, joints, held, dict(columns or {}))
     single = [_read_joint(source, look, joint, named, unwrap) for joint in joints]
     _refuse_twice(get_label(source), joints, single)
     _refuse_other_instants(joints, single)
@@ -160,14 +160,14 @@ def read_arm_recording(
         log_format=describe_reading(columns or {}, unwrap),
         names=tuple(joints),
         still={
-            joint: _still(get_label(source), look, column)
+            joint: _read_held_position(get_label(source), look, column)
             for joint, column in columns_of.items()
             if column not in (NONE, UNUSED)
         },
     )
 
 
-def read_of(body: Mechanism, source: Readable, format: Source, name: str | None = None) -> Recording:
+def read_logged(body: Mechanism, source: Readable, format: Source, name: str | None = None) -> Recording:
     """Read a recording of a pendulum or of an arm in the format of a log; raises as the functions that read either."""
     if not isinstance(body, Body):
         return replace(read_recording(source, name=name, **format.reading), load=format.load)
@@ -189,13 +189,13 @@ def find_logged_joints(
     """
     look = read_preview(source, most=500)
     named = {name: text for name, text in (columns or {}).items() if text.strip() not in (NONE, UNUSED)}
-    named = without_units(look.headers) | named
+    named = strip_units(look.headers) | named
 
     def is_logged(joint: str) -> bool:
         position = named.get(f"position_{joint}")
         if f"torque_{joint}" in named or position is None:
             return f"torque_{joint}" in named
-        return bool(np.ptp(_still(joint, look, position)) > STILL)
+        return bool(np.ptp(_read_held_position(joint, look, position)) > STILL)
 
     return tuple(filter(is_logged, joints)) or tuple(joints)
 
@@ -236,7 +236,7 @@ def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str,
         parse_column("torque", own["torque"], look.headers, can_find_gain=False)
         read = read_recording(source, unwrap=unwrap, columns=own | unused)
     except RecordingError as error:
-        text = _of_joint(joint, str(error).removeprefix(f"{label}: "))
+        text = _replace_joint_names(joint, str(error).removeprefix(f"{label}: "))
         raise RecordingError(f"{label}: joint '{joint}': {text}") from None
     if read.torque_unit != NEWTON_METRE:
         columns = {f"torque_{joint}": own["torque"].replace("*?", "*0.4")}
@@ -251,11 +251,11 @@ def _note_of_joint(joint: str, note: Note) -> Note:
     quantities = (f"{own}_{joint}" if own in OF_JOINTS else own for own in note.quantities)
     named = {q: text for q, text in note.columns.items() if text != UNUSED}
     columns = {f"{q}_{joint}" if q in OF_JOINTS else q: text for q, text in named.items()}
-    text = _of_joint(joint, note.text) if note.kind is NoteKind.IMPLAUSIBLE else note.text
+    text = _replace_joint_names(joint, note.text) if note.kind is NoteKind.IMPLAUSIBLE else note.text
     return replace(note, quantities=tuple(quantities), columns=columns, text=text)
 
 
-def _still(label: str, look: Preview, text: str) -> Array:
+def _read_held_position(label: str, look: Preview, text: str) -> Array:
     """Positions (M,) of a joint that is held, as a column has them."""
     try:
         column = parse_column("position", text, look.headers)
@@ -268,7 +268,7 @@ def _still(label: str, look: Preview, text: str) -> Array:
     return np.asarray(column.scale * values[np.isfinite(values)] + column.offset)
 
 
-def _of_joint(joint: str, text: str) -> str:
+def _replace_joint_names(joint: str, text: str) -> str:
     """A text about columns of one joint, ready to paste."""
     text = re.sub(",(velocity|reference)=unused|, '(velocity|reference)': 'unused'", "", text)
     text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda found: f"{found[1]}_{joint} is", text)
@@ -285,14 +285,14 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
         raise RecordingError(
             f"{source.file}: `load` is of one joint: leave it out; what an arm carries is identified as its payload"
         )
-    return source.read_range(_of_arm, tuple(joints), tuple(held))
+    return source.read_range(_read_arm, tuple(joints), tuple(held))
 
 
-def _of_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> ArmRecording:
+def _read_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> ArmRecording:
     return read_arm_recording(source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns)
 
 
-def _named(
+def _name_columns(
     label: str,
     headers: Sequence[str],
     joints: Sequence[str],
@@ -306,7 +306,7 @@ def _named(
             find("column of the arm", name, dict.fromkeys(["time", *wanted]))
         except ValueError as error:
             raise ColumnError(f"{label}: {error}") from None
-    plain = without_units(headers)
+    plain = strip_units(headers)
     found = {name: plain[name] for name in wanted if name in plain} | given
     for quantity in OF_JOINTS:
         numbered = sorted(
@@ -335,6 +335,6 @@ def _named(
     return found
 
 
-def without_units(headers: Sequence[str]) -> dict[str, str]:
+def strip_units(headers: Sequence[str]) -> dict[str, str]:
     """Headers by their names alone: `position_lift` of `position_lift [mm]`."""
     return {re.split(r"[\[(]", header)[0].strip(): header for header in headers}

@@ -21,7 +21,7 @@ import numpy as np
 from pendulum_env._typing import JSON
 from pendulum_env.errors import UserError, shorten_error
 from pendulum_env.lookup import find
-from pendulum_env.reading import LARGE, check_size, shown
+from pendulum_env.reading import LARGE, check_size, quote_value
 from pendulum_env.settings import Blank, format_setting
 
 MOST = 64  # joints
@@ -37,7 +37,7 @@ def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str
     """Fields of a `Body` as a file has it; arguments and errors are those of `read_body`."""
     try:
         check_size(path)
-        return _fields(Path(path), joints, held, bolted)
+        return _read_fields(Path(path), joints, held, bolted)
     except UserError as error:
         raise BodyError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
@@ -58,12 +58,12 @@ class _File:
     tree: ElementTree.Element
     model: Any
     name: str
-    leads: Mapping[str, _Tie]
+    leads: Mapping[str, _Mimic]
 
     def find_free(self, bolted: bool, held: Container[str]) -> list[str]:
         """Joints that mimic none and are no base; a base that floats is refused unless it is held or bolted down."""
         free = [joint for joint, tie in self.leads.items() if tie.joint == joint]
-        bases = [joint for joint in free if _kind(self.model, joint) == "FreeFlyer"]
+        bases = [joint for joint in free if _find_joint_kind(self.model, joint) == "FreeFlyer"]
         for joint in bases:
             if not (bolted or joint in held):
                 raise BodyError(
@@ -73,7 +73,7 @@ class _File:
 
 
 def _parse(path: Path) -> _File:
-    pin = pinocchio()
+    pin = import_pinocchio()
     try:
         tree = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter of unknown encodings
@@ -85,7 +85,7 @@ def _parse(path: Path) -> _File:
             raise BodyError(
                 f"has <{passed.tag}>, which is not followed: write all of it into one file, as MuJoCo's compile does"
             )
-    ties = _ties(tree)
+    ties = _read_mimics(tree)
     _bound(tree)
     try:
         with _silence_output():
@@ -98,10 +98,10 @@ def _parse(path: Path) -> _File:
         told = str(error).rpartition("message:")[2]  # after file, function and line of its own
         raise BodyError(f"Pinocchio cannot read it: {shorten_error(told or error)}") from None
     name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
-    return _File(tree, model, name, {joint: _leads(joint, ties, robot) for joint in robot})
+    return _File(tree, model, name, {joint: _find_leader(joint, ties, robot) for joint in robot})
 
 
-def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> JSON:
+def _read_fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> JSON:
     file = _parse(path)
     model, leads, robot, movable = file.model, file.leads, list(file.leads), file.find_free(bolted, held)
     for joint in joints or ():
@@ -113,11 +113,11 @@ def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float],
     ]
     still = {joint: tie.at(float(held.get(tie.joint, 0.0))) for joint, tie in leads.items() if tie.joint not in moves}
     links = [joint for joint in robot if joint not in still]
-    sliding = [joint for joint in robot if _kind(model, joint) == SLIDES]
-    model = _holding(model, still)
+    sliding = [joint for joint in robot if _find_joint_kind(model, joint) == SLIDES]
+    model = _lock_joints(model, still)
     _refuse_others(model)
     if (option := file.tree.find("option[@gravity]")) is not None:  # which Pinocchio passes over
-        model.gravity.linear = np.array(_numbers(option.get("gravity", ""), "gravity of <option>", 3))
+        model.gravity.linear = np.array(_parse_numbers(option.get("gravity", ""), "gravity of <option>", 3))
     for limit in ("lowerPositionLimit", "upperPositionLimit", "upperEffortLimit", "upperVelocityLimit"):
         values = np.array(getattr(model, limit))
         setattr(model, limit, np.where(np.abs(values) < float(ENDLESS), values, np.copysign(np.inf, values)))
@@ -166,7 +166,7 @@ def _bound(tree: ElementTree.Element) -> None:
         )
 
 
-def pinocchio() -> ModuleType:
+def import_pinocchio() -> ModuleType:
     """Pinocchio, imported where it is needed.
 
     Raises:
@@ -180,7 +180,7 @@ def pinocchio() -> ModuleType:
 
 
 @dataclass(frozen=True)
-class _Tie:
+class _Mimic:
     """Mimic relation: ratio times the position of another joint, plus an offset."""
 
     joint: str
@@ -191,23 +191,23 @@ class _Tie:
         return self.ratio * position + self.offset
 
 
-def _leads(joint: str, ties: Mapping[str, _Tie], robot: Sequence[str]) -> _Tie:
+def _find_leader(joint: str, ties: Mapping[str, _Mimic], robot: Sequence[str]) -> _Mimic:
     """The joint that leads another, perhaps by others between: itself, if it follows none."""
-    tie, passed = _Tie(joint, 1.0, 0.0), set[str]()
+    tie, passed = _Mimic(joint, 1.0, 0.0), set[str]()
     while tie.joint in ties:
         if tie.joint in passed:
             raise BodyError(f"joint '{joint}' mimics itself in a loop: let one of the joints mimic none")
         passed.add(tie.joint)
         further = ties[tie.joint]
-        tie = _Tie(further.joint, tie.ratio * further.ratio, tie.at(further.offset))
+        tie = _Mimic(further.joint, tie.ratio * further.ratio, tie.at(further.offset))
     if tie.joint not in robot:
         raise BodyError(f"joint '{joint}' mimics '{tie.joint}', which is no joint that moves: mend it, or fix both")
     return tie
 
 
-def _holding(model: Any, held: Mapping[str, float]) -> Any:
+def _lock_joints(model: Any, held: Mapping[str, float]) -> Any:
     """The model with joints fixed where they are held, their links part of those before."""
-    pin = pinocchio()
+    pin = import_pinocchio()
     q = pin.neutral(model)
     for joint, position in held.items():
         kind = model.joints[model.getJointId(joint)]
@@ -216,7 +216,7 @@ def _holding(model: Any, held: Mapping[str, float]) -> Any:
     return pin.buildReducedModel(model, [model.getJointId(joint) for joint in held], q) if held else model
 
 
-def _kind(model: Any, joint: str) -> str:
+def _find_joint_kind(model: Any, joint: str) -> str:
     """Return whether a joint of Pinocchio turns or slides, or the name of another type."""
     kind = str(model.joints[model.getJointId(joint)].shortname()).removeprefix("JointModel")
     for ours in (TURNS, SLIDES):
@@ -225,7 +225,7 @@ def _kind(model: Any, joint: str) -> str:
     return kind
 
 
-def _ties(tree: ElementTree.Element) -> dict[str, _Tie]:
+def _read_mimics(tree: ElementTree.Element) -> dict[str, _Mimic]:
     """Joints that follow others; links that hang on two joints are refused."""
     children = [child.get("link") for child in tree.iterfind("joint/child")]
     for link, times in Counter(children).items():
@@ -235,25 +235,27 @@ def _ties(tree: ElementTree.Element) -> dict[str, _Tie]:
     for joint in tree.iterfind("joint"):
         if (mimic := joint.find("mimic")) is not None:
             name, words = joint.get("name", ""), (mimic.get("multiplier", "1"), mimic.get("offset", "0"))
-            ratio, offset = _numbers(" ".join(words), f"joint '{name}' mimics another by", 2)
-            ties[name] = _Tie(mimic.get("joint", ""), ratio, offset)
+            ratio, offset = _parse_numbers(" ".join(words), f"joint '{name}' mimics another by", 2)
+            ties[name] = _Mimic(mimic.get("joint", ""), ratio, offset)
     if any(link.get("name") is None for link in tree.iterfind("worldbody//body")):
         raise BodyError("a <body> has no name, by which Pinocchio tells them apart: give each one")
     for tie in tree.iterfind("equality/*"):
         name, leader = tie.get("joint1", ""), tie.get("joint2", "")
-        offset, ratio, *higher = _numbers(f"{tie.get('polycoef', '0 1')} 0 0", f"joint '{name}' mimics another by")
+        offset, ratio, *higher = _parse_numbers(
+            f"{tie.get('polycoef', '0 1')} 0 0", f"joint '{name}' mimics another by"
+        )
         if tie.tag != "joint" or not leader or any(higher):
             raise BodyError(f"<{tie.tag}> of <equality> closes a loop, which cannot be identified: leave it out")
-        ties[name] = _Tie(leader, ratio, offset)
+        ties[name] = _Mimic(leader, ratio, offset)
     return ties
 
 
-def _numbers(text: str, what: str, count: int | None = None) -> list[float]:
+def _parse_numbers(text: str, what: str, count: int | None = None) -> list[float]:
     with suppress(ValueError):
         numbers = [float(word) for word in text.split()]
         if count in (None, len(numbers)):
             return numbers
-    raise BodyError(f"{what} {shown(text)}: give {'' if count is None else f'{count} '}numbers")
+    raise BodyError(f"{what} {quote_value(text)}: give {'' if count is None else f'{count} '}numbers")
 
 
 def _refuse_others(model: Any) -> None:
@@ -266,7 +268,7 @@ def _refuse_others(model: Any) -> None:
             f"with {format_setting('joints', Blank('A,B,C'))}"
         )
     for name, inertia in list(zip(model.names, model.inertias, strict=True))[1:]:
-        kind = _kind(model, name)
+        kind = _find_joint_kind(model, name)
         if "," in name or name.startswith("-"):
             raise BodyError(f"joint '{name}': rename it, as a comma or a first minus names a coupling of joints")
         if kind not in (TURNS, SLIDES):

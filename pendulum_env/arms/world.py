@@ -13,8 +13,8 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import STANDARD, Body, BodyError
-from pendulum_env.arms.planar import Acting
-from pendulum_env.arms.robot import pinocchio
+from pendulum_env.arms.planar import JointBalances
+from pendulum_env.arms.robot import import_pinocchio
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import UNBOUNDED
@@ -22,7 +22,7 @@ from pendulum_env.physics.simulation import UNBOUNDED
 TIED = (0.999, 0.9999, 1e-4, 0.5, 2.0)  # impedance of what ties a follower to its leader
 
 
-def specification(body: Body, standard: Array, friction: Mapping[str, tuple[float, float]]) -> Any:
+def build_specification(body: Body, standard: Array, friction: Mapping[str, tuple[float, float]]) -> Any:
     """An arm as MuJoCo's `MjSpec`.
 
     Args:
@@ -33,7 +33,7 @@ def specification(body: Body, standard: Array, friction: Mapping[str, tuple[floa
     Raises:
         BodyError: without MuJoCo.
     """
-    mujoco, pin, model = library(), pinocchio(), body.model
+    mujoco, pin, model = import_mujoco(), import_pinocchio(), body.model
     spec = mujoco.MjSpec()
     spec.modelname = body.name
     spec.compiler.degree = False
@@ -89,8 +89,8 @@ class SpatialBodies:
         self._steps = int(np.ceil(period / self.longest_step))
         self._h = period / self._steps
         viscous = {at: model.estimates["viscous"].value for at, model in zip(body.joints, models, strict=True)}
-        spec = specification(body, body.standard_values, {at: (b, 1.0) for at, b in viscous.items()})
-        mujoco = library()
+        spec = build_specification(body, body.standard_values, {at: (b, 1.0) for at, b in viscous.items()})
+        mujoco = import_mujoco()
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
         spec.option.timestep = self._h
         self._body, self._world = body, spec.compile()
@@ -98,14 +98,14 @@ class SpatialBodies:
         self._world.eq_solref[:] = STEPS * self._h, 1.0
         self._joints = [int(self._world.joint(at).dofadr[0]) for at in body.joints]  # each is one of position, too
         self._links = [int(self._world.joint(at).dofadr[0]) for at in body.links]
-        self._acting = Acting(
+        self._acting = JointBalances(
             [replace(model, terms=tuple(own for own in model.terms if own.id != "viscous")) for model in models],
             self._h,
         )
 
     def start(self, position: Array, velocity: Array) -> None:
         """Put the joints at positions (n,) [rad] with velocities (n,) [rad/s]; m where they slide."""
-        body, self._data = self._body, library().MjData(self._world)
+        body, self._data = self._body, import_mujoco().MjData(self._world)
         self._data.qpos[self._links] = body.ratios @ position + body.offsets
         self._data.qvel[self._links] = body.ratios @ velocity
         self._acting.start(self.position, self.velocity)
@@ -122,7 +122,7 @@ class SpatialBodies:
 
     def advance(self, torque: Array) -> None:
         """Hold torques (n,) [N m], or forces [N], for one period."""
-        world, data, mujoco = self._world, self._data, library()
+        world, data, mujoco = self._world, self._data, import_mujoco()
         for _ in range(self._steps):
             position, velocity, now = self.position, self.velocity, self._acting.arriving(torque)
             data.qfrc_applied[self._joints], world.dof_frictionloss[self._joints] = self._acting.torques(
@@ -133,7 +133,7 @@ class SpatialBodies:
             self._acting.advance(position, velocity, now, 0.5 * (velocity + self.velocity))
 
 
-def library() -> Any:
+def import_mujoco() -> Any:
     """MuJoCo, imported where it is needed.
 
     Raises:

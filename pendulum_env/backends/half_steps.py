@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.compiled import Machine, Step
-from pendulum_env.physics.simulation import Balance, in_symbols
-from pendulum_env.physics.symbols import name
-from pendulum_env.physics.term import upper
+from pendulum_env.physics.compiled import Machine, SymbolicStep
+from pendulum_env.physics.simulation import Balance, write_balance
+from pendulum_env.physics.symbols import make_symbol
+from pendulum_env.physics.term import round_up
 
 
 class Push(NamedTuple):
@@ -28,15 +28,15 @@ class Push(NamedTuple):
     middle: float  # velocity at the middle of the step [rad/s]
 
 
-def half_steps(balance: Balance, longest: float) -> Compiled | Interpreted:
+def make_half_steps(balance: Balance, longest: float) -> CompiledSteps | InterpretedSteps:
     """The half steps of a balance, none of which is longer than that [s]."""
     try:
-        return Compiled(balance, longest)
+        return CompiledSteps(balance, longest)
     except Exception:  # a user's law may do anything that NumPy does
-        return Interpreted(balance)
+        return InterpretedSteps(balance)
 
 
-class Interpreted:
+class InterpretedSteps:
     """The two halves of a step by NumPy, with the state variables of the terms; they share their arguments."""
 
     memory: Any  # state variables of the terms
@@ -51,7 +51,7 @@ class Interpreted:
 
     def push(self, time: float, position: float, velocity: float, torque: float, h: float) -> Push:
         """Compute the impulse for a step h [s], and advance the states of terms to its middle."""
-        push, middle = _until_push(self._balance, self._samples(time, position, velocity, torque), h)
+        push, middle = _compute_push(self._balance, self._samples(time, position, velocity, torque), h)
         self.memory = middle.memory
         return Push(*map(float, push))
 
@@ -65,12 +65,14 @@ class Interpreted:
         return Samples(*given)
 
 
-class Compiled:
+class CompiledSteps:
     """Compiled half steps; raises any exception if a law is no formula."""
 
     def __init__(self, balance: Balance, longest: float) -> None:
-        self._until, self._after = (Machine(half, (balance.terms, upper(longest)), 1) for half in (_first, _second))
-        _, _, nonlinear = in_symbols(balance.terms)
+        self._until, self._after = (
+            Machine(half, (balance.terms, round_up(longest)), 1) for half in (_compile_first, _compile_second)
+        )
+        _, _, nonlinear = write_balance(balance.terms)
         for machine in (self._until, self._after):
             machine.given["constants"][:, 0] = *balance.theta, *nonlinear.values()
 
@@ -85,7 +87,7 @@ class Compiled:
 
     def place(self, x: Samples) -> None:
         """Begin there."""
-        self._until.given["memory"][:, 0] = _flat(x)
+        self._until.given["memory"][:, 0] = _flatten_samples(x)
 
     def push(self, *state: float) -> Push:
         """See `Interpreted`."""
@@ -100,7 +102,7 @@ class Compiled:
         self._until.given["memory"][:] = self._after.now["memory"]
 
 
-def _until_push(balance: Balance, x: Samples, h: Any) -> tuple[Push, Samples]:
+def _compute_push(balance: Balance, x: Samples, h: Any) -> tuple[Push, Samples]:
     """Compute the impulse and the middle of the step, of numbers or symbols.
 
     Friction keeps its direction until then; a body that starts to move takes that of the net torque. Where the body
@@ -123,31 +125,35 @@ def _until_push(balance: Balance, x: Samples, h: Any) -> tuple[Push, Samples]:
     return Push(net, dry, inertia, moving, middle_v), middle  # type: ignore[arg-type]
 
 
-def _first(terms: tuple[Term, ...], longest: float) -> Step:
-    balance, x, given = _given(terms, longest)
-    push, middle = _until_push(balance, x, given["state"][-1])
-    return Step(given, {}, {"push": _array(push), "memory": _flat(middle)})
+def _compile_first(terms: tuple[Term, ...], longest: float) -> SymbolicStep:
+    balance, x, given = _make_symbols(terms, longest)
+    push, middle = _compute_push(balance, x, given["state"][-1])
+    return SymbolicStep(given, {}, {"push": _make_array(push), "memory": _flatten_samples(middle)})
 
 
-def _second(terms: tuple[Term, ...], longest: float) -> Step:
-    balance, x, given = _given(terms, longest)
+def _compile_second(terms: tuple[Term, ...], longest: float) -> SymbolicStep:
+    balance, x, given = _make_symbols(terms, longest)
     memory = balance.advance(x, x.velocity, 0.5 * given["state"][-1])
-    return Step(given, {}, {"memory": _flat(replace(x, memory=memory))})
+    return SymbolicStep(given, {}, {"memory": _flatten_samples(replace(x, memory=memory))})
 
 
-def _given(terms: tuple[Term, ...], longest: float) -> tuple[Balance, Samples, dict[str, Any]]:
-    balance, x, nonlinear = in_symbols(terms)
-    state = _array([x.time, x.position, x.velocity, x.torque, name("h", most=longest)])
+def _make_symbols(terms: tuple[Term, ...], longest: float) -> tuple[Balance, Samples, dict[str, Any]]:
+    balance, x, nonlinear = write_balance(terms)
+    state = _make_array([x.time, x.position, x.velocity, x.torque, make_symbol("h", most=longest)])
     return (
         balance,
         x,
-        {"state": state, "constants": _array([*balance.theta, *map(name, nonlinear)]), "memory": _flat(x)},
+        {
+            "state": state,
+            "constants": _make_array([*balance.theta, *map(make_symbol, nonlinear)]),
+            "memory": _flatten_samples(x),
+        },
     )
 
 
-def _flat(x: Samples) -> Any:
-    return _array([value for own in x.memory.values() for value in own])
+def _flatten_samples(x: Samples) -> Any:
+    return _make_array([value for own in x.memory.values() for value in own])
 
 
-def _array(values: Any) -> Any:
+def _make_array(values: Any) -> Any:
     return np.array([*values], dtype=object)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pymunk
 
-from pendulum_env.backends.half_steps import half_steps
+from pendulum_env.backends.half_steps import make_half_steps
 from pendulum_env.physics import Samples
 from pendulum_env.physics.simulation import UNBOUNDED, Balance
 
@@ -23,12 +23,12 @@ class RigidBody:
 
     def __init__(self, balance: Balance, longest: float) -> None:
         """Take the torques that act on it, and the longest step [s]."""
-        self._balance, self._halves, self._longest = balance, half_steps(balance, longest), longest
+        self._balance, self._halves, self._longest = balance, make_half_steps(balance, longest), longest
 
     def take(self, balance: Balance) -> None:
         """Go on from where it is with other torques, of terms with the same state variables."""
         memory = self._halves.memory
-        self._balance, self._halves = balance, half_steps(balance, self._longest)
+        self._balance, self._halves = balance, make_half_steps(balance, self._longest)
         self._halves.memory = memory
 
     def place(self, x: Samples) -> None:

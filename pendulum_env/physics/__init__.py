@@ -3,13 +3,14 @@
 from pendulum_env.physics import model_card as model_card  # registers how a notebook shows a model
 from pendulum_env.physics.base import BASE, Coulomb, Gravity, Inertia, Viscous
 from pendulum_env.physics.description import Description
-from pendulum_env.physics.library import addable, effect, effects, nameable, register
+from pendulum_env.physics.library import effect, effects, list_addable, list_nameable, register
 from pendulum_env.physics.model import Estimate, Model, ModelError
 from pendulum_env.physics.plugin import PluginError, load_plugin
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.term import Column, KnownLoad, NonlinearParameter, Samples, Term
 
-Shape = NonlinearParameter  # its name in earlier releases, kept for one more
+# Names of earlier releases, kept for one more
+Shape, addable, nameable = NonlinearParameter, list_addable, list_nameable
 
 __all__ = [
     "BASE",
@@ -29,11 +30,11 @@ __all__ = [
     "Term",
     "Trajectory",
     "Viscous",
-    "addable",
     "effect",
     "effects",
+    "list_addable",
+    "list_nameable",
     "load_plugin",
-    "nameable",
     "register",
     "simulate",
 ]

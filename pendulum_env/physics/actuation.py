@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.filters import lag
+from pendulum_env.filters import filter_lag
 from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, Term, one
 
 
@@ -99,7 +99,7 @@ class ActuatorLag(Term):
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
         ratio = period / self.time_constant
         keep = np.exp(-ratio)  # tau_a[k + 1] = keep tau_a[k] + (1 - keep) tau[k]
-        lagged = np.concatenate([command[:1], lag(command[:-1], keep, command[0])])
+        lagged = np.concatenate([command[:1], filter_lag(command[:-1], keep, command[0])])
         # What the equations of motion see of it at sample k is its average under a triangle from k - 1 to k + 1;
         # within a period tau_a = tau + (tau_a[k] - tau) exp(-t / T), whose falling and rising moments are these.
         falling = (ratio - 1.0 + keep) / ratio**2
@@ -152,7 +152,7 @@ class BackEmf(Term):
     @property
     def columns(self) -> tuple[Column, ...]:
         def force(x: Samples) -> ArrayLike:
-            return x.velocity * powered(x)
+            return x.velocity * is_powered(x)
 
         return (Column("back_emf", "N m s/rad", force=force, least=0.0),)
 
@@ -163,6 +163,6 @@ class BackEmf(Term):
         return (memory[0] + 0.0,)
 
 
-def powered(x: Samples) -> ArrayLike:
+def is_powered(x: Samples) -> ArrayLike:
     """Return whether the motor is on; on by default."""
     return x.memory.get(BackEmf.id, (1.0,))[0]

@@ -18,7 +18,17 @@ import numpy as np
 from llvmlite import ir
 
 from pendulum_env._typing import Array, Mask
-from pendulum_env.physics.symbols import COMPARISONS, LOGICAL, NAME, WHERE, Operand, Symbol, boxed, distinct, names
+from pendulum_env.physics.symbols import (
+    COMPARISONS,
+    LOGICAL,
+    NAME,
+    WHERE,
+    Operand,
+    Symbol,
+    box,
+    make_symbols,
+    merge_equal,
+)
 
 MANY, SMALL = 64, 50  # lanes from which on, and values up to which, a faster program is worth the time to compile it
 DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
@@ -77,7 +87,7 @@ class Recurrence:
 
 
 @dataclass(frozen=True)
-class Step:
+class SymbolicStep:
     """Step of a recurrence in symbols, each a name or value, or an array of these.
 
     Attributes:
@@ -93,10 +103,11 @@ class Step:
     def compiled(self, quickly: bool) -> Recurrence:
         """The program, see `recurrence`."""
         states = {
-            label: self.before.get(label, names(label, *np.shape(boxed(value)))) for label, value in self.after.items()
+            label: self.before.get(label, make_symbols(label, *np.shape(box(value))))
+            for label, value in self.after.items()
         }
-        inputs, names_after = ([symbol.label for symbol in _flat(each)] for each in (self.given, states))
-        return recurrence(inputs, [], names_after, _flat(self.after), quickly)
+        inputs, names_after = ([symbol.label for symbol in _flatten_parts(each)] for each in (self.given, states))
+        return compile_recurrence(inputs, [], names_after, _flatten_parts(self.after), quickly)
 
 
 class Machine:
@@ -107,12 +118,12 @@ class Machine:
         now: the states, by label, each (..., B): a step changes them in place, and so may others.
     """
 
-    def __init__(self, write: Callable[..., Step], arguments: tuple[Any, ...], lanes: int) -> None:
+    def __init__(self, write: Callable[..., SymbolicStep], arguments: tuple[Any, ...], lanes: int) -> None:
         """Take what writes the step, with its arguments, which are what is pickled, and the number of lanes B."""
         self._made = write, arguments, lanes
         step = write(*arguments)
-        self._inputs, self.given = _laid_out(step.given, lanes)
-        self._states, self.now = _laid_out(step.after, lanes)
+        self._inputs, self.given = _allocate_rows(step.given, lanes)
+        self._states, self.now = _allocate_rows(step.after, lanes)
         addresses = self._inputs.ctypes.data, 0, self._states.ctypes.data, 0
         self._program = step.compiled(quickly=lanes < MANY or len(self._states) > SMALL)  # and with it, LLVM's engine
         self.step = partial(self._program.program, 1, 2, 1, lanes, *addresses)  # none of the states is kept besides
@@ -128,23 +139,23 @@ class Machine:
         self._inputs[:], self._states[:] = values
 
 
-def _laid_out(parts: Mapping[str, Any], lanes: int) -> tuple[Array, dict[str, Array]]:
+def _allocate_rows(parts: Mapping[str, Any], lanes: int) -> tuple[Array, dict[str, Array]]:
     """Room for the values of some parts in a row (N, B), and the room of each (..., B)."""
-    rows = np.zeros((len(_flat(parts)), lanes))
+    rows = np.zeros((len(_flatten_parts(parts)), lanes))
     places, first = {}, 0
     for label, part in parts.items():
-        shape = np.shape(boxed(part))
+        shape = np.shape(box(part))
         last = first + math.prod(shape)
         places[label] = rows[first:last].reshape(*shape, lanes)
         first = last
     return rows, places
 
 
-def _flat(parts: Mapping[str, Any]) -> list[Any]:
-    return [value for part in parts.values() for value in np.asarray(boxed(part), dtype=object).ravel()]
+def _flatten_parts(parts: Mapping[str, Any]) -> list[Any]:
+    return [value for part in parts.values() for value in np.asarray(box(part), dtype=object).ravel()]
 
 
-def recurrence(
+def compile_recurrence(
     inputs: Sequence[str],
     constants: Sequence[str],
     states: Sequence[str],
@@ -156,12 +167,12 @@ def recurrence(
     The same expressions are compiled once: for speed or, for a program that runs beside a pendulum that waits, quickly.
     """
     results = [x if isinstance(x, Symbol) else float(x) for x in after]  # `np.where` of numbers is an array
-    return _compile((tuple(inputs), tuple(constants), tuple(states)), *_spelled(results), quickly)
+    return _compile((tuple(inputs), tuple(constants), tuple(states)), *_write_lines(results), quickly)
 
 
-def _spelled(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Place, ...]]:
+def _write_lines(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Place, ...]]:
     """Expressions as lines, each an operation on earlier ones, and the places of the results."""
-    order, same = distinct(results)
+    order, same = merge_equal(results)
     place = {symbol: k for k, symbol in enumerate(order)}
 
     def of(operand: Operand) -> Place:
@@ -176,7 +187,7 @@ def _compile(names: Names, lines: tuple[Line, ...], results: tuple[Place, ...], 
     _prepare()
     target, level = llvm.Target.from_default_triple(), 0 if quickly else 2
     machine = target.create_target_machine(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), opt=level)
-    module = llvm.parse_assembly(str(_program(*names, lines, results)))
+    module = llvm.parse_assembly(str(_compile_program(*names, lines, results)))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=level)
     options.loop_vectorization = not quickly
@@ -197,7 +208,7 @@ def _prepare() -> None:
         llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
 
 
-def _program(
+def _compile_program(
     inputs: Sequence[str],
     constants: Sequence[str],
     states: Sequence[str],
@@ -214,11 +225,11 @@ def _program(
     builder = ir.IRBuilder(program.append_basic_block())
     each = builder.mul(variants, lanes)  # values of a state or constant
     size = builder.mul(each, WHOLE(len(states)))
-    with _loop(builder, steps) as step:
+    with _build_loop(builder, steps) as step:
         first = builder.mul(builder.mul(step, WHOLE(len(inputs))), lanes)
-        with _loop(builder, variants) as variant:
+        with _build_loop(builder, variants) as variant:
             begin = builder.mul(variant, lanes)
-            with _loop(builder, lanes) as lane:
+            with _build_loop(builder, lanes) as lane:
 
                 def place(array: Any, base: Any, k: int, stride: Any) -> Any:
                     index = builder.add(builder.add(base, builder.mul(WHOLE(k), stride)), lane)
@@ -231,7 +242,7 @@ def _program(
                     name: builder.load(place(own, begin, k, each), typ=DOUBLE) for k, name in enumerate(constants)
                 }
                 values |= {name: builder.load(place(now, begin, k, each), typ=DOUBLE) for k, name in enumerate(states)}
-                for k, result in enumerate(_Written(module, builder, values).all(lines, results)):
+                for k, result in enumerate(_Instructions(module, builder, values).all(lines, results)):
                     builder.store(result, place(now, begin, k, each))
         done = builder.add(step, WHOLE(1))
         with builder.if_then(builder.icmp_signed("==", builder.srem(done, every), WHOLE(0))):
@@ -244,7 +255,7 @@ def _program(
 
 
 @contextmanager
-def _loop(builder: ir.IRBuilder, count: Any) -> Iterator[Any]:
+def _build_loop(builder: ir.IRBuilder, count: Any) -> Iterator[Any]:
     """Count from 0."""
     before = builder.block
     body, after = builder.append_basic_block(), builder.append_basic_block()
@@ -260,7 +271,7 @@ def _loop(builder: ir.IRBuilder, count: Any) -> Iterator[Any]:
 
 
 @dataclass(frozen=True)
-class _Written:
+class _Instructions:
     """Expressions as instructions, in the values that their names have."""
 
     module: ir.Module

@@ -14,7 +14,7 @@ from pendulum_env.lookup import find
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.description import Description
 from pendulum_env.physics.term import ROOM, Column, Kind, NonlinearParameter, Samples, Term, zero
-from pendulum_env.reading import shown
+from pendulum_env.reading import quote_value
 
 T = TypeVar("T")
 TEXTS = ("title", "signature", "informative_experiment", "omission")  # of a description
@@ -30,16 +30,16 @@ def check_effect(kind: type[Term]) -> None:
             term's, contradicts its potential, or is called dissipative and gains energy.
     """
     if not (isinstance(kind, type) and issubclass(kind, Term)):
-        raise UserError(f"{shown(kind)} is no effect: register a subclass of Term")
+        raise UserError(f"{quote_value(kind)} is no effect: register a subclass of Term")
     name = kind.__name__
     if not isinstance(described := kind.description, Description):
-        raise UserError(f"description of {name} is {shown(described)}: give a Description")
+        raise UserError(f"description of {name} is {quote_value(described)}: give a Description")
     texts = [(text, getattr(kind, text, None)) for text in ("id", "law", "kind", "typical_size")]
     for text, value in (*texts, *((text, getattr(described, text)) for text in TEXTS)):
         if not isinstance(value, str):
-            raise UserError(f"{text} of {name} is {shown(value)}: it has to be a text")
+            raise UserError(f"{text} of {name} is {quote_value(value)}: it has to be a text")
     if not re.fullmatch(r"[\w-]+", kind.id):
-        raise UserError(f"id of {name} is {shown(kind.id)}: use letters, digits and underscores")
+        raise UserError(f"id of {name} is {quote_value(kind.id)}: use letters, digits and underscores")
     find(f"kind of {name}", kind.kind, dict.fromkeys(get_args(Kind)))
     _check_all(kind.nonlinear_parameters, NonlinearParameter, f"nonlinear_parameters of {name}")
     for parameter in kind.nonlinear_parameters:
@@ -67,7 +67,7 @@ def check_variants(of: str, variants: Callable[[Samples], Iterable[Term]]) -> No
     for samples in (1000, 37):
         time: Array = np.arange(samples) / 100.0
         x = Samples(time, np.sin(time), np.cos(time), np.sin(3 * time))
-        for term in _tried(of, partial(listed, x)):
+        for term in _call_user_function(of, partial(listed, x)):
             _try_laws(term, x)
 
 
@@ -75,18 +75,19 @@ def _try_laws(term: Term, x: Samples) -> None:
     """Evaluate every law of a term on some samples, and move its state variables on."""
     name = type(term).__name__
     if term.remembers:
-        memory = _tried(f"start of {name}", lambda: term.start(x))
-        after = _tried(f"advance of {name}", lambda: term.advance(memory, x, 0.01))
+        memory = _call_user_function(f"start of {name}", lambda: term.start(x))
+        after = _call_user_function(f"advance of {name}", lambda: term.advance(memory, x, 0.01))
         if len(after) != len(memory):
             raise UserError(f"advance of {name} returns {len(after)} state variables, and start {len(memory)}")
         x = replace(x, memory=term.known_by(memory))
     for field in ("columns", "fixed"):
-        columns = _tried(f"{field} of {name}", partial(getattr, term, field))
+        columns = _call_user_function(f"{field} of {name}", partial(getattr, term, field))
         _check_all(columns, Column, f"{field} of {name}")
         for column in columns:
             if column.name.partition(".")[0] != term.id or not isinstance(column.unit, str):
                 raise UserError(
-                    f"a column of {name} is named {shown(column.name)} with unit {shown(column.unit)}: name it "
+                    f"a column of {name} is named {quote_value(column.name)} with unit "
+                    f"{quote_value(column.unit)}: name it "
                     f"'{term.id}' or '{term.id}.PART', and give its unit as a text"
                 )
             for law in LAWS:
@@ -113,7 +114,7 @@ def _check_torque(term: Term) -> None:
     x = Samples(np.linspace(0.0, 100.0, 300), position, velocity, torque, temperature=ROOM + warmth)
     if term.remembers:
         x = replace(x, memory=term.known_by(term.start(x)))
-    torques = _tried(f"columns of {name}", lambda: [_torque_parts(column, x) for column in columns])
+    torques = _call_user_function(f"columns of {name}", lambda: [_split_torque(column, x) for column in columns])
     if term.nonlinear_parameters:  # which may switch its torque off, as a stop at infinity
         has_torque = any(law is not zero for own in columns for law in (own.mass, own.force, own.dry))
     else:
@@ -121,32 +122,32 @@ def _check_torque(term: Term) -> None:
     if not has_torque and type(term).delay is Term.delay and type(term).lead is Term.lead:
         raise UserError(f"{name} has no torque: give it columns with a mass, force or dry that is not zero")
     for column, own in zip(columns, torques, strict=True):
-        power = _tried(f"columns of {name}", partial(column.power, x))
+        power = _call_user_function(f"columns of {name}", partial(column.power, x))
         if term.kind == "dissipative" and np.max(power) <= 0 > np.min(power):
             raise UserError(f"column '{column.name}' of {name} gains energy in every motion: change its sign")
         for base in (base for known in BASE for base in known.columns if not term.remembers):
-            other = _torque_parts(base, x)
+            other = _split_torque(base, x)
             if np.any(own) and np.allclose(own, np.vdot(own, other) / np.vdot(other, other) * other):
                 raise UserError(f"column '{column.name}' of {name} has the law of '{base.name}': leave it out")
 
 
-def _torque_parts(column: Column, x: Samples) -> Array:
+def _split_torque(column: Column, x: Samples) -> Array:
     """Mass, force and dry friction of a column (3, N)."""
     return np.array([np.broadcast_to(getattr(column, law)(x), x.time.shape) for law in LAWS[:3]], dtype=float)
 
 
 def _try_law(of: str, law: Callable[[Samples], Any], x: Samples) -> None:
-    values = _tried(of, lambda: np.broadcast_to(np.asarray(law(x), dtype=float), x.time.shape))
+    values = _call_user_function(of, lambda: np.broadcast_to(np.asarray(law(x), dtype=float), x.time.shape))
     if (count := int(np.sum(~np.isfinite(values)))) > 0:
         raise UserError(f"{of} is not finite at {count} of {values.size} samples: give a law that is")
 
 
 def _check_all(values: object, kind: type, of: str) -> None:
     if not isinstance(values, tuple | list) or not all(isinstance(value, kind) for value in values):
-        raise UserError(f"{of} are {shown(values)}: give a tuple of {kind.__name__}")
+        raise UserError(f"{of} are {quote_value(values)}: give a tuple of {kind.__name__}")
 
 
-def _tried(of: str, function: Callable[[], T]) -> T:
+def _call_user_function(of: str, function: Callable[[], T]) -> T:
     """Result of a function of the user's.
 
     Raises:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.actuation import powered
+from pendulum_env.physics.actuation import is_powered
 from pendulum_env.physics.term import ROOM, Column, Memory, NonlinearParameter, Samples, Term, one
 
 
@@ -107,7 +107,7 @@ class LoadDependentFriction(Term):
             Column(
                 "load_dependent_friction",
                 "1",
-                dry=lambda x: np.abs(x.torque - self.back_emf * x.velocity * powered(x)),
+                dry=lambda x: np.abs(x.torque - self.back_emf * x.velocity * is_powered(x)),
                 of_torque=True,
                 least=0.0,
                 most=self.most,

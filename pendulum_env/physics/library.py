@@ -57,7 +57,7 @@ def register(effect: type[Term]) -> type[Term]:
     if effect in _registered.values():
         return effect
     check_effect(effect)
-    earlier = {id for id, kind in _registered.items() if _full_name(kind) == _full_name(effect)}
+    earlier = {id for id, kind in _registered.items() if _get_full_name(kind) == _get_full_name(effect)}
     taken = {term.id for term in BASE} | {built_in.id for built_in in BUILT_IN} | MEASURED.keys()
     if effect.id in taken | (_registered.keys() - earlier):
         raise UserError(f"effect id '{effect.id}' is taken: choose another id for {effect.__name__}")
@@ -67,12 +67,12 @@ def register(effect: type[Term]) -> type[Term]:
     return effect
 
 
-def _full_name(kind: type[Term]) -> tuple[str, str]:
+def _get_full_name(kind: type[Term]) -> tuple[str, str]:
     return kind.__module__, kind.__qualname__
 
 
 @cache
-def installed() -> tuple[type[Term], ...]:
+def load_installed() -> tuple[type[Term], ...]:
     """Effects that installed packages offer."""
     found = []
     for point in entry_points(group=ENTRY_POINTS):
@@ -94,17 +94,17 @@ def installed() -> tuple[type[Term], ...]:
 
 def effects() -> dict[str, type[Term]]:
     """All known effects by id, built-in ones first."""
-    return {effect.id: effect for effect in (*BUILT_IN, *installed(), *_registered.values())}
+    return {effect.id: effect for effect in (*BUILT_IN, *load_installed(), *_registered.values())}
 
 
-def nameable() -> dict[str, type[Term]]:
+def list_nameable() -> dict[str, type[Term]]:
     """Effects that a diagnosis may name, by id: those of the library, and those that act by what else was measured."""
     return effects() | MEASURED
 
 
-def addable() -> dict[str, type[Term]]:
+def list_addable() -> dict[str, type[Term]]:
     """All that can be added to a model, by id: effects that may be named, and functions that are kept as tables."""
-    return nameable() | TABLES
+    return list_nameable() | TABLES
 
 
 def effect(id: str) -> type[Term]:
@@ -116,12 +116,12 @@ def effect(id: str) -> type[Term]:
     return find("effect", id, effects())
 
 
-def addition(id: str) -> type[Term]:
+def find_addition(id: str) -> type[Term]:
     """Effect or table of that id; raises ValueError like `effect`."""
-    return find("effect", id, addable())
+    return find("effect", id, list_addable())
 
 
-def term(id: str) -> type[Term]:
+def find_term(id: str) -> type[Term]:
     """Base term, effect or table of that id; raises ValueError like `effect`."""
     base = {item.id: type(item) for item in (*BASE, actuation.BackEmf())}
-    return base[id] if id in base else addition(id)
+    return base[id] if id in base else find_addition(id)

@@ -10,8 +10,8 @@ from typing import Any, cast
 import numpy as np
 
 from pendulum_env.errors import UserError
-from pendulum_env.physics.term import Column, NonlinearParameter, Term, derived
-from pendulum_env.reading import shown
+from pendulum_env.physics.term import Column, NonlinearParameter, Term, derive_kind
+from pendulum_env.reading import quote_value
 
 Limits = Mapping[str, tuple[float, float]]  # least and largest value by parameter, `gravity` or `cogging.order`
 Bounds = Mapping[str, tuple[float | None, float | None]]  # as a user gives them: None is no limit
@@ -21,15 +21,15 @@ class LimitsError(UserError):
     """Limits that make no sense; the message says which and why."""
 
 
-def limits_of(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[float, float]]:
+def make_limits(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[float, float]]:
     """Limits from known values and from bounds.
 
     Raises:
         LimitsError: if a parameter is named twice, or its limits leave nothing.
         TypeError: if values are no numbers, or bounds no pairs of them.
     """
-    known = {name: float(value) for name, value in _numbers(fixed, "fixed", "{'gravity': 2.0}").items()}
-    ends = _numbers(bounds, "bounds", "{'viscous': (0.0, None)}", is_pair=True)
+    known = {name: float(value) for name, value in _refuse_other_values(fixed, "fixed", "{'gravity': 2.0}").items()}
+    ends = _refuse_other_values(bounds, "bounds", "{'viscous': (0.0, None)}", is_pair=True)
     bounded = {name: (-np.inf if a is None else a, np.inf if b is None else b) for name, (a, b) in ends.items()}
     twice = sorted(set(fixed) & set(bounds))
     if twice:
@@ -46,7 +46,7 @@ def limits_of(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[flo
     return limits
 
 
-def _numbers(given: Any, argument: str, example: str, is_pair: bool = False) -> Mapping[str, Any]:
+def _refuse_other_values(given: Any, argument: str, example: str, is_pair: bool = False) -> Mapping[str, Any]:
     """Refuse arguments that are no mapping of names to numbers, or to pairs of numbers or None."""
 
     def is_right(value: Any) -> bool:
@@ -56,7 +56,7 @@ def _numbers(given: Any, argument: str, example: str, is_pair: bool = False) -> 
         return len(ends) == 2 and all(isinstance(end, Real | None) for end in ends)
 
     if not isinstance(given, Mapping) or not all(map(is_right, given.values())):
-        raise TypeError(f"{argument}={shown(given)}: give a dictionary, as in {example}")
+        raise TypeError(f"{argument}={quote_value(given)}: give a dictionary, as in {example}")
     return given
 
 
@@ -85,7 +85,7 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
             raise LimitsError(f"{name} cannot lie from {low:g} to {high:g}: it lies from {least:g} to {most:g}")
 
 
-def limited(kind: type[Term], limits: Limits) -> type[Term]:
+def limit_kind(kind: type[Term], limits: Limits) -> type[Term]:
     """A kind of term whose parameters stay within limits; the same kind if none are its own.
 
     A parameter whose limits are one value is known: fits keep it, and it has no standard error. Of a kind that has
@@ -95,7 +95,7 @@ def limited(kind: type[Term], limits: Limits) -> type[Term]:
     own = {column.name for column in kind().columns} | {f"{kind.id}.{p.name}" for p in kind.nonlinear_parameters}
     merged = {name: (low, high) for name, low, high in held} | {name: limits[name] for name in limits if name in own}
     chosen = tuple(sorted((name, low, high) for name, (low, high) in merged.items()))
-    return _limited(kind, chosen) if chosen else kind  # type: ignore[arg-type]  # classes can be hashed
+    return _make_limited_kind(kind, chosen) if chosen else kind  # type: ignore[arg-type]  # classes can be hashed
 
 
 def collect_limits(terms: Iterable[Term]) -> dict[str, tuple[float, float]]:
@@ -115,24 +115,24 @@ def read_limits(content: Mapping[str, tuple[float | None, float | None]]) -> dic
     Raises:
         LimitsError: if they leave no value.
     """
-    return limits_of({}, content)
+    return make_limits({}, content)
 
 
-def limited_term(term: Term, limits: Limits) -> Term:
+def limit_term(term: Term, limits: Limits) -> Term:
     """A term with its parameters within limits, its nonlinear parameters moved there."""
-    kind = limited(type(term), limits)
-    return term if kind is type(term) else clipped(kind(**term.nonlinear_values))
+    kind = limit_kind(type(term), limits)
+    return term if kind is type(term) else clip_term(kind(**term.nonlinear_values))
 
 
-def released(term: Term) -> Term:
+def release_term(term: Term) -> Term:
     """A term whose known parameters are free; its bounds stay."""
     kind, held = getattr(type(term), "bare", (type(term), ()))
     bounded = {name: (low, high) for name, low, high in held if low < high}
-    return term if len(bounded) == len(held) else limited(kind, bounded)(**term.nonlinear_values)
+    return term if len(bounded) == len(held) else limit_kind(kind, bounded)(**term.nonlinear_values)
 
 
 @cache
-def _limited(kind: type[Term], limits: tuple[tuple[str, float, float], ...]) -> type[Term]:
+def _make_limited_kind(kind: type[Term], limits: tuple[tuple[str, float, float], ...]) -> type[Term]:
     by_name = {name: (low, high) for name, low, high in limits}
 
     def within(column: Column) -> Column:
@@ -149,13 +149,13 @@ def _limited(kind: type[Term], limits: tuple[tuple[str, float, float], ...]) -> 
         return tuple(within(column) for column in cast(Any, super(made, self)).columns)
 
     nonlinear = tuple(narrower(p) for p in kind.nonlinear_parameters)
-    made = derived(
-        kind, _limited, limits, columns=property(columns), nonlinear_parameters=nonlinear, bare=(kind, limits)
+    made = derive_kind(
+        kind, _make_limited_kind, limits, columns=property(columns), nonlinear_parameters=nonlinear, bare=(kind, limits)
     )
     return made
 
 
-def clipped(term: Term) -> Term:
+def clip_term(term: Term) -> Term:
     """Move the nonlinear parameters of a term into their bounds; nominal values stay."""
     values = term.nonlinear_values
     inside = {

@@ -20,13 +20,13 @@ from pendulum_env.formatting import format_estimate
 from pendulum_env.lookup import find
 from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
-from pendulum_env.physics.limits import collect_limits, limited_term, read_limits, write_limits
+from pendulum_env.physics.limits import collect_limits, limit_term, read_limits, write_limits
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.simulation import Trajectory, simulate
-from pendulum_env.physics.table import Curve, Table, read_table, refuse_held
+from pendulum_env.physics.table import Table, TableCurve, read_table, refuse_held
 from pendulum_env.physics.term import Column, Samples, Term
-from pendulum_env.physics.terms import with_nonlinear_values
-from pendulum_env.reading import Number, Text, convert, read_json, shown
+from pendulum_env.physics.terms import set_nonlinear_values
+from pendulum_env.reading import Number, Text, convert, quote_value, read_json
 from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import JointUnits, to_shown_unit
 
@@ -99,7 +99,7 @@ class Estimate:
         return data | {key: True for key, so in (("biased", self.is_biased), ("unknown", self.is_unknown)) if so}
 
 
-def short_name(name: str) -> str:
+def shorten_name(name: str) -> str:
     """Name of a parameter for a reader: `dead_time` for `dead_time.dead_time`."""
     id, _, rest = name.partition(".")
     part, at, joint = rest.partition("@")
@@ -164,7 +164,7 @@ class Model(Mapping[str, Estimate]):
         return tuple(column for term in self.terms for column in term.columns)
 
     def __getitem__(self, name: str) -> Estimate:
-        known = {short_name(full): own for full, own in self.estimates.items()}
+        known = {shorten_name(full): own for full, own in self.estimates.items()}
         return find("parameter", name, {**known, **self.estimates})
 
     def __iter__(self) -> Iterator[str]:
@@ -174,7 +174,7 @@ class Model(Mapping[str, Estimate]):
         return len(self.estimates)
 
     def __repr__(self) -> str:
-        lines = [f"{short_name(name)}  {estimate}" for name, estimate in self.readable.items()]
+        lines = [f"{shorten_name(name)}  {estimate}" for name, estimate in self.readable.items()]
         return "\n  ".join([f"<{type(self).__name__} with {len(self.terms)} terms>", *lines])
 
     @property
@@ -189,7 +189,7 @@ class Model(Mapping[str, Estimate]):
         return tuple(term.id for term in self.terms if term.id not in base)
 
     @property
-    def tables(self) -> dict[str, tuple[Table, Curve]]:
+    def tables(self) -> dict[str, tuple[Table, TableCurve]]:
         """Functions that are kept as tables, by id, with what they are."""
         tables = [term for term in self.terms if isinstance(term, Table)]
         names, covariance, found = list(self.estimates), self.assumed_covariance if tables else np.empty((0, 0)), {}
@@ -240,7 +240,7 @@ class Model(Mapping[str, Estimate]):
     @property
     def derived(self) -> dict[str, Estimate]:
         """Compute derived parameters, such as `backlash.k`, with standard errors to first order."""
-        return _all_derived(self)
+        return _derive_all(self)
 
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Model:
         """Model with one more term, its linear parameters at `theta`; fit it to recordings to get real values.
@@ -272,7 +272,7 @@ class Model(Mapping[str, Estimate]):
             if not np.isfinite(value) or (name == "inertia" and value <= 0):
                 raise ModelError(f"{name} of a model cannot be {value:g}: give a positive number")
         new = {name: Estimate(float(value), 0.0, self.estimates[name].unit) for name, value in values.items()}
-        terms = with_nonlinear_values(self.terms, values)
+        terms = set_nonlinear_values(self.terms, values)
         return replace(self, terms=terms, estimates={**self.estimates, **new}, correlation=())
 
     def units(self, joint: str = "") -> JointUnits:
@@ -345,7 +345,7 @@ class Model(Mapping[str, Estimate]):
         return simulate(self.terms, self.theta, period, torque, position, velocity, start)
 
     def _repr_html_(self) -> str:
-        return notebook.shown(self)
+        return notebook.render_html(self)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -385,7 +385,7 @@ class Model(Mapping[str, Estimate]):
                 )
             raise ModelError(f"this is not a model: 'schema' should be {SCHEMA}")
         try:
-            return _model(convert(data, _ModelFile))
+            return _build_model(convert(data, _ModelFile))
         except ValueError as error:
             raise ModelError(str(error)) from None
 
@@ -473,10 +473,10 @@ def read_log_format(content: Mapping[str, Any] | None) -> Mapping[str, Any]:
     return content or {}
 
 
-def _model(data: _ModelFile) -> Model:
+def _build_model(data: _ModelFile) -> Model:
     """Make a model of the content of a file."""
     limits = read_limits(data.limits or {})
-    terms = tuple(limited_term(_term(id, data), limits) for id in data.terms)
+    terms = tuple(limit_term(_build_term(id, data), limits) for id in data.terms)
     if len({term.id for term in terms}) != len(terms):
         raise ModelError("the model names a term twice: each may appear once")
     estimates = {}
@@ -487,14 +487,16 @@ def _model(data: _ModelFile) -> Model:
         raise ModelError(f"'theta.inertia.value' is {inertia.value:g}: expected a number above zero")
     constant = data.torque_constant
     model = replace(
-        Model(terms, estimates).per(JointUnits(_unit(data.torque_unit or "N m", "torque_unit"), data.slides)),
-        torque_constant=None if constant is None else constant.estimate(_unit(constant.unit, "torque_constant.unit")),
+        Model(terms, estimates).per(JointUnits(_check_unit(data.torque_unit or "N m", "torque_unit"), data.slides)),
+        torque_constant=None
+        if constant is None
+        else constant.estimate(_check_unit(constant.unit, "torque_constant.unit")),
         log_format=read_log_format(data.log_format),
     )
-    return model if data.covariance is None else model.correlated(*_covariance(data.covariance, list(estimates)))
+    return model if data.covariance is None else model.correlated(*_read_covariance(data.covariance, list(estimates)))
 
 
-def _all_derived(model: Model) -> dict[str, Estimate]:
+def _derive_all(model: Model) -> dict[str, Estimate]:
     """Compute what the terms of a model derive from its parameters, by name."""
     names, values = list(model.estimates), np.array([estimate.value for estimate in model.estimates.values()])
     covariance = model.assumed_covariance
@@ -504,8 +506,8 @@ def _all_derived(model: Model) -> dict[str, Estimate]:
         first += len(term.columns)
         own = values[place]
         perturbations = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
-        moved = [_derived(term, own + perturbation) for perturbation in perturbations]
-        for name, (value, unit) in _derived(term, own).items():
+        moved = [_derive_quantities(term, own + perturbation) for perturbation in perturbations]
+        for name, (value, unit) in _derive_quantities(term, own).items():
             slope = np.array([other[name][0] - value for other in moved]) / perturbations.diagonal()
             std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
             is_biased = any(model.estimates[names[k]].is_biased for k in place)
@@ -522,16 +524,16 @@ def _all_derived(model: Model) -> dict[str, Estimate]:
     return found
 
 
-def _derived(term: Term, values: Array) -> dict[str, tuple[float, str]]:
+def _derive_quantities(term: Term, values: Array) -> dict[str, tuple[float, str]]:
     """Compute what a term derives from its parameters (P + S,), linear ones first."""
     count = len(term.columns)
     nonlinear = {parameter.name: float(value) for parameter, value in zip(term.free, values[count:], strict=True)}
     return replace(term, **nonlinear).derived(values[:count])
 
 
-def _term(id: str, data: _ModelFile) -> Term:
+def _build_term(id: str, data: _ModelFile) -> Term:
     """Make the term of an id in a model file, with its nonlinear parameters, or its extent."""
-    kind = library.term(id)
+    kind = library.find_term(id)
     if issubclass(kind, Table):
         tables = data.tables or {}
         if id not in tables:
@@ -554,7 +556,7 @@ def _term(id: str, data: _ModelFile) -> Term:
     return term
 
 
-def _covariance(data: _Covariance, known: Sequence[str]) -> tuple[list[str], Array]:
+def _read_covariance(data: _Covariance, known: Sequence[str]) -> tuple[list[str], Array]:
     """Take the known parameters and their covariance out of a model file, which may tell more."""
     names = data.parameters
     if missing := [name for name in known if name not in names]:
@@ -568,8 +570,8 @@ def _covariance(data: _Covariance, known: Sequence[str]) -> tuple[list[str], Arr
     return list(known), matrix[np.ix_(place, place)]
 
 
-def _unit(text: str | None, key: str) -> str:
+def _check_unit(text: str | None, key: str) -> str:
     """Check a unit in a file; it is written into reports and programs, and may hold no words of theirs."""
     if text is None or re.fullmatch(r"[\w /^().%°µ·²-]{1,20}", text) is None:
-        raise ModelError(f"'{key}' is {shown(text)}: expected a unit, such as N m or A")
+        raise ModelError(f"'{key}' is {quote_value(text)}: expected a unit, such as N m or A")
     return text

@@ -1,20 +1,20 @@
 """A model in a notebook: its torque balance and its parameters."""
 
 from pendulum_env.formatting import TextTable, join_words
-from pendulum_env.notebook import card, paragraph, shown, table
-from pendulum_env.physics.model import Model, short_name
+from pendulum_env.notebook import make_card, make_paragraph, make_table, render_html
+from pendulum_env.physics.model import Model, shorten_name
 
 
-def parameters_table(model: Model) -> TextTable:
+def tabulate_parameters(model: Model) -> TextTable:
     """Parameters with standard errors, also as people call them."""
     named = {**model.readable, **model.derived}
-    rows = [(short_name(name), e.text, e.unit) for name, e in ((name, own.shown) for name, own in named.items())]
+    rows = [(shorten_name(name), e.text, e.unit) for name, e in ((name, own.shown) for name, own in named.items())]
     return TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))
 
 
-@shown.register
+@render_html.register
 def show_model(model: Model) -> str:
     """A model: its torque balance and its parameters."""
     law = " + ".join(term.law for term in model.terms)
     title = f"Model with {join_words([term.id for term in model.terms])}"
-    return card(title, paragraph(f"torque = {law}"), table(parameters_table(model)))
+    return make_card(title, make_paragraph(f"torque = {law}"), make_table(tabulate_parameters(model)))

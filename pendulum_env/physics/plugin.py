@@ -32,7 +32,7 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
     file = Path(path).resolve()
     if file not in _loaded:
         before, deep = set(library.effects().values()), sys.getrecursionlimit()
-        with _telling(file, path):
+        with _translate_errors(file, path):
             try:
                 _run(file, path)
             finally:
@@ -46,15 +46,15 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
     return tuple(library.register(kind) for kind in _loaded[file])
 
 
-def plugins() -> tuple[Path, ...]:
+def list_plugins() -> tuple[Path, ...]:
     """Files whose effects this process knows: what a process that it starts has to load, too."""
     return tuple(_loaded)
 
 
-def fault(error: BaseException) -> PluginError | None:
+def describe_fault(error: BaseException) -> PluginError | None:
     """Describe an error in the code of an effect of a file or package; None for other errors."""
-    files = (*_loaded, *(Path(inspect.getfile(kind)) for kind in library.installed()))
-    return next((_fault(error, file, file) for file in files if _lines(error, file)), None)
+    files = (*_loaded, *(Path(inspect.getfile(kind)) for kind in library.load_installed()))
+    return next((_make_plugin_error(error, file, file) for file in files if _find_lines(error, file)), None)
 
 
 def _run(file: Path, path: str | Path) -> None:
@@ -72,22 +72,22 @@ def _run(file: Path, path: str | Path) -> None:
 
 
 @contextmanager
-def _telling(file: Path, path: str | Path) -> Iterator[None]:
+def _translate_errors(file: Path, path: str | Path) -> Iterator[None]:
     """Turn whatever a user's file does wrong, sys.exit included, into one sentence."""
     try:
         yield
     except (KeyboardInterrupt, PluginError):
         raise
     except BaseException as error:
-        raise _fault(error, file, path) from None
+        raise _make_plugin_error(error, file, path) from None
 
 
-def _fault(error: BaseException, file: Path, path: str | Path) -> PluginError:
-    where = f", line {lines[-1]}" if (lines := _lines(error, file)) else ""
+def _make_plugin_error(error: BaseException, file: Path, path: str | Path) -> PluginError:
+    where = f", line {lines[-1]}" if (lines := _find_lines(error, file)) else ""
     return PluginError(f"{path}{where}: {format_error(error)}")
 
 
-def _lines(error: BaseException, file: Path) -> list[int | None]:
+def _find_lines(error: BaseException, file: Path) -> list[int | None]:
     """Lines of a file that an error, and its cause after it, came through."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
-    return lines + (_lines(error.__cause__, file) if error.__cause__ is not None else [])
+    return lines + (_find_lines(error.__cause__, file) if error.__cause__ is not None else [])

@@ -57,7 +57,7 @@ class Cogging(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return tuple(column for end, n in self._orders for column in _wave(end, n))
+        return tuple(column for end, n in self._orders for column in _make_wave(end, n))
 
     @property
     def fault(self) -> str:
@@ -65,7 +65,7 @@ class Cogging(Term):
         return "" if len(set(orders)) == len(orders) else "its orders have to differ"
 
 
-def _wave(end: str, n: float) -> tuple[Column, Column]:
+def _make_wave(end: str, n: float) -> tuple[Column, Column]:
     """Sine and cosine of cogging with n periods in a turn, whose names have an end."""
     return (
         Column(
@@ -101,18 +101,24 @@ class Spring(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        preload = _power("spring.preload", "N m", 0)
+        preload = _make_power("spring.preload", "N m", 0)
         if isinstance(self.degree, float | np.ndarray) and not np.any(np.asarray(self.degree) > 1):  # no symbol
-            return _power("spring.stiffness", "N m/rad", 1), preload
-        pulls = _power("spring.stiffness", "N m/rad", 1, least=0.0)  # else it and gravity draw any curve between them
-        return pulls, preload, _power("spring.quadratic", "N m/rad^2", 2), _power("spring.cubic", "N m/rad^3", 3)
+            return _make_power("spring.stiffness", "N m/rad", 1), preload
+        # a negative stiffness and gravity would fit any curve between them
+        pulls = _make_power("spring.stiffness", "N m/rad", 1, least=0.0)
+        return (
+            pulls,
+            preload,
+            _make_power("spring.quadratic", "N m/rad^2", 2),
+            _make_power("spring.cubic", "N m/rad^3", 3),
+        )
 
     @property
     def fault(self) -> str:
         return "its degree has to be 1 or 3" if np.any(np.asarray(self.degree) == 2) else ""
 
 
-def _power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
+def _make_power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
     """Column of the n-th power of the angle, and its potential."""
     return Column(
         name,

@@ -17,8 +17,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.symbols import labelled, longest, may, name, repeated
-from pendulum_env.physics.term import LOAD, UNLOADED, KnownLoad, Law, Memory, Samples, Term, one, upper, written, zero
+from pendulum_env.physics.symbols import find_longest, label, make_symbol, may_be_true, repeat
+from pendulum_env.physics.term import (
+    LOAD,
+    UNLOADED,
+    KnownLoad,
+    Law,
+    Memory,
+    Samples,
+    Term,
+    one,
+    round_up,
+    write_symbols,
+    zero,
+)
 
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
@@ -52,8 +64,8 @@ class Balance:
         self._force = [(coefficient, column.force) for column, coefficient in weighted if column.force is not zero]
         self._dry = [(coefficient, column.dry) for column, coefficient in weighted if column.dry is not zero]
         # of most models these two do not change, and a step of one pendulum asks for them twice
-        self._steady_mass = np.maximum(sum(c for c, _ in self._mass), LEAST) if _steady(self._mass) else None
-        self._steady_dry = sum(c for c, _ in self._dry) if _steady(self._dry) else None
+        self._steady_mass = np.maximum(sum(c for c, _ in self._mass), LEAST) if _sum_constant(self._mass) else None
+        self._steady_dry = sum(c for c, _ in self._dry) if _sum_constant(self._dry) else None
 
     def __reduce__(self) -> tuple[type[Balance], tuple[Sequence[Term], Array, bool]]:
         return Balance, (self.terms, self.theta, self.loaded)  # columns hold functions, which cannot be pickled
@@ -95,27 +107,27 @@ class Balance:
 
     def at(self, x: Samples, stage: str) -> tuple[Any, Any]:
         """`net` and `dry` at a stage of a step, in symbols by names that tell a reader."""
-        labelled(x.position, f"position_at_{stage}")
-        labelled(x.velocity, f"velocity_at_{stage}")
-        return labelled(self.net(x), f"net_at_{stage}"), labelled(self.dry(x), f"dry_at_{stage}")
+        label(x.position, f"position_at_{stage}")
+        label(x.velocity, f"velocity_at_{stage}")
+        return label(self.net(x), f"net_at_{stage}"), label(self.dry(x), f"dry_at_{stage}")
 
 
-def _steady(parts: list[tuple[ArrayLike, Law]]) -> bool:
+def _sum_constant(parts: list[tuple[ArrayLike, Law]]) -> bool:
     return all(law is one for _, law in parts)
 
 
-def _directed(net: ArrayLike, dry: ArrayLike, direction: Array) -> ArrayLike:
+def _oppose_motion(net: ArrayLike, dry: ArrayLike, direction: Array) -> ArrayLike:
     """Torque that accelerates: friction opposes the direction of motion, or holds a joint at rest if it can."""
     moving = net - dry * direction
-    if not may(direction == 0):
+    if not may_be_true(direction == 0):
         return moving
     at_rest = np.sign(net) * np.maximum(np.abs(net) - np.maximum(dry, 0.0), 0.0)
     return np.where(direction == 0, at_rest, moving)
 
 
-def substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int:
+def count_substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int:
     """Integration steps that a period takes."""
-    return max(1, int(np.ceil(longest(period) / longest_step - 1e-9)))
+    return max(1, int(np.ceil(find_longest(period) / longest_step - 1e-9)))
 
 
 def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
@@ -126,42 +138,42 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
     """
     q, v, h = x.position, x.velocity, duration
     direction = np.sign(v)
-    start = _directed(*balance.at(x, "start"), direction)
-    if may(direction == 0):
+    start = _oppose_motion(*balance.at(x, "start"), direction)
+    if may_be_true(direction == 0):
         direction = np.where(direction == 0, np.sign(start), direction)
-    inertia = labelled(balance.mass(x), "inertia_at_start")
+    inertia = label(balance.mass(x), "inertia_at_start")
     middle_v = v + 0.5 * h * start / inertia
     middle_v = np.where(middle_v * direction < 0, 0.0, middle_v)
     half_way = balance.advance(x, 0.5 * (v + middle_v), 0.5 * h)
     middle = Samples(x.time + 0.5 * h, q + 0.5 * h * v, middle_v, x.torque, half_way, x.load)
-    inertia = labelled(balance.mass(middle), "inertia_at_middle")
+    inertia = label(balance.mass(middle), "inertia_at_middle")
     net, dry = balance.at(middle, "middle")
     a = (net - dry * direction) / inertia
-    if may(direction == 0):
+    if may_be_true(direction == 0):
         a = np.where(direction == 0, 0.0, a)
     new_q, new_v = q + h * (v + 0.5 * h * a), v + h * a
 
     stops = new_v * direction < 0
-    if may(stops):
+    if may_be_true(stops):
         # v + a t = 0 inside the step: stop there, then stick or leave with what is left of the step
         elapsed = np.where(stops, np.clip(-v / np.where(stops, a, 1.0), 0.0, h), h)
         stop_q = q + v * elapsed + 0.5 * a * elapsed**2
         at_rest = np.zeros_like(new_v)
         rest = Samples(x.time + elapsed, stop_q, at_rest, x.torque, half_way, x.load)
-        leave = _directed(*balance.at(rest, "rest"), at_rest) / inertia
+        leave = _oppose_motion(*balance.at(rest, "rest"), at_rest) / inertia
         left = h - elapsed
         new_q = np.where(stops, stop_q + 0.5 * leave * left**2, new_q)
         new_v = np.where(stops, leave * left, new_v)
     memory = balance.advance(middle, 0.5 * (middle_v + new_v), 0.5 * h)
-    return Samples(x.time + h, bounded(new_q), bounded(new_v), x.torque, memory, x.load)
+    return Samples(x.time + h, clip_state(new_q), clip_state(new_v), x.torque, memory, x.load)
 
 
-def bounded(values: Array) -> Array:
+def clip_state(values: Array) -> Array:
     """Values held within +-`UNBOUNDED`; what is no number becomes one."""
     return np.fmin(np.fmax(values, -UNBOUNDED), UNBOUNDED)
 
 
-def delayed(torque: Array, before: Array, periods: float) -> Array:
+def delay_torque(torque: Array, before: Array, periods: float) -> Array:
     """Held command (N, B) that arrives `periods` late; `before` holds what was commanded before it, oldest first."""
     whole = int(np.floor(periods))
     share = periods - whole
@@ -197,7 +209,7 @@ class CommandLine:
             self._history = (int(self._periods / self._substeps) + 1) * [np.zeros_like(now)]
         before = np.repeat(np.array(self._history), self._substeps, axis=0)
         self._history = [*self._history[1:], now]
-        return iter(delayed(np.repeat(now[None], self._substeps, axis=0), before, self._periods))
+        return iter(delay_torque(np.repeat(now[None], self._substeps, axis=0), before, self._periods))
 
     def forget(self, which: Mask) -> None:
         """Restart pendulums (B,)."""
@@ -218,7 +230,7 @@ def simulate(
     longest_step: float = LONGEST_STEP,
     load: KnownLoad = UNLOADED,
     observe: Callable[[Samples], None] | None = None,
-    program: Prepared | None = None,
+    program: PreparedStep | None = None,
 ) -> Trajectory:
     """Simulate B pendulums in free run under a torque command that is held over each period.
 
@@ -242,40 +254,45 @@ def simulate(
     scalars = (np.shape(one) for one in (position, velocity, start, period, load.inertia, load.gravity))
     batch = np.broadcast_shapes(*scalars, torque.shape[1:], np.shape(load.torque)[1:], np.shape(theta)[1:], (1,))
     balance = Balance(terms, np.asarray(theta, dtype=float), bool(load))
-    count = substeps(period, longest_step)
+    count = count_substeps(period, longest_step)
     h = period / count
-    commands = _commands(terms, torque, before, count, h)
+    commands = _spread_commands(terms, torque, before, count, h)
     q, v, t = (np.broadcast_to(np.asarray(a, dtype=float), batch).copy() for a in (position, velocity, start))
     inputs = np.broadcast_to(commands, (len(commands), *batch))[:, None]
     if balance.loaded:
         outside = np.broadcast_to(load.torque, (len(torque), *batch))
         inputs = np.stack([inputs[:, 0], np.repeat(outside, count, axis=0)], axis=1)
-    x = _given(Samples(t, q, v, np.zeros(1), load=load), inputs[0] if len(inputs) else np.zeros((inputs.shape[1], 1)))
+    x = _apply_command(
+        Samples(t, q, v, np.zeros(1), load=load), inputs[0] if len(inputs) else np.zeros((inputs.shape[1], 1))
+    )
     x = replace(x, memory={id: (memory or {}).get(id, state) for id, state in balance.start(x).items()})
-    states = np.array([np.broadcast_to(row, batch) for row in rows(x)])
-    made = (program or prepared(terms, balance.loaded, h)) if len(batch) == 1 else Prepared(None, ())
+    states = np.array([np.broadcast_to(row, batch) for row in stack_rows(x)])
+    made = (program or prepare_step(terms, balance.loaded, h)) if len(batch) == 1 else PreparedStep(None, ())
     if made.step is not None:
         constants = [*balance.theta, *made.nonlinear, *(load[:2] if balance.loaded else ()), h]
         own = np.array([np.broadcast_to(value, batch) for value in constants])
         path = made.step(inputs, own[:, None], states[:, None], count)[:, :, 0]
     else:
-        path = repeated(
-            lambda given, now: rows(step(balance, _given(samples(now, x), given), h)), inputs, states, count
+        path = repeat(
+            lambda given, now: stack_rows(step(balance, _apply_command(unstack_rows(now, x), given), h)),
+            inputs,
+            states,
+            count,
         )
     if observe is not None:
         for k, state in enumerate(path):
-            now = samples(state, x)
-            observe(_given(now, inputs[max(0, k * count - 1)]) if len(inputs) else now)
+            now = unstack_rows(state, x)
+            observe(_apply_command(now, inputs[max(0, k * count - 1)]) if len(inputs) else now)
     return Trajectory(path[:, 1].copy(), path[:, 2].copy())
 
 
-def _given(x: Samples, given: Array) -> Samples:
+def _apply_command(x: Samples, given: Array) -> Samples:
     """Samples under the command of a step, and under the load torque if there is one, (1 or 2, B)."""
     command, *outside = given
     return replace(x, torque=command, load=x.load._replace(torque=outside[0]) if outside else x.load)
 
 
-def _commands(terms: Sequence[Term], torque: Array, before: Array | None, count: int, h: ArrayLike) -> Array:
+def _spread_commands(terms: Sequence[Term], torque: Array, before: Array | None, count: int, h: ArrayLike) -> Array:
     """Torque (N count, B) of each step of length h [s], as late as the terms make the command."""
     commands = np.repeat(torque, count, axis=0)
     delay = sum(term.delay for term in terms)
@@ -283,15 +300,15 @@ def _commands(terms: Sequence[Term], torque: Array, before: Array | None, count:
         return commands
     earlier = np.zeros((0, *torque.shape[1:])) if before is None else np.asarray(before, dtype=float)
     earlier = earlier[:, None] if earlier.ndim == 1 else earlier
-    return delayed(commands, np.repeat(earlier, count, axis=0), float(delay / h))
+    return delay_torque(commands, np.repeat(earlier, count, axis=0), float(delay / h))
 
 
-def rows(x: Samples) -> list[Any]:
+def stack_rows(x: Samples) -> list[Any]:
     """Return the varying rows of a step: time, position, velocity and S states of terms."""
     return [x.time, x.position, x.velocity, *(row for memory in x.memory.values() for row in memory)]
 
 
-def samples(state: Array, like: Samples) -> Samples:
+def unstack_rows(state: Array, like: Samples) -> Samples:
     """The samples that such rows are of, under the torque of others."""
     row = iter(state)
     t, q, v = next(row), next(row), next(row)
@@ -299,45 +316,47 @@ def samples(state: Array, like: Samples) -> Samples:
     return Samples(t, q, v, like.torque, memory, like.load)
 
 
-class Prepared(NamedTuple):
+class PreparedStep(NamedTuple):
     """A step of a model, compiled, or None if a law of it is no formula, and the values of its nonlinear parameters."""
 
     step: Recurrence | None
     nonlinear: Sequence[ArrayLike]
 
 
-def prepared(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = LONGEST_STEP) -> Prepared:
+def prepare_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = LONGEST_STEP) -> PreparedStep:
     """Make ready to simulate some terms, with steps no longer than that [s].
 
     It is written down each time, as a law may depend on more than the terms hold; what is the same is compiled once.
     """
-    from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
+    from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
 
     try:
-        balance, x, nonlinear = in_symbols(terms, loaded)
-        duration: Any = name("h", most=upper(longest))
+        balance, x, nonlinear = write_balance(terms, loaded)
+        duration: Any = make_symbol("h", most=round_up(longest))
         after = step(balance, x, duration)
-        constants = [*balance.theta, *map(name, nonlinear), *(x.load[:2] if loaded else ()), duration]
-        parts: Any = [x.torque, *(x.load[2:] if loaded else ())], constants, rows(x)
+        constants = [*balance.theta, *map(make_symbol, nonlinear), *(x.load[:2] if loaded else ()), duration]
+        parts: Any = [x.torque, *(x.load[2:] if loaded else ())], constants, stack_rows(x)
         inputs, known, before = ([symbol.label for symbol in each] for each in parts)
-        step_of = recurrence(inputs, known, before, rows(after))
+        step_of = compile_recurrence(inputs, known, before, stack_rows(after))
     except Exception:  # a user's law may do anything that NumPy does
-        return Prepared(None, ())
-    return Prepared(step_of, list(nonlinear.values()))
+        return PreparedStep(None, ())
+    return PreparedStep(step_of, list(nonlinear.values()))
 
 
-def in_symbols(terms: Sequence[Term], loaded: bool = False) -> tuple[Balance, Samples, dict[str, ArrayLike]]:
+def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[Balance, Samples, dict[str, ArrayLike]]:
     """The balance of some terms, what it depends on, and the values of their nonlinear parameters by name.
 
     Raises:
         Exception: of any kind, if a law is no formula.
     """
-    each = [written(term, place) for place, term in enumerate(terms)]
-    theta: Any = [name(f"theta_{k}") for k in range(sum(len(term.columns) for term, _ in each))]
+    each = [write_symbols(term, place) for place, term in enumerate(terms)]
+    theta: Any = [make_symbol(f"theta_{k}") for k in range(sum(len(term.columns) for term, _ in each))]
     balance = Balance([term for term, _ in each], theta, loaded)
-    x: Any = Samples(*(name(text) for text in ("time", "position", "velocity", "torque")))  # type: ignore[arg-type]
+    x: Any = Samples(*(make_symbol(text) for text in ("time", "position", "velocity", "torque")))  # type: ignore[arg-type]
     if loaded:
-        load: Any = KnownLoad(*(name(f"load_{part}") for part in KnownLoad._fields))  # type: ignore[arg-type]
+        load: Any = KnownLoad(*(make_symbol(f"load_{part}") for part in KnownLoad._fields))  # type: ignore[arg-type]
         x = replace(x, load=load)
-    memory = {id: tuple(name(f"memory.{id}.{k}") for k in range(len(own))) for id, own in balance.start(x).items()}
+    memory = {
+        id: tuple(make_symbol(f"memory.{id}.{k}") for k in range(len(own))) for id, own in balance.start(x).items()
+    }
     return balance, replace(x, memory=memory), {text: value for _, own in each for text, value in own.items()}

@@ -21,7 +21,7 @@ BINARY = ("add", "subtract", "multiply", "divide", "power", "maximum", "minimum"
 COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 LOGICAL = ("logical_and", "logical_or")
 WHERE, NAME = "where", "name"
-UFUNCS = {name: name for name in (*UNARY, *BINARY, *COMPARISONS, *LOGICAL)} | {
+UFUNCS = {make_symbol: make_symbol for make_symbol in (*UNARY, *BINARY, *COMPARISONS, *LOGICAL)} | {
     "fmax": "maximum",
     "fmin": "minimum",
     "bitwise_and": "logical_and",
@@ -54,12 +54,12 @@ class Symbol(NDArrayOperatorsMixin):
         if method != "__call__" or options:  # where= and out= say more than the expression would
             raise TypeError(f"np.{ufunc.__name__} with {', '.join(options) or method} has no written form")
         if any(isinstance(x, np.ndarray) and x.dtype == object for x in inputs):  # of symbols, one by one
-            return ufunc(*map(boxed, inputs))
+            return ufunc(*map(box, inputs))
         if ufunc.__name__ == "square":
             return inputs[0] * inputs[0]
         if ufunc.__name__ not in UFUNCS:
             raise TypeError(f"np.{ufunc.__name__} has no written form")
-        return operation(UFUNCS[ufunc.__name__], *inputs)
+        return make_operation(UFUNCS[ufunc.__name__], *inputs)
 
     def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
         if func not in FUNCTIONS:
@@ -84,39 +84,39 @@ class Symbol(NDArrayOperatorsMixin):
 
 Operand = Symbol | float
 FUNCTIONS: dict[Any, Any] = {
-    np.where: lambda condition, then, other: operation(WHERE, condition, then, other),
+    np.where: lambda condition, then, other: make_operation(WHERE, condition, then, other),
     np.clip: lambda x, low, high: np.minimum(np.maximum(x, low), high),
     np.ones_like: lambda x: np.float64(1.0),
     np.zeros_like: lambda x: np.float64(0.0),
 }
 
 
-def may(condition: Any) -> bool:
+def may_be_true(condition: Any) -> bool:
     """Return whether a condition may be true; a symbolic condition may, since both branches are evaluated."""
     return isinstance(condition, Symbol) or bool(condition.any() if isinstance(condition, np.ndarray) else condition)
 
 
-def longest(duration: Any) -> float:
+def find_longest(duration: Any) -> float:
     """The longest of some durations, or a bound of it."""
     return duration.largest if isinstance(duration, Symbol) else float(np.max(duration))
 
 
-def name(text: str, most: float | None = None) -> Symbol:
+def make_symbol(text: str, most: float | None = None) -> Symbol:
     """A value that is given, and the largest it may be."""
     return Symbol(NAME, label=text, most=most)
 
 
-def names(text: str, *shape: int) -> Any:
+def make_symbols(text: str, *shape: int) -> Any:
     """An array of values that are given, whose operators and products are those of NumPy; a name without a shape."""
     if not shape:
-        return name(text)
+        return make_symbol(text)
     given = np.empty(shape, dtype=object)
     for place in np.ndindex(shape):
-        given[place] = name(".".join((text, *map(str, place))))
+        given[place] = make_symbol(".".join((text, *map(str, place))))
     return given
 
 
-def boxed(value: Any) -> Any:
+def box(value: Any) -> Any:
     """A symbol as an array of none of its dimensions, so that NumPy broadcasts it; anything else as it is."""
     if not isinstance(value, Symbol):
         return value
@@ -125,16 +125,16 @@ def boxed(value: Any) -> Any:
     return box
 
 
-def operation(op: str, *inputs: Any) -> Operand:
+def make_operation(op: str, *inputs: Any) -> Operand:
     """An operation, unless it comes to nothing."""
     operands = tuple(x if isinstance(x, Symbol) else float(x) for x in inputs)
     if op == "add" and all(map(_is_condition, operands)):  # of truth values, as of NumPy's
         return Symbol("logical_or", operands)
     if op == "power" and not isinstance(operands[1], Symbol) and operands[1] == 2.0:
-        return operation("multiply", operands[0], operands[0])
+        return make_operation("multiply", operands[0], operands[0])
     if op == WHERE and not isinstance(operands[0], Symbol):
         return operands[1] if operands[0] else operands[2]
-    short = _short(op, operands) if op in BINARY else Symbol(op, operands)
+    short = _simplify(op, operands) if op in BINARY else Symbol(op, operands)
     if op == "multiply" and isinstance(short, Symbol):  # a part of a time
         share, whole = operands
         if isinstance(whole, Symbol) and whole.most is not None and not isinstance(share, Symbol) and share > 0:
@@ -142,7 +142,7 @@ def operation(op: str, *inputs: Any) -> Operand:
     return short
 
 
-def _short(op: str, operands: tuple[Operand, ...]) -> Operand:
+def _simplify(op: str, operands: tuple[Operand, ...]) -> Operand:
     """Simplify an operation with a neutral element."""
     first, second = operands
     is_number = [not isinstance(x, Symbol) for x in operands]
@@ -171,14 +171,14 @@ def _is_condition(operand: Operand) -> bool:
     return isinstance(operand, Symbol) and operand.is_condition
 
 
-def labelled(value: Any, label: str) -> Any:
+def label(value: Any, label: str) -> Any:
     """The value, with a name for the reader if it is computed and has none."""
     if isinstance(value, Symbol) and not value.label:
         value.label = label
     return value
 
 
-def repeated(step: Callable[[Any, Any], Sequence[Any]], inputs: Array, states: Array, every: int = 1) -> Array:
+def repeat(step: Callable[[Any, Any], Sequence[Any]], inputs: Array, states: Array, every: int = 1) -> Array:
     """Run a step by NumPy, for steps that are no formula.
 
     Args:
@@ -198,7 +198,7 @@ def repeated(step: Callable[[Any, Any], Sequence[Any]], inputs: Array, states: A
     return np.array(path)
 
 
-def in_order(results: Sequence[Operand]) -> Iterator[Symbol]:
+def sort_symbols(results: Sequence[Operand]) -> Iterator[Symbol]:
     """All symbols that the results need, each after those it needs itself."""
     seen: set[Symbol] = set()
     waiting = [x for x in reversed(results) if isinstance(x, Symbol)]
@@ -214,12 +214,12 @@ def in_order(results: Sequence[Operand]) -> Iterator[Symbol]:
             yield symbol
 
 
-def distinct(results: Sequence[Operand]) -> tuple[list[Symbol], dict[Symbol, Symbol]]:
+def merge_equal(results: Sequence[Operand]) -> tuple[list[Symbol], dict[Symbol, Symbol]]:
     """The symbols in order, each computed once, and for every symbol the one that stands for it."""
     known: dict[object, Symbol] = {}
     same: dict[Symbol, Symbol] = {}
     order = []
-    for symbol in in_order(results):
+    for symbol in sort_symbols(results):
         inputs = tuple(same[x] if isinstance(x, Symbol) else x for x in symbol.inputs)
         key = (symbol.op, inputs, symbol.label if symbol.op == NAME else "")
         first = known.setdefault(key, symbol)

@@ -22,7 +22,7 @@ from msgspec.structs import astuple
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.errors import FileError, UserError
-from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term, derived
+from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term, derive_kind
 from pendulum_env.reading import Number, Text, convert
 
 FARTHEST, NARROWEST = 1e6, 1e-6  # of a table in a file [rad, rad/s]
@@ -76,7 +76,7 @@ def read_table(kind: type[Table], data: Any, key: str) -> Table:
     return kind.over(extent)()
 
 
-class Curve(NamedTuple):
+class TableCurve(NamedTuple):
     """A table as a function: arguments, values and their standard errors, (N,) each."""
 
     x: Array
@@ -97,7 +97,7 @@ class Table(Term):
     @classmethod
     def over(cls, extent: Extent) -> type[Self]:
         """Return the table over another extent."""
-        return cast(type[Self], _over(cls.__dict__.get("bare_table", cls), extent))
+        return cast(type[Self], _set_extent(cls.__dict__.get("bare_table", cls), extent))
 
     def beside(self, terms: Sequence[Term]) -> Table:
         """Return the table without the functions of its argument that terms of a model contain."""
@@ -127,19 +127,19 @@ class Table(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return _columns(type(self))  # type: ignore[arg-type]  # classes can be hashed
+        return _make_columns(type(self))  # type: ignore[arg-type]  # classes can be hashed
 
     @classmethod
     def basis(cls, argument: ArrayLike) -> list[ArrayLike]:
         """Values of the function that each coefficient multiplies."""
-        return [_sum(cls, argument, row) for row in _weights(cls)]  # type: ignore[arg-type]
+        return [_sum(cls, argument, row) for row in _compute_weights(cls)]  # type: ignore[arg-type]
 
-    def curve(self, theta: Array, covariance: Array | None = None) -> Curve:
+    def curve(self, theta: Array, covariance: Array | None = None) -> TableCurve:
         """The function that linear parameters (P,) make, with standard errors by their covariance (P, P)."""
         x = np.linspace(self.extent.low, self.extent.high, 241)
         phi = np.column_stack([np.broadcast_to(own, x.shape) for own in self.basis(x)])
         variance = np.zeros(len(x)) if covariance is None else np.einsum("np,pq,nq->n", phi, covariance, phi)
-        return Curve(x, phi @ theta, np.sqrt(np.maximum(variance, 0.0)))
+        return TableCurve(x, phi @ theta, np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _sum(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -> ArrayLike:
@@ -154,23 +154,25 @@ def _sum(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -
     total: ArrayLike = 0
     for knot, weight in weights.items():
         apart = np.absolute(at - float(knot))
-        total = total + weight * (_spline(apart) + (_spline(pieces - apart) if kind.extent.is_turn else 0.0))
+        total = total + weight * (
+            _evaluate_spline(apart) + (_evaluate_spline(pieces - apart) if kind.extent.is_turn else 0.0)
+        )
     return total
 
 
-def _spline(apart: Any) -> Any:
+def _evaluate_spline(apart: Any) -> Any:
     """The cubic B-spline so many knots apart from its centre."""
     near, far = np.maximum(1.0 - apart, 0.0), np.maximum(2.0 - apart, 0.0)
     return (far * far * far - 4.0 * (near * near * near)) / 6.0
 
 
 @cache
-def _over(kind: type[Table], extent: Extent) -> type[Table]:
-    return derived(kind, _over, extent, extent=extent, bare_table=kind)
+def _set_extent(kind: type[Table], extent: Extent) -> type[Table]:
+    return derive_kind(kind, _set_extent, extent, extent=extent, bare_table=kind)
 
 
 @cache
-def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
+def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
     """Compute the weights of splines for each coefficient of a table, under all conditions."""
     low, high, pieces = kind.extent[:3]
     knots = range(pieces) if kind.extent.is_turn else range(-1, pieces + 2)
@@ -199,12 +201,12 @@ def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
 
 
 @cache
-def _columns(kind: type[Table]) -> tuple[Column, ...]:
+def _make_columns(kind: type[Table]) -> tuple[Column, ...]:
     def at(weights: Mapping[int, float], x: Samples) -> ArrayLike:
         return _sum(kind, kind.argument(x), weights)
 
     name = kind.id.partition("@")[0]
-    return tuple(kind.column(f"{name}.{k}", partial(at, own)) for k, own in enumerate(_weights(kind)))  # type: ignore[arg-type]
+    return tuple(kind.column(f"{name}.{k}", partial(at, own)) for k, own in enumerate(_compute_weights(kind)))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -342,15 +344,15 @@ TABLES: dict[str, type[Term]] = {kind.id: kind for kind in (TorqueByAngle, Frict
 
 
 @cache
-def _well_sampled(kind: type[ByAngle]) -> type[ByAngle]:
+def _trim_ends(kind: type[ByAngle]) -> type[ByAngle]:
     """Remove the ends with few samples, which predict badly."""
-    return derived(kind, _well_sampled, outside=0.5)
+    return derive_kind(kind, _trim_ends, outside=0.5)
 
 
 COMPETING: tuple[type[Term], ...] = (  # with effects
     PowerOfSpeed,
-    _well_sampled(TorqueByAngle),
-    _well_sampled(FrictionByAngle),
+    _trim_ends(TorqueByAngle),
+    _trim_ends(FrictionByAngle),
     FrictionBySpeed,
     TorqueByTime,
     GainByTime,

@@ -22,7 +22,7 @@ import numpy as np
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.description import DESCRIPTIONS, Description
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
-from pendulum_env.physics.symbols import may, name, repeated
+from pendulum_env.physics.symbols import make_symbol, may_be_true, repeat
 from pendulum_env.units import JointUnits
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ class KnownLoad(NamedTuple):
     torque: ArrayLike = 0.0  # [N m], measured at the output, that acts on the joint
 
     def __bool__(self) -> bool:
-        return may(self.inertia) or may(self.gravity) or may(self.torque)
+        return may_be_true(self.inertia) or may_be_true(self.gravity) or may_be_true(self.torque)
 
     def along(self, time: Array) -> Array:
         """Torque at every sample (N,) [N m]."""
@@ -273,7 +273,7 @@ class Term:
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
         """State variables along N recorded samples; see `traces`."""
-        return traces([self], [x], [command], [period])[0][0]
+        return trace_variants([self], [x], [command], [period])[0][0]
 
     @property
     def nonlinear_values(self) -> dict[str, float]:
@@ -324,7 +324,7 @@ def _read_old_names(kind: type[Term]) -> None:
         warnings.warn(text, FutureWarning, stacklevel=4)
 
 
-def derived(kind: type[T], factory: Callable[..., type[T]], *arguments: Any, **members: Any) -> type[T]:
+def derive_kind(kind: type[T], factory: Callable[..., type[T]], *arguments: Any, **members: Any) -> type[T]:
     """A kind of term like another but for some members: what `factory(kind, *arguments)` makes of it.
 
     No module has it by its name; another process makes it again, and finds the same one if the factory remembers it.
@@ -332,56 +332,61 @@ def derived(kind: type[T], factory: Callable[..., type[T]], *arguments: Any, **m
     common: dict[str, Any] = {
         "__doc__": kind.__doc__,
         "__module__": kind.__module__,
-        "__reduce__": lambda self: (_again, (kind(), factory, arguments, self.nonlinear_values)),
+        "__reduce__": lambda self: (_rebuild_term, (kind(), factory, arguments, self.nonlinear_values)),
     }
     return type(kind.__name__, (kind,), common | members)
 
 
-def _again(
+def _rebuild_term(
     bare: Term, factory: Callable[..., type[Term]], arguments: tuple[Any, ...], values: dict[str, float]
 ) -> Term:
     return factory(type(bare), *arguments)(**values)
 
 
-def written(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
+def write_symbols(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
     """A term in symbols, and the values of its free nonlinear parameters by symbol."""
     values: dict[str, ArrayLike] = {f"{place}.{p.name}": term.nonlinear_values[p.name] for p in term.free}
-    symbols: dict[str, Any] = {p.name: name(f"{place}.{p.name}") for p in term.free}
+    symbols: dict[str, Any] = {p.name: make_symbol(f"{place}.{p.name}") for p in term.free}
     nominal: dict[str, Any] = {p.name: p.nominal for p in term.nonlinear_parameters}  # rows of a batch agree
     return replace(term, **nominal | symbols), values
 
 
-def loads(at: str) -> dict[str, float]:
+def list_loads(at: str) -> dict[str, float]:
     """Joints that a term loads, by where it is, each with the factor by which it turns with the joint and loads it."""
     return {joint.removeprefix("-"): -1.0 if joint.startswith("-") else 1.0 for joint in at.split(",")}
 
 
-def upper(duration: ArrayLike) -> float:
+def round_up(duration: ArrayLike) -> float:
     """Bound of a duration [s] in whole milliseconds, so that programs that differ in it alone are the same."""
     return float(np.ceil(1e3 * np.max(duration) - 1e-6) / 1e3)
 
 
-def _moved(term: Term, given: Sequence[Any], memory: Sequence[Any], period: Any) -> list[Any]:
+def _step_memory(term: Term, given: Sequence[Any], memory: Sequence[Any], period: Any) -> list[Any]:
     """State variables of a term after a period [s], unless nothing moves; in symbols or arrays."""
     *sample, at_rest = given
     moved = term.advance(tuple(memory), Samples(*sample), period)
     return [np.where(at_rest, old, new) for old, new in zip(memory, moved, strict=True)]
 
 
-def _advance(term: Term, count: int, period: Array) -> tuple[Recurrence, list[ArrayLike]] | None:
+def _compile_advance(term: Term, count: int, period: Array) -> tuple[Recurrence, list[ArrayLike]] | None:
     """Compile the evolution of the states of a term along a motion, with its constants; None if it is no formula."""
-    from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
+    from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
 
     given, states = ("time", "position", "velocity", "torque", "at_rest"), [f"memory_{k}" for k in range(count)]
     try:
-        symbolic, values = written(term)
-        after = _moved(symbolic, [*map(name, given)], [*map(name, states)], name("period", most=upper(period)))
-        return recurrence(given, [*values, "period"], states, after), [*values.values(), period]
+        symbolic, values = write_symbols(term)
+        after = _step_memory(
+            symbolic,
+            [*map(make_symbol, given)],
+            [*map(make_symbol, states)],
+            make_symbol("period", most=round_up(period)),
+        )
+        return compile_recurrence(given, [*values, "period"], states, after), [*values.values(), period]
     except Exception:  # a user's law may do anything that NumPy does
         return None
 
 
-def traces(
+def trace_variants(
     variants: Sequence[Term], runs: Sequence[Samples], commands: Sequence[Array], periods: Sequence[float]
 ) -> list[list[Memory]]:
     """State variables of V variants of one effect, driven along the recorded motion of several recordings.
@@ -429,11 +434,11 @@ def traces(
     memory = stacked.start(first_samples)
     states = np.array([np.broadcast_to(row, shape) for row in memory])
     inputs = np.stack([time[:-1], position[:-1], half, held[:-1], resting], axis=1)
-    if (advance := _advance(stacked, len(memory), period)) is not None:
+    if (advance := _compile_advance(stacked, len(memory), period)) is not None:
         program, constants = advance
         history = program(inputs, np.array([np.broadcast_to(row, shape) for row in constants]), states)
     else:
-        history = repeated(lambda given, rows: _moved(stacked, given, rows, period), inputs, states)
+        history = repeat(lambda given, rows: _step_memory(stacked, given, rows, period), inputs, states)
     kept = np.moveaxis(history[steps - length :], 0, -1)  # (states, V, blocks, length)
     results = []
     for own, count in zip(np.split(kept, np.cumsum(blocks)[:-1], axis=2), counts, strict=True):

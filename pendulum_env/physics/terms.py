@@ -11,12 +11,12 @@ from pendulum_env.quantity import Quantity
 from pendulum_env.units import TURNING, JointUnits
 
 
-def ids(terms: Sequence[Term]) -> frozenset[str]:
+def list_ids(terms: Sequence[Term]) -> frozenset[str]:
     """Ids of some terms."""
     return frozenset(term.id for term in terms)
 
 
-def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
+def list_forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
     """Ids of some terms, each with the names of its free nonlinear parameters."""
     return frozenset((term.id, *(parameter.name for parameter in term.free if not parameter.follows)) for term in terms)
 
@@ -26,7 +26,7 @@ def has_link(terms: Sequence[Term]) -> bool:
     return any(term.link for term in terms)
 
 
-def link_of(terms: Sequence[Term]) -> Term:
+def find_link(terms: Sequence[Term]) -> Term:
     """The first term that has a link."""
     return next(term for term in terms if term.link)
 
@@ -46,7 +46,7 @@ def is_hidden(term: Term) -> bool:
     return term.link or has_bristles(term)
 
 
-def with_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike]) -> tuple[Term, ...]:
+def set_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike]) -> tuple[Term, ...]:
     """Terms with some nonlinear parameters, by full name, at other values; of a batch that agrees, at one number."""
     changed = []
     for term in terms:
@@ -57,18 +57,18 @@ def with_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike]
     return tuple(changed)
 
 
-def untested_ends(term: Term, low: float, high: float, units: JointUnits = TURNING) -> dict[str, Quantity]:
+def find_untested_ends(term: Term, low: float, high: float, units: JointUnits = TURNING) -> dict[str, Quantity]:
     """Ends `low` and `high` of a motion [rad] beyond which a term may act; empty if none."""
     ends = zip(("low", "high"), (low, high), term.open_ends, strict=True)
     unit = units.unit("rad")
     return {name: Quantity(value, unit=unit) for name, value, is_open in ends if is_open}
 
 
-def complexity(term: Term) -> int:
+def count_term_parameters(term: Term) -> int:
     """Number of parameters of a term."""
     return len(term.columns) + sum(not parameter.follows for parameter in term.free)
 
 
-def parameters(terms: Sequence[Term]) -> int:
+def count_parameters(terms: Sequence[Term]) -> int:
     """Number of parameters of a model."""
-    return sum(complexity(term) for term in terms)
+    return sum(count_term_parameters(term) for term in terms)

@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.simulation import bounded, substeps
-from pendulum_env.physics.symbols import name
+from pendulum_env.physics.simulation import clip_state, count_substeps
+from pendulum_env.physics.symbols import make_symbol
 from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, Term
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class Transmission(Term):
     def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         # velocity Verlet in short steps, while the motor moves on at constant speed
         position, velocity = memory
-        steps = substeps(duration)
+        steps = count_substeps(duration)
         h = duration / steps
         stiffness = np.minimum(self.resonance**2, 1 / h**2)  # stiffer contacts would be unstable at this step
         damping = np.minimum(self.damping, 0.5 / h)
@@ -88,8 +88,8 @@ class Transmission(Term):
         for k in range(steps):
             middle_q = position + 0.5 * h * velocity
             middle_v = velocity + 0.5 * h * acceleration(k * h, position, velocity)
-            velocity = bounded(velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v))
-            position = bounded(position + h * middle_v)
+            velocity = clip_state(velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v))
+            position = clip_state(position + h * middle_v)
         return position, velocity
 
 
@@ -117,7 +117,7 @@ class JointFlexibility(Transmission):
         q0, v0 = self._hang(first, stiffness)
         constants = np.array([stiffness, self.damping, self.gravity, period])[:, None, None]
         start = np.array([q0 + period * v0, q0])[:, None, None]
-        path = _central_differences()(drive[1:-1, None, None], constants, start)[:, 0, 0, 0]
+        path = _make_central_differences()(drive[1:-1, None, None], constants, start)[:, 0, 0, 0]
         q = np.r_[q0, path][: len(drive)]
         return q, np.gradient(q, period)
 
@@ -147,11 +147,11 @@ class Backlash(Transmission):
 
 
 @cache
-def _central_differences() -> Recurrence:
+def _make_central_differences() -> Recurrence:
     """Motion of a link behind a spring, from its last two positions to the next."""
-    from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
+    from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
 
     given: list[Any] = ["stiffness", "damping", "gravity", "period"]
-    drive, w2, c, g, h, q, before = (name(text) for text in ("drive", *given, "position", "before"))
+    drive, w2, c, g, h, q, before = (make_symbol(text) for text in ("drive", *given, "position", "before"))
     known = drive - g * np.sin(q) - w2 * q + 2 * q / h**2 - (1 / h**2 - 0.5 * c / h) * before
-    return recurrence(["drive"], given, ["position", "before"], [known / (1 / h**2 + 0.5 * c / h), q])
+    return compile_recurrence(["drive"], given, ["position", "before"], [known / (1 / h**2 + 0.5 * c / h), q])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pendulum_env._typing import Array, Mask
-from pendulum_env.filters import savitzky_golay
+from pendulum_env.filters import filter_savitzky_golay
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.vocabulary import UNITS
@@ -77,9 +77,9 @@ class AccelerationFit:
         q, tau = (x[: count * stride].reshape(count, stride).mean(axis=1) for x in (position, torque))
         step = stride / rate
         window = (min(max(5, round(SMOOTHING / step)), count) - 1) | 1  # odd
-        v, a = (savitzky_golay(q, window, 3, order, step) for order in (1, 2))
+        v, a = (filter_savitzky_golay(q, window, 3, order, step) for order in (1, 2))
         is_odd = (np.arange(count) * step).astype(np.intp) % 2 == 1
-        return cls(savitzky_golay(q, window, 3), v, a, savitzky_golay(tau, window, 3), is_odd)
+        return cls(filter_savitzky_golay(q, window, 3), v, a, filter_savitzky_golay(tau, window, 3), is_odd)
 
     def compute_misfit(self, *gravity: Array) -> float:
         """Return the residual norm of every other second, predicted by the fit of the seconds between [rad/s^2]."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError
-from pendulum_env.reading import shown
+from pendulum_env.reading import quote_value
 from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.columns import add_labels
 from pendulum_env.recording.notes import Note, NoteKind
@@ -119,7 +119,7 @@ def read_data(data: Any, find: ColumnFinder) -> RawTable:
 
         table = from_dataframe(data)
     else:
-        raise TypeError(f"{shown(data)} is no table: give a path, a mapping of arrays or a data frame")
+        raise TypeError(f"{quote_value(data)} is no table: give a path, a mapping of arrays or a data frame")
     index = INDICES[1]  # of pandas, where it has no name
     if index in table.column_names and (pa.types.is_temporal(kind := table[index].type) or pa.types.is_floating(kind)):
         table = table.rename_columns(["time" if name == index else name for name in table.column_names])

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pendulum_env.errors import ColumnError
 from pendulum_env.lookup import UnknownName, find
 from pendulum_env.quantity import Quantity
-from pendulum_env.reading import shown
+from pendulum_env.reading import quote_value
 from pendulum_env.recording.expression import (
     LONGEST_UNIT,
     Expression,
@@ -183,7 +183,7 @@ def find_columns(
             logged = _find_output(output, headers)
             candidates = [] if logged is None else [parse_column(quantity, logged, headers)]
         if len(candidates) > 1:
-            names = " and ".join(shown(c.header.strip(), QUOTED) for c in candidates[:3])
+            names = " and ".join(quote_value(c.header.strip(), QUOTED) for c in candidates[:3])
             raise ColumnError(
                 f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: "
                 f"say which with {format_setting('columns', {**told, quantity: 'NAME'})}"
@@ -222,7 +222,7 @@ def find_columns(
         counter = next((header.strip() for header in headers if normalise_name(header) in COUNTERS), None)
         if "time" in missing and counter is not None:
             time = format_setting("columns", {"time": f"{counter}/RATE"})
-            hints = [f"if {shown(counter, QUOTED)} counts samples, {time} with their rate [Hz]"]
+            hints = [f"if {quote_value(counter, QUOTED)} counts samples, {time} with their rate [Hz]"]
         if len(joints := _find_joints(headers)) > 1:
             robot = format_setting("robot", "ARM.urdf")
             hints = [f"there are some for {_list_headers(joints)}: an arm needs {robot}, one joint needs {option}"]
@@ -282,7 +282,7 @@ def note_ambiguous_velocity(
     fitting = _prefer_measured(_find_candidates("velocity", headers, {column.index for column in columns.values()}))
     if "velocity" in columns or "velocity" in named or len(fitting) < 2:
         return ()
-    headers = tuple(shown(column.header, QUOTED) for column in fitting[:2])
+    headers = tuple(quote_value(column.header, QUOTED) for column in fitting[:2])
     numbers = {"count": Quantity(len(fitting))}
     return (Note(NoteKind.AMBIGUOUS, ("velocity",), numbers, headers, columns={"velocity": "NAME"}),)
 
@@ -378,7 +378,9 @@ def _find_joints(headers: Sequence[str]) -> list[str]:
 def _suggest_by_unit(quantity: str, headers: Sequence[str]) -> list[str]:
     """Suggest columns of unknown names that have a unit of the quantity."""
     fitting = [header.strip() for header in headers if _find_trailing_unit(UNITS[quantity], header)]
-    return [f"{shown(own, QUOTED)} has its unit: {format_setting('columns', {quantity: own})}" for own in fitting[:3]]
+    return [
+        f"{quote_value(own, QUOTED)} has its unit: {format_setting('columns', {quantity: own})}" for own in fitting[:3]
+    ]
 
 
 def _suggest_gains(quantity: str, headers: Sequence[str]) -> list[str]:
@@ -388,7 +390,7 @@ def _suggest_gains(quantity: str, headers: Sequence[str]) -> list[str]:
         if _is_raw(quantity, header):
             raw.setdefault(_find_header_raw_unit(header) if quantity == "torque" else "", header.strip())
     return [
-        f"{shown(own, QUOTED)} needs a gain, as in {_write_gain_example(quantity, own)}"
+        f"{quote_value(own, QUOTED)} needs a gain, as in {_write_gain_example(quantity, own)}"
         for _, own in sorted(raw.items())
     ]
 
@@ -447,7 +449,9 @@ def check_named(columns: object) -> None:
     """
     is_mapping = isinstance(columns, Mapping) and all(isinstance(text, str | None) for text in columns.values())
     if columns is not None and not is_mapping:
-        raise TypeError(f"columns={shown(columns)}: give a dictionary of quantities, as in {{'position': 'q:deg'}}")
+        raise TypeError(
+            f"columns={quote_value(columns)}: give a dictionary of quantities, as in {{'position': 'q:deg'}}"
+        )
 
 
 def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain: bool = True) -> FileColumn:
@@ -508,5 +512,7 @@ def _find_trailing_unit(units: Mapping[str, float], name: str) -> str | None:
 
 
 def _list_headers(headers: Sequence[str]) -> str:
-    names = ", ".join(shown(header.strip(), QUOTED) for header in headers[:12]) + (", ..." if len(headers) > 12 else "")
+    names = ", ".join(quote_value(header.strip(), QUOTED) for header in headers[:12]) + (
+        ", ..." if len(headers) > 12 else ""
+    )
     return names or "no columns at all"

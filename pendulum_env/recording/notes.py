@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from pendulum_env.notebook import headline
+from pendulum_env.notebook import summarise
 from pendulum_env.quantity import Quantity
 
 
@@ -82,4 +82,4 @@ class Note:
     columns: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return headline(self)
+        return summarise(self)

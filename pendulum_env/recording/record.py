@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import ColumnError, RecordingError
 from pendulum_env.formatting import format_estimate
-from pendulum_env.notebook import shown
+from pendulum_env.notebook import render_html
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.cleaning import Log, start_from_zero
 from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, find_date, is_uniform, sum_durations
@@ -243,7 +243,7 @@ class Recording:
         return f"<{type(self).__name__} {self.name!r}: {self.summary}>"
 
     def _repr_html_(self) -> str:
-        return shown(self)
+        return render_html(self)
 
     @property
     def units(self) -> JointUnits:

@@ -13,7 +13,7 @@ import numpy as np
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import ColumnError, RecordingError
-from pendulum_env.lookup import with_known_arguments
+from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.cleaning import Log
@@ -29,7 +29,7 @@ from pendulum_env.servo.drive import Drive
 from pendulum_env.servo.torque import MOTOR, complete_torque
 
 
-@with_known_arguments
+@refuse_unknown_arguments
 def read_recording(
     source: Readable,
     *,

@@ -39,7 +39,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.arguments import check_order
 from pendulum_env.errors import ColumnError, FileError, RecordingError
 from pendulum_env.files import write_whole
-from pendulum_env.reading import NonNegative, Number, Text, convert, read_toml, toml
+from pendulum_env.reading import NonNegative, Number, Text, convert, format_toml, read_toml
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.record import Load, Recording
 from pendulum_env.recording.storage import describe_reading, read_recording
@@ -252,15 +252,15 @@ def write_study(sources: Sequence[Source], path: str | os.PathLike[str]) -> None
     folder = path.resolve().parent
     shared = dict(sources[0].columns) if sources and all(s.columns == sources[0].columns for s in sources) else {}
     joints = sources[0].joints if sources else None
-    lines = toml({} if joints is None else {"joints": joints})
-    lines += ["", "[columns]", *toml(shared)] if shared else []
+    lines = format_toml({} if joints is None else {"joints": joints})
+    lines += ["", "[columns]", *format_toml(shared)] if shared else []
     for source in sources:
         file = source.file.resolve()
         file = file.relative_to(folder) if file.is_relative_to(folder) else file
         said: JSON = {"file": file.as_posix(), "role": source.role}
         said |= {} if source.range is None else {"range": source.range}
         said |= {key: value for key, value in source.format.items() if not (shared and key == "columns")}
-        lines += ["", "[[recording]]", *toml(said)]
+        lines += ["", "[[recording]]", *format_toml(said)]
     write_whole(path, "\n".join([*lines, ""]))
 
 

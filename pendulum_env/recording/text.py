@@ -16,7 +16,7 @@ import pyarrow.csv as pacsv
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError, shorten_error
 from pendulum_env.quantity import Quantity
-from pendulum_env.reading import shown
+from pendulum_env.reading import quote_value
 from pendulum_env.recording.columns import FileColumn, add_labels
 from pendulum_env.recording.expression import normalise_name
 from pendulum_env.recording.notes import Note, NoteKind
@@ -286,11 +286,13 @@ def _find_layout(head: bytes) -> Layout:
     probe = _split_cells(lines[content[-2]][1]) if len(content) > 2 else []
     if len(probe) > 2 and not re.search(r"[,;\t]", line) and len(line.split()) != len(probe) and _is_numeric(probe):
         line = lines[content[-2]][1]  # what stands above the table names none of its columns
-        raise RecordingError(f"the file has no header: {NAME_COLUMNS.format(len(probe), shown(line.strip(), 40))}")
+        raise RecordingError(
+            f"the file has no header: {NAME_COLUMNS.format(len(probe), quote_value(line.strip(), 40))}"
+        )
     if _is_numeric(_split_cells(line)):  # no header, unless the comment above is one
         comments = [text.lstrip(" #") for _, text in lines[:first] if text.strip()]
         if not comments or len(_split_cells(comments[-1])) != len(_split_cells(line)):
-            what = NAME_COLUMNS.format(len(_split_cells(line)), shown(line.strip(), 40))
+            what = NAME_COLUMNS.format(len(_split_cells(line)), quote_value(line.strip(), 40))
             raise RecordingError(f"the first row holds numbers, the file has no header: {what}")
         line, start, data = comments[-1], lines[first - 1][0], content
     delimiter = _find_delimiter(line)
@@ -418,7 +420,7 @@ def _refuse_cell(told: str, layout: Layout, columns: dict[str, FileColumn]) -> N
     row = "data row {} (header not counted) has"
     if found := CELL.search(told):
         (quantity,) = (column.quantity for column in columns.values() if column.index == int(found["column"]))
-        cell = f"{row.format(found['row'])} {shown(found['cell'])} as {quantity}, not a number"
+        cell = f"{row.format(found['row'])} {quote_value(found['cell'])} as {quantity}, not a number"
         if quantity == "time" and re.search(r"\d[:/]\d", found["cell"]):
             raise CellError(f"{cell}: write seconds, or dates as 2026-03-01 12:00:00.250", quantity)
         raise CellError(f"{cell}: repair or remove that row", quantity)

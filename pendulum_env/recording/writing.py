@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from pendulum_env._typing import Array
 from pendulum_env.arguments import check_order
 from pendulum_env.errors import RecordingError
-from pendulum_env.files import replacing
+from pendulum_env.files import replace_file
 from pendulum_env.recording.formats import find_format
 from pendulum_env.recording.record import Recording
 
@@ -40,7 +40,7 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from None
     try:
-        with replacing(path) as file:
+        with replace_file(path) as file:
             write(file, columns)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written ({error.strerror}): choose another place") from error

@@ -18,7 +18,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
-from pendulum_env.reading import shown
+from pendulum_env.reading import quote_value
 
 Control = Literal["position", "velocity"]
 Output = Literal["duty", "voltage", "current", "torque"]
@@ -67,7 +67,7 @@ class Drive:
         for name, known in (("control", Control), ("output", Output), ("goal", Goal)):
             if getattr(self, name) not in get_args(known) and not (name == "goal" and self.goal is None):
                 choices = " or ".join(get_args(known))
-                raise DriveError(f"{name} is {shown(getattr(self, name))}: it should be {choices}")
+                raise DriveError(f"{name} is {quote_value(getattr(self, name))}: it should be {choices}")
         for name in ("kp", "ki", "kd", "delay"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise DriveError(f"{name} is {getattr(self, name):g}: it should be 0 or a positive number")
@@ -120,7 +120,7 @@ class Drive:
                 values[name] = value
             elif find("key of a drive", name, KEYS) and name != "preset":
                 if isinstance(value, bool) or not isinstance(value, int | float):
-                    raise DriveError(f"{name} is {shown(value)}: it should be a number")
+                    raise DriveError(f"{name} is {quote_value(value)}: it should be a number")
                 values[name] = float(value) * (known.kp if name == "kp" else 1.0)
         if not values.keys() & {"kp", "ki"}:
             raise DriveError("nobody says the controller's gain: give kp (or ki)")

@@ -15,9 +15,9 @@ from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
-from pendulum_env.physics.simulation import Balance, Prepared, in_symbols, rows, samples, step
-from pendulum_env.physics.symbols import name, repeated
-from pendulum_env.physics.term import ROOM, upper
+from pendulum_env.physics.simulation import Balance, PreparedStep, stack_rows, step, unstack_rows, write_balance
+from pendulum_env.physics.symbols import make_symbol, repeat
+from pendulum_env.physics.term import ROOM, round_up
 from pendulum_env.servo.drive import Drive
 
 GAINS = ("kp", "ki", "kd", "most", "seen", "old", "turn")  # of each servo
@@ -51,7 +51,7 @@ class Servos:
     temperature: Array | None = None
 
 
-class State(NamedTuple):
+class ControllerState(NamedTuple):
     """State of a controller: held and past outputs, integral, and measured speed.
 
     `velocity` is the true one at its last look: where the joint speeds up evenly, two positions tell the mean of both.
@@ -64,7 +64,7 @@ class State(NamedTuple):
     velocity: Any
 
 
-class Given(NamedTuple):
+class ServoInputs(NamedTuple):
     """Inputs of a servo over a step: goal, scale of its output, whether it is on, due to look, warmth, load."""
 
     goal: Any
@@ -88,17 +88,17 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
         Positions at the start and after every so many steps (N / every + 1, V, B) [rad].
     """
     h, shape = servos.step, (theta.shape[1], len(servos.drives))
-    weights = _taps(terms, servos, shape)
+    weights = _compute_taps(terms, servos, shape)
     speed = servos.drives[0].acts_on_speed
     if any(drive.acts_on_speed != speed for drive in servos.drives):
         raise ValueError("servos under position and under velocity control cannot be simulated at once")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
-    gains = np.array([gains_of(drive, servos.step) for drive in servos.drives]).T
+    gains = np.array([compute_gains(drive, servos.step) for drive in servos.drives]).T
     scale = np.column_stack([drive.scale(own) for drive, own in zip(servos.drives, servos.supply.T, strict=True)])
     warm = np.full_like(servos.goal, ROOM) if servos.temperature is None else servos.temperature
     outside = np.broadcast_to(servos.load.torque, servos.goal.shape)
-    inputs = np.stack([servos.goal, scale, servos.on, _due(servos), warm, outside], axis=1)
-    program = _prepared(terms, speed, len(weights), loaded, integrates, h)
+    inputs = np.stack([servos.goal, scale, servos.on, _find_updates(servos), warm, outside], axis=1)
+    program = _compile_step(terms, speed, len(weights), loaded, integrates, h)
     theta = theta[:, :, None]
     constants = [*theta, *program.nonlinear, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
     own = np.array([np.broadcast_to(value, shape) for value in constants])
@@ -106,23 +106,25 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=outside[0]))
     balance = Balance(terms, theta, loaded)
     x = replace(x, memory=balance.start(x))
-    state = State(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v, v)
-    states = np.array([np.broadcast_to(row, shape) for row in _flat(x, state, integrates)])
+    state = ControllerState(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v, v)
+    states = np.array([np.broadcast_to(row, shape) for row in _flatten_state(x, state, integrates)])
     if program.step is not None:
         return np.asarray(program.step(inputs, own, states, every)[:, 1])
 
     def once(given: Array, now: Array) -> list[Any]:  # a law of a user's is no formula
-        held, *late = now[len(rows(x)) :]
+        held, *late = now[len(stack_rows(x)) :]
         before, (seen, last, *integral) = late[: len(weights) - 1], late[len(weights) - 1 :]
-        then = State(held, tuple(before), integral[0] if integrates else 0.0, seen, last)
-        begin = samples(now, x)
+        then = ControllerState(held, tuple(before), integral[0] if integrates else 0.0, seen, last)
+        begin = unstack_rows(now, x)
         named = dict(zip(GAINS, gains, strict=True))
-        return _flat(*servo_step(balance, begin, then, Given(*given), named, [*weights], speed, h), integrates)
+        return _flatten_state(
+            *step_servo(balance, begin, then, ServoInputs(*given), named, [*weights], speed, h), integrates
+        )
 
-    return repeated(once, inputs, states, every)[:, 1]
+    return repeat(once, inputs, states, every)[:, 1]
 
 
-def gains_of(drive: Drive, step: float) -> tuple[float, ...]:
+def compute_gains(drive: Drive, step: float) -> tuple[float, ...]:
     """Gains of a servo, its filter's share of a new speed, the share of the last one in that, and its turn [s].
 
     An encoder tells the speed by the difference of two positions, which is that of half a turn ago.
@@ -133,19 +135,26 @@ def gains_of(drive: Drive, step: float) -> tuple[float, ...]:
     return drive.kp, drive.ki, drive.kd, drive.most, seen, 0.5 * period / turn, turn
 
 
-def _flat(x: Samples, state: State, integrates: bool) -> list[Any]:
+def _flatten_state(x: Samples, state: ControllerState, integrates: bool) -> list[Any]:
     """All that changes from step to step."""
-    return [*rows(x), state.held, *state.before, state.speed, state.velocity, *([state.integral] if integrates else [])]
+    return [
+        *stack_rows(x),
+        state.held,
+        *state.before,
+        state.speed,
+        state.velocity,
+        *([state.integral] if integrates else []),
+    ]
 
 
-def _taps(terms: Sequence[Term], servos: Servos, shape: tuple[int, int]) -> Array:
+def _compute_taps(terms: Sequence[Term], servos: Servos, shape: tuple[int, int]) -> Array:
     """Weights (T, V, B) of the outputs of the last T steps."""
     late = sum((np.asarray(term.delay, dtype=float) for term in terms), np.zeros(1)).reshape(-1, 1)
     steps = (late + np.array([drive.delay for drive in servos.drives])) / servos.step
-    return taps(np.broadcast_to(steps, shape))
+    return compute_taps(np.broadcast_to(steps, shape))
 
 
-def taps(steps: Array) -> Array:
+def compute_taps(steps: Array) -> Array:
     """Weights (T, ...) of the outputs of the last T steps, the newest first: what is late lies between two of them."""
     whole = np.floor(steps + 1e-9)
     share = np.maximum(steps - whole, 0.0)
@@ -154,7 +163,7 @@ def taps(steps: Array) -> Array:
     return np.asarray(np.where(place == whole, 1 - share, 0.0) + np.where(place == whole + 1, share, 0.0))
 
 
-def _due(servos: Servos) -> Array:
+def _find_updates(servos: Servos) -> Array:
     """Return whether each controller updates at the start of each step (N, B)."""
     rate = np.array([np.inf if drive.rate is None else drive.rate for drive in servos.drives])
     time = servos.step * np.arange(len(servos.goal))[:, None]
@@ -162,18 +171,18 @@ def _due(servos: Servos) -> Array:
     return np.asarray(np.diff(turn, axis=0, prepend=-1.0) > 0, dtype=float)
 
 
-def servo_step(
+def step_servo(
     balance: Balance,
     x: Samples,
-    state: State,
-    given: Given,
+    state: ControllerState,
+    given: ServoInputs,
     gains: Mapping[str, Any],
     taps: Sequence[Any],
     speed: bool,
     h: ArrayLike,
-) -> tuple[Samples, State]:
+) -> tuple[Samples, ControllerState]:
     """Advance servos and their controllers by one step, in symbols or arrays."""
-    torque, state = control(x, state, given, gains, taps, speed)
+    torque, state = compute_control(x, state, given, gains, taps, speed)
     measured = {BackEmf.id: (given.on,), TemperatureDependentFriction.id: (given.temperature, 0.0)}
     memory: Any = {id: measured.get(id, own) for id, own in x.memory.items()}
     load = x.load._replace(torque=given.load_torque)
@@ -181,9 +190,9 @@ def servo_step(
     return after, state
 
 
-def control(
-    x: Samples, state: State, given: Given, gains: Mapping[str, Any], taps: Sequence[Any], speed: bool
-) -> tuple[Any, State]:
+def compute_control(
+    x: Samples, state: ControllerState, given: ServoInputs, gains: Mapping[str, Any], taps: Sequence[Any], speed: bool
+) -> tuple[Any, ControllerState]:
     """Torque that a motor is asked for over a step, and what its controller remembers; in symbols or arrays."""
     looks = given.due > 0
     measured = x.velocity - gains["old"] * (x.velocity - state.velocity)
@@ -197,30 +206,35 @@ def control(
     held = np.where(looks, output * given.scale, state.held)
     line = (held, *state.before)
     torque: Any = given.on * sum(weight * past for weight, past in zip(taps, line, strict=True))
-    return torque, State(held, line[: len(state.before)], integral, seen, np.where(looks, x.velocity, state.velocity))
+    return torque, ControllerState(
+        held, line[: len(state.before)], integral, seen, np.where(looks, x.velocity, state.velocity)
+    )
 
 
-def _prepared(
+def _compile_step(
     terms: Sequence[Term], speed: bool, taps: int, loaded: bool, integrates: bool, longest: float
-) -> Prepared:
+) -> PreparedStep:
     """A step of servos, compiled."""
-    from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
+    from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
 
-    h: Any = name("h", most=upper(longest))
-    given = Given(*(name(text) for text in Given._fields))
-    gains = {text: name(text) for text in GAINS}
-    weights = [name(f"tap_{k}") for k in range(taps)]
-    before = tuple(name(f"before_{k}") for k in range(taps - 1))
-    integral: Any = name("integral") if integrates else 0.0
-    state = State(name("held"), before, integral, name("speed"), name("velocity_seen"))
+    h: Any = make_symbol("h", most=round_up(longest))
+    given = ServoInputs(*(make_symbol(text) for text in ServoInputs._fields))
+    gains = {text: make_symbol(text) for text in GAINS}
+    weights = [make_symbol(f"tap_{k}") for k in range(taps)]
+    before = tuple(make_symbol(f"before_{k}") for k in range(taps - 1))
+    integral: Any = make_symbol("integral") if integrates else 0.0
+    state = ControllerState(make_symbol("held"), before, integral, make_symbol("speed"), make_symbol("velocity_seen"))
     try:
-        balance, x, nonlinear = in_symbols(terms, loaded)
-        after, later = servo_step(balance, x, state, given, gains, weights, speed, h)
+        balance, x, nonlinear = write_balance(terms, loaded)
+        after, later = step_servo(balance, x, state, given, gains, weights, speed, h)
         shared = [*gains.values(), *(x.load[:2] if loaded else ()), *weights, h]
-        constants: Any = [*balance.theta, *map(name, nonlinear), *shared]
+        constants: Any = [*balance.theta, *map(make_symbol, nonlinear), *shared]
         inputs, known, states = (
-            [one.label for one in each] for each in (given, constants, _flat(x, state, integrates))
+            [one.label for one in each] for each in (given, constants, _flatten_state(x, state, integrates))
         )
-        return Prepared(recurrence(inputs, known, states, _flat(after, later, integrates)), list(nonlinear.values()))
+        return PreparedStep(
+            compile_recurrence(inputs, known, states, _flatten_state(after, later, integrates)),
+            list(nonlinear.values()),
+        )
     except Exception:  # a user's law may do anything that NumPy does
-        return Prepared(None, [])
+        return PreparedStep(None, [])

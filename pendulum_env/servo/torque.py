@@ -13,21 +13,23 @@ from pendulum_env.servo.drive import Drive
 MOTOR = Drive(output="torque")  # stands for a recording without a drive: its torque is what was logged
 
 
-def bus_voltage(recording: Recording) -> Array:
+def get_bus_voltage(recording: Recording) -> Array:
     """Return the voltage of the bus (N,) [V]: as recorded, or else what the drive says, 1 without either."""
     if recording.supply is not None:
         return recording.supply
     return np.full(len(recording), (recording.drive or MOTOR).supply or 1.0)
 
 
-def asked_torque(recording: Recording) -> Array:
+def compute_asked_torque(recording: Recording) -> Array:
     """Return the torque (N,) that the drive asked for along a recording with a reference, in the drive's unit."""
     assert recording.drive is not None
     parts = []
     for part in recording.segments:
         assert part.reference is not None  # there is no drive without one
         velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
-        parts.append(recording.drive.torque(part.reference, part.position, velocity, bus_voltage(part), part.powered))
+        parts.append(
+            recording.drive.torque(part.reference, part.position, velocity, get_bus_voltage(part), part.powered)
+        )
     return np.concatenate(parts)
 
 
@@ -35,9 +37,9 @@ def complete_torque(recording: Recording) -> Recording:
     """Return a recording with the torque that its drive asked for, or that its logged output makes, and a note."""
     drive = recording.drive or MOTOR
     if not recording.has_logged_torque:
-        torque, note = asked_torque(recording), Note(NoteKind.TORQUE_OF_DRIVE)
+        torque, note = compute_asked_torque(recording), Note(NoteKind.TORQUE_OF_DRIVE)
     elif recording.torque_unit == OUTPUTS.get(drive.output):
-        torque = drive.scale(bus_voltage(recording)) * recording.torque
+        torque = drive.scale(get_bus_voltage(recording)) * recording.torque
         note = Note(NoteKind.TORQUE_BY_OUTPUT, headers=(drive.unit,), text=str(drive.output))
     else:
         return recording

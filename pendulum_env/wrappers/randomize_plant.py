@@ -29,7 +29,7 @@ class Spread:
         self._least, self._most = np.array([(column.least, column.most) for column in nominal.columns]).T[..., None]
         self._uniform = not isinstance(spread, str)
         if isinstance(spread, str):
-            self._root = _root(nominal, self.names, spread)
+            self._root = _compute_covariance_root(nominal, self.names, spread)
             return
         widths = dict(spread) if isinstance(spread, Mapping) else dict.fromkeys(PAPER, spread)
         for name, width in widths.items():
@@ -50,7 +50,7 @@ class Spread:
         return dict(zip(self.names, self.draw(rng, count), strict=True))
 
 
-def _root(nominal: Model, names: list[str], spread: str) -> Array:
+def _compute_covariance_root(nominal: Model, names: list[str], spread: str) -> Array:
     """A root (P, P) of the covariance of the linear parameters."""
     if spread != COVARIANCE:
         raise ValueError(f"plants cannot be drawn by '{spread}': give shares of parameters, or '{COVARIANCE}'")
@@ -65,7 +65,7 @@ def _root(nominal: Model, names: list[str], spread: str) -> Array:
     return axes * np.sqrt(np.maximum(variances, 0.0))
 
 
-def _beside(options: Mapping[str, Any] | None, drawn: Mapping[str, Any]) -> dict[str, Any]:
+def _merge_options(options: Mapping[str, Any] | None, drawn: Mapping[str, Any]) -> dict[str, Any]:
     """Options of a reset with drawn parameters, before which those that a user gives go."""
     given = (options or {}).get("theta", {})
     return {**(options or {}), "theta": {**drawn, **given} if isinstance(given, Mapping) else given}
@@ -100,7 +100,7 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         if seed is not None:
             self.np_random = np.random.default_rng([seed, 1])  # not the numbers that the measurement's noise draws
         drawn = {name: value.item() for name, value in self._spread.draw_by_name(self.np_random, 1).items()}
-        return self.env.reset(seed=seed, options=_beside(options, drawn))
+        return self.env.reset(seed=seed, options=_merge_options(options, drawn))
 
 
 class RandomizePlantVector(VectorWrapper):
@@ -125,7 +125,7 @@ class RandomizePlantVector(VectorWrapper):
         first = seed[0] if isinstance(seed, list) else seed
         if first is not None:
             self._rng = np.random.default_rng(first)
-        options = _beside(options, self._spread.draw_by_name(self._rng, self.num_envs))
+        options = _merge_options(options, self._spread.draw_by_name(self._rng, self.num_envs))
         observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # lists are passed on
         self._time = np.asarray(info["time"])
         return observation, info

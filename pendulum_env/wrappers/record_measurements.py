@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 import gymnasium as gym
 
-from pendulum_env.files import check_output, synchronise
+from pendulum_env.files import check_output, sync_file
 from pendulum_env.interface import note_identifier
 
 COLUMNS = ("time", "position", "torque")
@@ -138,7 +138,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         self._flush()
         if self._file is not None:
             try:
-                synchronise(self._file)
+                sync_file(self._file)
                 self._file.close()
             except OSError as error:
                 self._give_up(error)
@@ -147,7 +147,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     def _give_up(self, error: OSError, kept: int = 0, lost: int = 0) -> NoReturn:
         """Let go of the file and say what is in it."""
         assert self._file is not None
-        for end in (partial(synchronise, self._file), self._file.close):
+        for end in (partial(sync_file, self._file), self._file.close):
             with suppress(OSError):
                 end()
         there = self._kept + kept  # -1 without the header, which is no row that is lost

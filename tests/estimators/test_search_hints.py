@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimators.search_hints import SearchHints, count_variants, is_possible, make_grid, set_hints
-from pendulum_env.arms.joints import at_joint
+from pendulum_env.arms.joints import place_effect
 from pendulum_env.physics import Column, NonlinearParameter, Samples, Term, effect, effects
-from pendulum_env.physics.limits import limited
+from pendulum_env.physics.limits import limit_kind
 from tests.motions import recorded
 
 MOTIONS = {
@@ -128,10 +128,10 @@ def test_hints_of_a_user_serve_the_effect_at_a_joint_and_within_limits():
     set_hints(
         Own, SearchHints(lambda kind, x, residual: [kind(5.0), kind(20.0)], is_possible=lambda term, x: term.order > 9)
     )
-    for kind in (Own, at_joint(Own, "elbow"), limited(Own, {"wave.order": (2.0, 30.0)})):
+    for kind in (Own, place_effect(Own, "elbow"), limit_kind(Own, {"wave.order": (2.0, 30.0)})):
         assert [own.order for own in make_grid(kind, x, x.torque)] == [5.0, 20.0]
         assert [is_possible(own, x) for own in make_grid(kind, x, x.torque)] == [False, True]
-    narrow = limited(Own, {"wave.order": (8.0, 10.0)})
+    narrow = limit_kind(Own, {"wave.order": (8.0, 10.0)})
     assert [own.order for own in make_grid(narrow, x, x.torque)] == [8.0, 10.0]
 
 

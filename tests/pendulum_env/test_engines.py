@@ -12,7 +12,7 @@ import pytest
 from pendulum_env.arms.joints import can_sit
 from pendulum_env.arms.planar import GRAVITY, Link, PlanarBodies
 from pendulum_env.backends import BACKENDS, Sensor, Setup, Start, rigid_body
-from pendulum_env.backends.half_steps import Compiled, Interpreted, half_steps
+from pendulum_env.backends.half_steps import CompiledSteps, InterpretedSteps, make_half_steps
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects
 from pendulum_env.physics.simulation import Balance
@@ -41,7 +41,7 @@ def batch(torque, model=None) -> np.ndarray:
 
 def by_numpy(torque, model) -> np.ndarray:
     """Of pymunk's pendulum, whose laws are not compiled."""
-    with mock.patch.object(rigid_body, "half_steps", lambda balance, longest: Interpreted(balance)):
+    with mock.patch.object(rigid_body, "half_steps", lambda balance, longest: InterpretedSteps(balance)):
         return positions("pymunk", torque, model)
 
 
@@ -83,8 +83,8 @@ def test_every_effect_moves_every_engine_as_it_moves_the_model(effect):
 
 def test_a_plant_whose_law_is_no_formula_moves_all_the_same():
     tables, formulas = (paper_plant().add(kind(), [0.7]) for kind in (Table, Clipped))
-    assert isinstance(half_steps(Balance(tables.terms, tables.theta), 1e-3), Interpreted)
-    assert isinstance(half_steps(Balance(formulas.terms, formulas.theta), 1e-3), Compiled)
+    assert isinstance(make_half_steps(Balance(tables.terms, tables.theta), 1e-3), InterpretedSteps)
+    assert isinstance(make_half_steps(Balance(formulas.terms, formulas.theta), 1e-3), CompiledSteps)
     paths = [positions("pymunk", TORQUE, plant) for plant in (tables, formulas)]
     assert np.ptp(paths[0]) > 1.0
     np.testing.assert_allclose(*paths, rtol=0, atol=1e-9)

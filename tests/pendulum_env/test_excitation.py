@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from pendulum_env.excitation import EXCITATIONS, excitation, family, signal_from_json, signal_json
+from pendulum_env.excitation import EXCITATIONS, decode_signal, draw_family, encode_signal, excitation
 
 NAMES = sorted(EXCITATIONS)
 TIME = np.arange(0, 40, 0.001)
@@ -55,7 +55,7 @@ def test_what_makes_no_excitation_is_refused_with_what_was_meant(name, options, 
 
 
 def test_a_family_stays_within_its_amplitude_and_differs_in_speed_and_strength():
-    signals = family(np.random.default_rng(0), 20.0, 4.0)
+    signals = draw_family(np.random.default_rng(0), 20.0, 4.0)
     peaks = [np.abs(signal.signal(TIME)).max() for signal in signals]
     assert max(peaks) <= 4.0 and min(peaks) < 2.0
     reversals = [np.count_nonzero(np.diff(np.sign(signal.signal(TIME)))) for signal in signals]
@@ -63,8 +63,8 @@ def test_a_family_stays_within_its_amplitude_and_differs_in_speed_and_strength()
 
 
 def test_signals_survive_json():
-    for signal in family(np.random.default_rng(0), 20.0, 4.0):
-        again = signal_from_json(json.loads(json.dumps(signal_json(signal))))
+    for signal in draw_family(np.random.default_rng(0), 20.0, 4.0):
+        again = decode_signal(json.loads(json.dumps(encode_signal(signal))))
         assert again == signal
         assert np.array_equal(again.signal(TIME), signal.signal(TIME))
 
@@ -81,4 +81,4 @@ def test_signals_survive_json():
 )
 def test_what_is_no_signal_is_refused(data):
     with pytest.raises(ValueError, match="a signal is one of two_tone, multisine, chirp, levels"):
-        signal_from_json(data)
+        decode_signal(data)

@@ -5,12 +5,12 @@ import pytest
 
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.physics import Model, effects
-from pendulum_env.plant import hide, make_plant, paper_plant, read_parameters, typical
+from pendulum_env.plant import get_typical_values, hide, make_plant, paper_plant, read_parameters
 from pendulum_env.registration import PENDULUM
 
 
 def test_values_in_order_by_name_and_typical_agree():
-    usual = typical(effects()["cogging"])
+    usual = get_typical_values(effects()["cogging"])
     none = {f"order_{k}": 0.0 for k in range(2, 6)}
     assert usual == {"sin": 0.15, "cos": 0.1, "order": 12.0} | none
     plant = paper_plant()

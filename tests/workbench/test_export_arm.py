@@ -5,8 +5,8 @@ import pytest
 
 from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
-from pendulum_env.arms import ArmModel, at_joint, read_body
-from pendulum_env.arms.joints import arm_base, coupling
+from pendulum_env.arms import ArmModel, place_effect, read_body
+from pendulum_env.arms.joints import arm_base, choose_coupling
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Spring
 from tests import robots
@@ -65,7 +65,7 @@ def test_mujoco_feels_the_torque_of_the_model(tmp_path, files, robot):
     path, saved, xml = files
     more = ()
     if robot == "six":
-        more = (lambda body: at_joint(Spring, "elbow"), lambda body: coupling("pitch,flange", body))
+        more = (lambda body: place_effect(Spring, "elbow"), lambda body: choose_coupling("pitch,flange", body))
     text = six_joint.urdf() if robot == "six" else robots.urdf(getattr(robots, robot.upper()))
     model = model_of(tmp_path / "arm.urdf", text, *more, rotors=robot == "six" or None)
     model.save(saved)
@@ -94,7 +94,7 @@ def test_mujoco_feels_the_torque_of_the_model(tmp_path, files, robot):
 def test_what_mujoco_does_not_have_is_named_with_its_joint(tmp_path, files, refused):
     path, saved, new = files
     text = robots.urdf(robots.TORSO)
-    model_of(tmp_path / "arm.urdf", text, lambda body: at_joint(Stribeck, "elbow")).save(saved)
+    model_of(tmp_path / "arm.urdf", text, lambda body: place_effect(Stribeck, "elbow")).save(saved)
     asked = ["export", saved, "--robot", path, "--to", "mjcf", "-o", new]
     assert "mjcf cannot hold stribeck" in (said := refused(*asked)) and "(at elbow)" in said
     assert main([*asked, "--approximate"]) == 0

@@ -11,11 +11,11 @@ from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.excitation import excitation
-from pendulum_env.physics import Description, Term, effects, nameable
+from pendulum_env.physics import Description, Term, effects, list_nameable
 from pendulum_env.physics.description import Symptom
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.physics.table import TABLES, PowerOfSpeed
-from pendulum_env.physics.terms import untested_ends
+from pendulum_env.physics.terms import find_untested_ends
 from pendulum_env.units import JointUnits, show_angles
 from workbench.narrator.diagnosis import describe_detectable, describe_region, describe_suggestion
 from workbench.narrator.effects import EFFECTS, description, find_look_alikes, name
@@ -79,7 +79,7 @@ def test_an_effect_is_confused_with_those_that_name_it():
 
 
 def test_texts_are_of_terms_that_exist_and_show_every_symptom():
-    assert nameable().keys() | TABLES.keys() <= EFFECTS.keys() | {PowerOfSpeed.id}
+    assert list_nameable().keys() | TABLES.keys() <= EFFECTS.keys() | {PowerOfSpeed.id}
     assert {description(kind.id).symptom for kind in BUILT_IN} == set(get_args(Symptom))
 
 
@@ -170,6 +170,6 @@ def test_the_gate_of_a_gain_tells_its_error_its_penalty_and_its_significance():
 
 
 def test_untested_motion_of_a_term():
-    ends = untested_ends(effects()["hard_stop"](lower=-0.9), -1.0, 1.2)
+    ends = find_untested_ends(effects()["hard_stop"](lower=-0.9), -1.0, 1.2)
     text = describe(Finding(Kind.UNTESTED_RANGE, ends, effects=("hard_stop",)))
     assert text == "No upper hard stop was met up to 1.2 rad, and none beyond would show."

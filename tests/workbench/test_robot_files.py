@@ -7,7 +7,7 @@ import pytest
 
 from agents.arm_env import ArmExcitationDesignVector
 from estimators.arms.excitation import design_excitation
-from pendulum_env.arms import find_logged_joints, planar_links, read_arm_recording, read_body
+from pendulum_env.arms import find_logged_joints, find_planar_links, read_arm_recording, read_body
 from pendulum_env.arms.body import BodyError
 from pendulum_env.arms.env import SpatialArm
 from pendulum_env.arms.robot import find_movable_joints
@@ -51,7 +51,7 @@ def test_an_inertia_that_is_not_positive_definite_is_named(tmp_path):
 
 @pytest.mark.parametrize(
     "simulate",
-    [SpatialArm, planar_links, design_excitation, lambda body: ArmExcitationDesignVector(1, robot=body)],
+    [SpatialArm, find_planar_links, design_excitation, lambda body: ArmExcitationDesignVector(1, robot=body)],
     ids=["mujoco", "pymunk", "excitation", "policy"],
 )
 def test_simulation_refuses_impossible_links_and_names_all(tmp_path, simulate):

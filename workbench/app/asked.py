@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from estimators.arguments import apply_limits, select_effects
-from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import Term
 from workbench.options import ids as effects_of
 from workbench.options import known as values_of
@@ -44,7 +44,7 @@ class Asked:
 
     def check(self, terms: Sequence[Term]) -> None:
         """Refuse what makes no sense beside a model's terms: raises ValueError as the command line does."""
-        select_effects(None, **self.effects, body=body_of(terms))
+        select_effects(None, **self.effects, body=find_body(terms))
         apply_limits(terms, {}, **self.limits)
 
     def options(self, *fields: str) -> list[str]:

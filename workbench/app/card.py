@@ -16,7 +16,7 @@ from dash.exceptions import PreventUpdate
 
 from estimators.figure import Figure, axis, line
 from pendulum_env._typing import Array
-from pendulum_env.arms.recording import without_units
+from pendulum_env.arms.recording import strip_units
 from pendulum_env.errors import ColumnError
 from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
@@ -120,7 +120,7 @@ class Card:
         card = cls(source, (), shown, source.range or (None, None), known, why, joints, is_free)
         guessed = shown.guessed
         if joints:
-            plain = without_units(shown.headers)
+            plain = strip_units(shown.headers)
             guessed = {role: plain[role] for role in card.roles if role in plain}
         said = {name: Choice(role) for role, name in guessed.items() if role not in source.columns}
         for role, text in source.columns.items():

@@ -7,7 +7,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators.figure import Figure
-from pendulum_env.arms.joints import at_joints, effects_of
+from pendulum_env.arms.joints import list_effects, place_effects
 from pendulum_env.formatting import capitalise
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
@@ -68,8 +68,8 @@ def saves(file: str, what: str, of: str = "", primary: bool = False, **more: Any
 
 def effects_to_choose(body: Mechanism = PENDULUM, nothing: str = "", tables: bool = False) -> dict[str, str]:
     """Names of effects by id, and perhaps of none, and of tables; of an arm at its joints, or at every one."""
-    kinds = effects_of(body) | (TABLES if tables else {})
-    ids = dict.fromkeys([*([] if tables else kinds), *(kind.id for kind in at_joints(kinds.values(), body))])
+    kinds = list_effects(body) | (TABLES if tables else {})
+    ids = dict.fromkeys([*([] if tables else kinds), *(kind.id for kind in place_effects(kinds.values(), body))])
     return ({"": nothing} if nothing else {}) | {id: capitalise(name(id)) for id in ids}
 
 

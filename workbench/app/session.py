@@ -14,7 +14,7 @@ from dash import Dash
 from dash.development.base_component import Component
 
 from pendulum_env.arms.joints import Links
-from pendulum_env.arms.model import Asked
+from pendulum_env.arms.model import ModelOptions
 from pendulum_env.errors import ColumnError
 from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
@@ -141,7 +141,7 @@ class Session:
         came = uploads.sort_files(self.place(), coming, unwrap)
         if came.robots:
             joints = next((source.joints for source in came.sources), None)
-            made = Asked.of_model(came.models[-1]) if came.models else Asked()
+            made = ModelOptions.of_model(came.models[-1]) if came.models else ModelOptions()
             robot = RobotFile(came.robots[-1], joints or made.joints, True, made.rotors, made.weightless)
             self.take_robot(robot)
         refused = [*came.refused, *self._read(came.sources)]

@@ -16,7 +16,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.schemes.identifiability import find_undetermined
 from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
-from pendulum_env.arms.joints import arm_base, links_of, model_terms
+from pendulum_env.arms.joints import arm_base, arrange_terms, find_links
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.errors import UserError
 from pendulum_env.physics import BASE, Model, Term
@@ -69,7 +69,7 @@ class State:
     @property
     def base_terms(self) -> tuple[Term, ...]:
         """Return the terms of the base model."""
-        return model_terms(self.terms, self.body) if self.terms else arm_base(self.body)
+        return arrange_terms(self.terms, self.body) if self.terms else arm_base(self.body)
 
     @property
     def _arms(self) -> list[ArmRecording]:
@@ -78,7 +78,7 @@ class State:
     @cached_property
     def questions(self) -> list[str]:
         """List doubts about the recordings of an arm, one sentence each."""
-        return straying(links_of(self.base_terms), self._arms)
+        return straying(find_links(self.base_terms), self._arms)
 
     def anew(self, **choices: Any) -> State:
         """Other choices, from which the ladder begins anew."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from estimators.diagnosis.addition import add
 from estimators.free_swings import find_scaling_values
 from estimators.regression.equations import IdentificationError
-from pendulum_env.physics.library import addition
+from pendulum_env.physics.library import find_addition
 from workbench.inputs import opened
 from workbench.mistakes import InputError
 from workbench.narrator.effects import description
@@ -50,5 +50,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def _effect(text: str) -> str:
     if Path(text).is_file():
         raise argparse.ArgumentTypeError(f"{text} is a file: the order is MODEL.json EFFECT RECORDING")
-    known_effect(text.partition("@")[0], addition)
+    known_effect(text.partition("@")[0], find_addition)
     return text

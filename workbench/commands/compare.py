@@ -10,7 +10,7 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import links_of
+from pendulum_env.arms.joints import find_links
 from pendulum_env.formatting import TextTable, join_words
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     write_page(arguments.report, terminal, "workbench.report:render_comparison", found)
     tell(of_comparison(found), terminal)
     if payload is not None and is_asked:
-        tell(of_payload(payload, links_of(model.terms)), terminal)
+        tell(of_payload(payload, find_links(model.terms)), terminal)
     elif payload is not None and payload.stands_out:
         mass = payload.estimates["m"].text
         terminal.say(f"\nA payload of {mass} kg behind {payload.joint} would explain most of it: see --payload")

@@ -16,8 +16,8 @@ from estimators.diagnosis.run import diagnose
 from estimators.progress import Progress
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.joints import arm_base, effect_at, joint_effects
-from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
+from pendulum_env.arms.joints import arm_base, joint_effects, parse_effect
+from pendulum_env.arms.planar import TWO_LINK, Link, name_joints, write_urdf
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
 from pendulum_env.excitation import MOST_TORQUE, excitation
 from pendulum_env.files import write_whole
@@ -35,7 +35,7 @@ from workbench.terminal import Terminal
 FOLDER = Path("pendulum-ident-demo")  # made where the command runs, unless another place is named
 SECONDS = 20.0
 SPREAD = 0.25  # of what nobody told, to either side
-JOINTS = joint_names(len(TWO_LINK))
+JOINTS = name_joints(len(TWO_LINK))
 
 
 class Hidden(NamedTuple):
@@ -118,8 +118,8 @@ def hidden_pendulum(rng: np.random.Generator) -> Hidden:
 def hidden_arm(robot: Path, truth: Path, rng: np.random.Generator) -> Hidden:
     """An arm like that of a file with one effect hidden in it; writes the file, and another one of the true arm."""
     links, hidden = tuple(draw_link(link, rng) for link in TWO_LINK), hide_somewhere(rng)
-    write_whole(robot, urdf(TWO_LINK, JOINTS))  # of the right lengths, with masses and inertias as somebody drew them
-    write_whole(truth, urdf(links, JOINTS))
+    write_whole(robot, write_urdf(TWO_LINK, JOINTS))  # right lengths, nominal masses and inertias
+    write_whole(truth, write_urdf(links, JOINTS))
     body, true = read_body(robot), read_body(truth)
     arm = PlanarArm(links, effects=hidden, max_torque=MOST_TORQUE, torque_noise=TORQUE_NOISE, velocity="ideal")
 
@@ -134,7 +134,7 @@ def hidden_arm(robot: Path, truth: Path, rng: np.random.Generator) -> Hidden:
     for joint, model in zip(JOINTS, arm.models, strict=True):
         parameters |= {f"{name}@{joint}": own for name, own in model.estimates.items()}
     title = f"{title}, with one effect at a joint that nobody told"
-    return Hidden(title, at, effect_at(at, JOINTS)[0].law, parameters, arm_base(body), record)
+    return Hidden(title, at, parse_effect(at, JOINTS)[0].law, parameters, arm_base(body), record)
 
 
 def draw_link(link: Link, rng: np.random.Generator) -> Link:

@@ -3,10 +3,10 @@
 import argparse
 
 from pendulum_env.formatting import join_words
-from pendulum_env.physics import BASE, Term, nameable
-from pendulum_env.physics.library import addition
+from pendulum_env.physics import BASE, Term, list_nameable
+from pendulum_env.physics.library import find_addition
 from pendulum_env.physics.table import TABLES, Table
-from pendulum_env.plant import typical
+from pendulum_env.plant import get_typical_values
 from workbench.narrator.effects import description, find_look_alikes, name
 from workbench.options import declare
 from workbench.terminal import Terminal
@@ -15,7 +15,7 @@ from workbench.terminal import Terminal
 def configure(parser: argparse.ArgumentParser) -> None:
     """Take effects to tell more of."""
     what = "shown EFFECT  describe how this one shows, and what reveals it"
-    declare(parser, what, shown={"nargs": "*", "type": addition})
+    declare(parser, what, shown={"nargs": "*", "type": find_addition})
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             terminal.say(line)
     if arguments.shown:
         return
-    rows = [(id, kind.kind, kind.law, parameters(kind)) for id, kind in nameable().items()]
+    rows = [(id, kind.kind, kind.law, parameters(kind)) for id, kind in list_nameable().items()]
     terminal.heading(f"torque = {' + '.join(term.law for term in BASE)} + any of {len(rows)} effects")
     terminal.table(
         ("effect", "kind", "law", "parameters, of typical size"),
@@ -61,7 +61,7 @@ def parameters(kind: type[Term]) -> str:
     further = {
         parameter.name for parameter in nonlinear if parameter.integer and parameter.nominal is not None
     }  # more of the same
-    pairs = zip(typical(kind).items(), units, strict=True)
+    pairs = zip(get_typical_values(kind).items(), units, strict=True)
     return ", ".join(
         f"{name} {value:g} {unit}".removesuffix(" 1") for (name, value), unit in pairs if name not in further
     )

@@ -7,7 +7,7 @@ from estimators.comparison import convert_to_model_unit
 from estimators.in_loop.rollouts import are_driven
 from pendulum_env.files import write_whole
 from pendulum_env.physics import Model
-from pendulum_env.reading import shown
+from pendulum_env.reading import quote_value
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import Source, apply_log_format
 from workbench.export import FORMATS, Exported, Request, export
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     language: Language | None = None
     if arguments.callback is not None:
         if not arguments.callback.endswith((".py", ".c")):
-            raise InputError(f"--callback {shown(arguments.callback)}: its name should end in .py or .c")
+            raise InputError(f"--callback {quote_value(arguments.callback)}: its name should end in .py or .c")
         language = "c" if arguments.callback.endswith(".c") else "python"
     request = Request(
         arguments.approximate, arguments.step, arguments.mass, arguments.armature, arguments.drive, language

@@ -15,12 +15,12 @@ import numpy as np
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import Estimate, Model, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.physics.simulation import Balance, in_symbols, step
-from pendulum_env.physics.symbols import NAME, Operand, Symbol, in_order, labelled, name
+from pendulum_env.physics.simulation import Balance, step, write_balance
+from pendulum_env.physics.symbols import NAME, Operand, Symbol, label, make_symbol, sort_symbols
 from pendulum_env.physics.term import ROOM, Memory
 from pendulum_env.recording.vocabulary import SI
 from pendulum_env.servo.drive import UNIT, Drive
-from pendulum_env.servo.loop import GAINS, Given, State, control, gains_of, taps
+from pendulum_env.servo.loop import GAINS, ControllerState, ServoInputs, compute_control, compute_gains, compute_taps
 from workbench.export.request import ExportError, Request
 from workbench.export.servo import supply_of
 
@@ -133,7 +133,7 @@ class _Parts:
     @classmethod
     def of(cls, model: Model, terms: Sequence[Term], request: Request) -> _Parts:
         """The terms of a model, under the torque of a drive if there is one."""
-        balance, x, _ = in_symbols(terms)
+        balance, x, _ = write_balance(terms)
         named: list[tuple[str, str, Any, float]] = [
             (column.name, column.unit, symbol, 0.0)
             for column, symbol in zip((c for term in terms for c in term.columns), balance.theta, strict=True)
@@ -159,7 +159,7 @@ class _Parts:
             raise ExportError(f"{join_words(other)}: no program is given that")
         if warm:
             given.append(Quantity("temperature", SI["temperature"], ROOM))
-            x = replace(x, temperature=cast(Any, name("temperature")))
+            x = replace(x, temperature=cast(Any, make_symbol("temperature")))
         long_ago, memory = balance.start(replace(x, torque=np.zeros(()))), cast(Mapping[str, Any], x.memory)
         as_given: dict[str, Any] = {id: (x.temperature, 0.0) for id in warm if id in memory}
         x = replace(x, memory={**memory, **as_given})
@@ -181,32 +181,34 @@ class _Parts:
         """Put a drive, which is given a goal, in the place of the torque."""
         seconds, x = self.seconds, self.x
         looks_always = drive.rate is None or drive.rate * seconds >= 1.0
-        gains: dict[str, Any] = dict(zip(GAINS, gains_of(drive, seconds), strict=True))
+        gains: dict[str, Any] = dict(zip(GAINS, compute_gains(drive, seconds), strict=True))
         output = {"duty": "1", "voltage": "V", "current": "A", "torque": model.torque_unit}[drive.output]
         per = "s/rad" if drive.acts_on_speed else "rad"
         units = {"kp": f"{output}/{per}", "ki": f"{output}/({per} s)", "kd": f"{output} s/rad", "most": output}
         for text, unit in units.items():
             if gains[text] not in (0.0, math.inf):
                 self.parameters.append(Parameter("limit" if text == "most" else text, gains[text], unit, 0.0))
-                gains[text] = name(self.parameters[-1].name)
+                gains[text] = make_symbol(self.parameters[-1].name)
         scale: Any = 1.0
         self.given[0] = Quantity("goal", "rad/s" if drive.acts_on_speed else "rad")
         if drive.output == "duty":
             self.given.append(Quantity("supply", "V", supply_of(drive)))
-            scale = name("supply")
+            scale = make_symbol("supply")
         if drive.gain is not None:
             self.parameters.append(Parameter("gain", drive.gain, f"N m/{UNIT[drive.output]}", 0.0))
-            scale = scale * name("gain")
+            scale = scale * make_symbol("gain")
         self.given.append(Quantity("on", "0: the motor is open", 1.0))
-        weights = taps(np.array((drive.delay + sum(term.delay for term in model.terms)) / seconds)).tolist()
-        phase: Any = name("phase")
+        weights = compute_taps(np.array((drive.delay + sum(term.delay for term in model.terms)) / seconds)).tolist()
+        phase: Any = make_symbol("phase")
         due = 1.0 if looks_always else phase - (1.0 - 1e-6)
-        before = tuple(name(f"before_{k + 1}") for k in range(len(weights) - 1))
-        speed = x.velocity if looks_always and gains["seen"] == 1.0 else name("speed")
-        last = name("last_velocity") if gains["old"] else x.velocity
-        state = State(name("held"), before, name("integral") if drive.ki else 0.0, speed, last)
-        on: Any = name("on")
-        torque, after = control(x, state, Given(name("goal"), scale, on, due), gains, weights, drive.acts_on_speed)
+        before = tuple(make_symbol(f"before_{k + 1}") for k in range(len(weights) - 1))
+        speed = x.velocity if looks_always and gains["seen"] == 1.0 else make_symbol("speed")
+        last = make_symbol("last_velocity") if gains["old"] else x.velocity
+        state = ControllerState(make_symbol("held"), before, make_symbol("integral") if drive.ki else 0.0, speed, last)
+        on: Any = make_symbol("on")
+        torque, after = compute_control(
+            x, state, ServoInputs(make_symbol("goal"), scale, on, due), gains, weights, drive.acts_on_speed
+        )
         memory = {id: (on,) if id == BackEmf.id else own for id, own in x.memory.items()}
         self.x = replace(x, torque=torque, memory=memory)
         turn = np.where(due > 0, phase - 1.0, phase) + seconds * (drive.rate or 0.0)
@@ -214,8 +216,8 @@ class _Parts:
         self.after["last_velocity"] = after.velocity
         self.after |= {symbol.label: value for symbol, value in zip(before, after.before, strict=True)}
         self.start |= dict.fromkeys(self.after, 0.0) | {
-            "speed": name("velocity"),
-            "last_velocity": name("velocity"),
+            "speed": make_symbol("velocity"),
+            "last_velocity": make_symbol("velocity"),
             "phase": 1.0,
         }
 
@@ -230,11 +232,11 @@ class _Parts:
         kept, needed = {"time"} | ({"position", "velocity"} & set(after)), set(after)
         while needed:
             values = [*results.values(), *(_operand(after[text]) for text in kept)]
-            needed = {symbol.label for symbol in in_order(values) if symbol.op == NAME} & set(after) - kept
+            needed = {symbol.label for symbol in sort_symbols(values) if symbol.op == NAME} & set(after) - kept
             kept |= needed
         state = tuple(text for text in after if text in kept)
         for text in state:
-            labelled(after[text], f"{text}_after")
+            label(after[text], f"{text}_after")
         used = [parameter.name for parameter in self.parameters] + [*state]
         if twice := [x for x in used if used.count(x) > 1 or re.fullmatch(r"t\d+|\w+_at_\w+|\w+_after", x)]:
             raise ExportError(f"'{twice[0]}' cannot be the name of a parameter in a program: rename it in its effect")

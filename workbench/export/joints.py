@@ -10,12 +10,12 @@ from estimators.arms.standard import nearest_body
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import Coupling
 from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.world import library, specification
+from pendulum_env.arms.world import build_specification, import_mujoco
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
 from pendulum_env.physics import Model
-from pendulum_env.physics.library import term
+from pendulum_env.physics.library import find_term
 from pendulum_env.physics.table import Table
-from pendulum_env.physics.term import loads
+from pendulum_env.physics.term import list_loads
 from workbench.export.arm import Friction, holds_spring, value
 from workbench.export.request import Exported, Request, comment, keep, plain
 from workbench.narrator.arms import describe_nearest_body
@@ -25,7 +25,7 @@ def at(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
     """Return the terms at one joint as a model, and the effects there that such a model cannot contain."""
     own = [one for one in model.terms[1:] if one.at == joint]
     tables = tuple(f"{one.id} ({one.law}): it is left out" for one in own if isinstance(one, Table))
-    terms = [term(one.id.partition("@")[0])(**one.nonlinear_values) for one in own if not isinstance(one, Table)]
+    terms = [find_term(one.id.partition("@")[0])(**one.nonlinear_values) for one in own if not isinstance(one, Table)]
     names = [column.name for one in terms for column in one.columns]
     theta = np.array([value(model, f"{name}@{joint}") for name in names])
     return Model.build(terms, theta), tables
@@ -37,10 +37,10 @@ def mjcf(model: ArmModel, request: Request) -> Exported:
     Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and BodyError without
     MuJoCo.
     """
-    mujoco, body = library(), model.body
+    mujoco, body = import_mujoco(), model.body
     standard, off = _standard(model)
     joints, notes = _friction(model, off, request)
-    spec = specification(body, standard, {joint: (own.viscous, own.dry) for joint, own in joints.items()})
+    spec = build_specification(body, standard, {joint: (own.viscous, own.dry) for joint, own in joints.items()})
     spec.option.timestep = request.step
     for joint in spec.joints:
         joint.solref_friction = STEPS * request.step, 1.0
@@ -54,7 +54,7 @@ def mjcf(model: ArmModel, request: Request) -> Exported:
         tie.solref = STEPS * request.step, 1.0
     for own in (one for one in model.terms if isinstance(one, Coupling)):
         motor = spec.add_tendon(name=own.id, solimp_friction=IMPEDANCE, solref_friction=[STEPS * request.step, 1.0])
-        for joint, factor in loads(own.at).items():
+        for joint, factor in list_loads(own.at).items():
             motor.wrap_joint(joint, factor)
         motor.damping = [max(value(model, f"coupling.viscous@{own.at}"), 0.0), 0.0, 0.0]
         motor.frictionloss = max(value(model, f"coupling.coulomb@{own.at}"), 0.0)

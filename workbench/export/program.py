@@ -11,7 +11,7 @@ from functools import cache, partial
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pendulum_env.physics import Model
-from pendulum_env.physics.symbols import NAME, Operand, Symbol, distinct
+from pendulum_env.physics.symbols import NAME, Operand, Symbol, merge_equal
 from pendulum_env.units import JointUnits
 from workbench.export.dynamics import Dynamics, Parameter, Quantity, written
 from workbench.export.request import Exported, Language, Request, plain, title
@@ -128,7 +128,7 @@ class Source:
     def of(cls, results: Sequence[Operand], language: Language) -> Source:
         """Write the results down."""
         source = cls(language)
-        order, same = distinct(results)
+        order, same = merge_equal(results)
         counts = Counter(same[x] for x in (*(x for s in order for x in s.inputs), *results) if isinstance(x, Symbol))
         texts: dict[Symbol, tuple[str, int]] = {}
 

@@ -6,7 +6,7 @@ from estimators.diagnosis.likeness import Likeness, find_likenesses
 from estimators.diagnosis.result import Addition
 from estimators.selection.errors import Step
 from pendulum_env.formatting import join_words
-from pendulum_env.physics.term import loads
+from pendulum_env.physics.term import list_loads
 from pendulum_env.units import JointUnits
 from workbench.narrator.reasons import ERRORS, describe_objection
 
@@ -26,7 +26,7 @@ def describe_addition(found: Addition) -> str:
         objection = describe_objection(found.objection)
         return f"{found.after.added} {objection}: these recordings give no reason to keep it."
     old, new = found.before.errors["holdout"], found.after.errors["holdout"]
-    joint = next(iter(loads((found.after.added or "").partition("@")[2])))
+    joint = next(iter(list_loads((found.after.added or "").partition("@")[2])))
     shares = {kind: getattr(new, kind) / getattr(old, kind) for kind in new.kinds if kind in old.kinds}
     shares[next(iter(shares))] = new.at(joint) / old.at(joint)
     falls = [f"{ERRORS[kind]}{f' at {joint}' if joint else ''} to {share:.1%}" for kind, share in shares.items()]

@@ -12,7 +12,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.schemes.identification import Identification
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
-from pendulum_env.excitation import signal_json
+from pendulum_env.excitation import encode_signal
 from pendulum_env.formatting import capitalise, join_words
 from pendulum_env.recording import NoteKind
 from pendulum_env.recording.record import NEWTON_METRE
@@ -79,7 +79,7 @@ def describe_suggestion(found: Suggestion, units: JointUnits = TURNING) -> str:
             f"To {aims}: let the joint go at rest at {measure(Quantity(found.release or 0.0, unit=angle))} and record "
             f"{found.seconds:g} s without {units.name('torque')}, with up to {speed} to be expected."
         )
-    kind = signal_json(found.signal)["kind"].replace("_", " ")
+    kind = encode_signal(found.signal)["kind"].replace("_", " ")
     return (
         f"To {aims}: record {found.seconds:g} s of {kind} {units.name('torque')} up to {found.peak_torque:.2g} "
         f"{units.unit(NEWTON_METRE)}, with {units.name('angle')}s from {measure_range(*found.reach, angle, 2)} and up "

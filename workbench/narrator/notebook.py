@@ -16,20 +16,20 @@ from pendulum_env.notebook import (
     BLUE,
     GREEN,
     ORANGE,
-    Curve,
     Html,
-    bullets,
-    card,
-    folded,
-    heading,
-    legend,
-    note,
-    paragraph,
-    plot,
-    shown,
-    table,
+    PlotCurve,
+    make_bullets,
+    make_card,
+    make_details,
+    make_heading,
+    make_legend,
+    make_note,
+    make_paragraph,
+    make_plot,
+    make_table,
+    render_html,
 )
-from pendulum_env.notebook import headline as headlines
+from pendulum_env.notebook import summarise as headlines
 from pendulum_env.recording import Note
 from pendulum_env.recording.record import NEWTON_METRE, Recording, TorqueConstant
 from pendulum_env.units import to_shown_unit
@@ -71,26 +71,26 @@ headlines.register(Diagnosis, headline)
 headlines.register(Addition, describe_addition)
 
 
-@shown.register
+@render_html.register
 def show_identification(found: Identification) -> str:
     """Estimates of the schemes side by side, how they settle, and what the recordings cannot tell."""
     results, estimates = list(found.schemes.values()), schemes_table(found)
-    return card(
+    return make_card(
         f"Estimates from {join_words(found.recordings)}",
         *_constant(found.torque_constant),
-        table(estimates),
-        note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
-        note(trust_text(estimates)),
-        bullets(f"warning: {text}" for text in warnings(found)),
-        folded(
+        make_table(estimates),
+        make_note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
+        make_note(trust_text(estimates)),
+        make_bullets(f"warning: {text}" for text in warnings(found)),
+        make_details(
             "how the estimates settle",
-            legend((r.scheme, _curve(r, 0, k)) for k, r in enumerate(results)),
+            make_legend((r.scheme, _curve(r, 0, k)) for k, r in enumerate(results)),
             *_settling(results),
         ),
     )
 
 
-@shown.register
+@render_html.register
 def show_recording(recording: Recording) -> str:
     """A recording: length and rate, what was changed at reading, what it lacks, and its curves."""
     signals = [
@@ -104,22 +104,22 @@ def show_recording(recording: Recording) -> str:
     if not recording.torque.any():
         lines.append("torque is never applied: only ratios of parameters can be known")
     plots = [
-        plot(f"{label} [{format_unit(symbol)}] over {recording.duration:.3g} s", recording.time, curves)
+        make_plot(f"{label} [{format_unit(symbol)}] over {recording.duration:.3g} s", recording.time, curves)
         for label, values, symbol, color in signals
-        for curves in [[Curve(own, color) for own in np.atleast_2d(values.T)]]  # a joint each
+        for curves in [[PlotCurve(own, color) for own in np.atleast_2d(values.T)]]  # a joint each
     ]
-    return card(f"Recording {recording.name}", paragraph(recording.summary), bullets(lines), *plots)
+    return make_card(f"Recording {recording.name}", make_paragraph(recording.summary), make_bullets(lines), *plots)
 
 
-@shown.register
+@render_html.register
 def show_identified(found: Identified) -> str:
     """Estimates of one scheme and how they settle."""
     rows = [(name, e.shown.text, e.shown.unit) for name, e in found.model.estimates.items()]
     used, all_of_them = found.used
-    return card(
+    return make_card(
         f"Estimates by the scheme {found.scheme}",
-        table(TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))),
-        note(f"residual {found.residual_rms:.3g} {found.unit}, {used} of {all_of_them} samples used"),
+        make_table(TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))),
+        make_note(f"residual {found.residual_rms:.3g} {found.unit}, {used} of {all_of_them} samples used"),
         *_settling([found]),
     )
 
@@ -137,41 +137,41 @@ def _settling(results: Sequence[Identified]) -> list[Html]:
         label = (
             f"{column.name} [{format_unit(results[0].model.units().unit(column.unit)) or '1'}] over {time[-1]:.3g} s"
         )
-        plots.append(plot(label, time, curves, span=(middle - reach, middle + reach)))
+        plots.append(make_plot(label, time, curves, span=(middle - reach, middle + reach)))
     return plots
 
 
-def _curve(result: Identified, column: int, place: int) -> Curve:
+def _curve(result: Identified, column: int, place: int) -> PlotCurve:
     """Course of one estimate: one colour for a plain scheme and its filtered sister, which is dashed."""
     family, is_filtered = kin(result.scheme, place)
-    return Curve(result.convergence.theta[:, column], COLORS[family], is_filtered)
+    return PlotCurve(result.convergence.theta[:, column], COLORS[family], is_filtered)
 
 
-@shown.register
+@render_html.register
 def show_comparison(found: Comparison) -> str:
     """Errors of a model, and where it fails."""
     units = found.model.units()
     torque = f"{units.name('torque')} [{units.unit(NEWTON_METRE)}]"
     plots = [
-        plot(
+        make_plot(
             f"{'amplitude of the' if item.axis == 'frequency' else 'mean'} residual {torque} "
             f"over {item.axis}, {measure_range(item.edges[0], item.edges[-1], item.unit)}",
             0.5 * (item.edges[1:] + item.edges[:-1]),
-            [Curve(item.mean, ORANGE)],
+            [PlotCurve(item.mean, ORANGE)],
             noise=2 * item.error,
         )
         for item in found.profiles
     ]
-    return card(
+    return make_card(
         comparison.headline(found),
         *_constant(found.torque_constant),
         *_parts(of_comparison(found, is_drawn=True)),
         *plots,
-        note("The band is two standard errors of noise." if plots else ""),
+        make_note("The band is two standard errors of noise." if plots else ""),
     )
 
 
-@shown.register
+@render_html.register
 def show_diagnosis(found: Diagnosis) -> str:
     """The story of a diagnosis: what is missing, how far the errors fall, parameters, ranking, what stays open."""
     laws = tuple(found.laws)
@@ -181,35 +181,35 @@ def show_diagnosis(found: Diagnosis) -> str:
         *sorted(of_diagnosis(found), key=lambda part: not part.brief),
         *([Part("What to do next", [texts])] if texts else []),
     ]
-    return card(headline(found), *_constant(found.torque_constant), bullets(laws), *_parts(parts))
+    return make_card(headline(found), *_constant(found.torque_constant), make_bullets(laws), *_parts(parts))
 
 
-@shown.register
+@render_html.register
 def show_addition(found: Addition) -> str:
     """Errors before and after, what follows from them, and the parameters."""
-    noise = note(
+    noise = make_note(
         noise_text(floor, found.is_in_loop, found.model.units())
         if np.isfinite(floor := get_single(found.floors))
         else ""
     )
     title = f"The model with {found.after.added}"
-    return card(title, noise, *_parts(of_addition(found)))
+    return make_card(title, noise, *_parts(of_addition(found)))
 
 
 def _constant(constant: TorqueConstant | None) -> tuple[Html, ...]:
     """By which a current was turned into torque."""
-    return () if constant is None else (note(f"{capitalise(constant.text)}; standard errors include that of it."),)
+    return () if constant is None else (make_note(f"{capitalise(constant.text)}; standard errors include that of it."),)
 
 
 def _parts(parts: Sequence[Part]) -> Iterator[Html]:
     """Tables, small print and lists under their titles."""
     for part in parts:
         content = [
-            table(item)
+            make_table(item)
             if isinstance(item, TextTable)
-            else note(item)
+            else make_note(item)
             if isinstance(item, str)
-            else bullets(map(capitalise, item))
+            else make_bullets(map(capitalise, item))
             for item in part.content
         ]
-        yield from [heading(part.title), *content] if part.brief else [folded(part.title, *content)]
+        yield from [make_heading(part.title), *content] if part.brief else [make_details(part.title, *content)]

@@ -18,7 +18,7 @@ from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
 from pendulum_env.formatting import TextTable, draw_bar, format_quantity, join_words
 from pendulum_env.physics import Model
-from pendulum_env.physics.model_card import parameters_table
+from pendulum_env.physics.model_card import tabulate_parameters
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, to_shown_unit
@@ -69,7 +69,7 @@ def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[P
         errors = Part("Errors", [errors_table(found.steps, units), fit_text(found.steps), noise])
     parts = [
         errors,
-        Part("Parameters", [parameters_table(found.model), *([BIASED] if found.unexplained else [])]),
+        Part("Parameters", [tabulate_parameters(found.model), *([BIASED] if found.unexplained else [])]),
         judged(found.candidates, every, how),
     ]
     if found.refit is not None:
@@ -129,7 +129,7 @@ def of_addition(found: Addition) -> list[Part]:
     if found.doubt is not None:
         sentences.append(f"warning: {describe(found.doubt)}")
     title, steps, parameters = "the model refitted without and with the effect", (found.before, found.after), []
-    parameters = [Part("Parameters", [parameters_table(found.model)])]
+    parameters = [Part("Parameters", [tabulate_parameters(found.model)])]
     body = found.model.body
     if body.can_simulate:
         return [Part(f"Errors, {title}", [errors_table(steps, found.model.units()), *sentences]), *parameters]

@@ -15,7 +15,7 @@ from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON
 from pendulum_env.formatting import capitalise, format_number, format_unit
 from pendulum_env.physics import Estimate
-from pendulum_env.physics.table import Curve, Table
+from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.narrator.effects import name
 from workbench.narrator.results import kin
@@ -125,7 +125,7 @@ def parameters(case: Case) -> Section:
     return Section("parameters", "Parameters", "Parameters and how sure they are", content)
 
 
-def _drawn(table: Table, curve: Curve, units: JointUnits) -> Figure:
+def _drawn(table: Table, curve: TableCurve, units: JointUnits) -> Figure:
     """A table as a function, with its band."""
     title = f"{capitalise(name(table.id))}, {table.law}"
     quantity, of = ("angle", "rad") if table.axis == "position" else ("speed", "rad/s")

@@ -13,7 +13,7 @@ from estimators.signals.differentiation import estimate_encoder_noise, estimate_
 from estimators.simulation.free_running import HORIZON
 from estimators.weak_form.windows import Windows
 from pendulum_env.formatting import format_number, join_words
-from pendulum_env.physics import nameable
+from pendulum_env.physics import list_nameable
 from pendulum_env.quantity import Quantity
 from workbench.narrator.diagnosis import advice, describe_refit, headline, next_step, remarks
 from workbench.narrator.effects import name
@@ -125,7 +125,7 @@ def candidates(case: Case) -> Section:
 
 def ranked(found: Sequence[Candidate], detectable: Sequence[Detectable] = ()) -> Section:
     """Tabulate any candidates."""
-    laws = {id: kind.law for id, kind in nameable().items()}
+    laws = {id: kind.law for id, kind in list_nameable().items()}
     rows = [(one, laws.get(one.effect.partition("@")[0], ""), list(Verdict).index(one.verdict)) for one in found]
     widest = max([1.25, *(min(one.error_ratio, 2.0) for one in found)])
     content = {"rows": rows, "widest": widest, "detectable": detectable_table(detectable)}

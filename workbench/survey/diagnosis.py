@@ -17,7 +17,7 @@ from estimators.diagnosis.run import diagnose
 from pendulum_env._typing import JSON
 from pendulum_env.errors import FileError, format_error
 from pendulum_env.physics import load_plugin
-from pendulum_env.physics.plugin import fault
+from pendulum_env.physics.plugin import describe_fault
 from pendulum_env.reading import read_bytes
 from pendulum_env.recording import Source
 from workbench.inputs import open_sources
@@ -127,7 +127,7 @@ def diagnose_source(source: Source, settings: Settings) -> JSON:
 
 def describe_error(error: Exception, source: Source) -> str:
     """Make one sentence of an error, without the name of the file."""
-    error = error if isinstance(error, MISTAKES) else fault(error) or InputError(format_error(error))
+    error = error if isinstance(error, MISTAKES) else describe_fault(error) or InputError(format_error(error))
     return sentence(error).removeprefix(f"{source.file}: ")
 
 

@@ -13,7 +13,7 @@ import scipy
 
 from estimators.trends import Trend, fit_trend
 from pendulum_env._typing import JSON, Array
-from pendulum_env.files import replacing
+from pendulum_env.files import replace_file
 from pendulum_env.formatting import TextTable, format_estimate, format_number
 from pendulum_env.recording.clock import find_date
 from workbench.survey.diagnosis import version
@@ -158,7 +158,7 @@ def write_tables(folder: Path, rows: Sequence[JSON], series: Sequence[Series]) -
 def _write(path: Path, rows: Sequence[JSON], columns: dict[str, pa.DataType]) -> None:
     table = pa.Table.from_pylist(rows, schema=pa.schema(columns))
     for ending, write in ((".parquet", pq.write_table), (".csv", pyarrow.csv.write_csv)):
-        with replacing(path.with_suffix(ending)) as file:
+        with replace_file(path.with_suffix(ending)) as file:
             write(table, file)
 
 

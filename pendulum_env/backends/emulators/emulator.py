@@ -19,7 +19,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import PAPER
-from pendulum_env.reading import read_text, toml
+from pendulum_env.reading import format_toml, read_text
 
 MARK = "# written by an emulator, and overwritten by the next one\n"
 TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which acts in time anyway
@@ -77,16 +77,16 @@ def emulate(
         FileExistsError: if the configuration is somebody else's file.
     """
     if realtime:
-        process.realtime()
-    _own(config)
+        process.request_realtime()
+    _refuse_overwrite(config)
     rig = make(Motor(plant, first=first, log=log))
     try:
         # its arm hangs down at the first count, and later rests wherever friction holds it
-        tables = {rig.adapter: rig.keys, "encoder": {"zero": first % 2**32}, "plant": _plant(plant)}
+        tables = {rig.adapter: rig.keys, "encoder": {"zero": first % 2**32}, "plant": _find_plant_ranges(plant)}
         for name, values in settings.items():
             tables[name] = {**tables.get(name, {}), **values}
-        lines = toml({"adapter": rig.adapter, "rate": rate, "realtime": realtime})
-        lines += [line for name, table in tables.items() for line in ("", f"[{name}]", *toml(table))]
+        lines = format_toml({"adapter": rig.adapter, "rate": rate, "realtime": realtime})
+        lines += [line for name, table in tables.items() for line in ("", f"[{name}]", *format_toml(table))]
         write_whole(config, MARK + "\n".join([*lines, ""]))
         mark_checked(load(config))  # nobody gets hurt
         report(f"ready: an emulated {rig.adapter} rig at {rig.wire.place}, described by {config}")
@@ -98,7 +98,7 @@ def emulate(
 def _serve(rig: Emulated, report: Callable[[str], None]) -> None:
     keyboard = sys.stdin.fileno() if sys.stdin is not None else -1
     while True:
-        listening = keyboard if keyboard >= 0 and _in_front(keyboard) else -1
+        listening = keyboard if keyboard >= 0 and _is_in_foreground(keyboard) else -1
         ready, _, _ = select.select([end for end in (rig.wire.descriptor, listening) if end >= 0], [], [], TICK)
         if rig.wire.descriptor in ready:
             rig.wire.come()
@@ -109,16 +109,16 @@ def _serve(rig: Emulated, report: Callable[[str], None]) -> None:
             for words in filter(None, map(str.split, line.splitlines())):
                 if words == ["quit"]:
                     return
-                report(_mishap(rig, words))
+                report(_cause_mishap(rig, words))
         rig.motor.advance()
 
 
-def _in_front(terminal: int) -> bool:
+def _is_in_foreground(terminal: int) -> bool:
     """Return whether the process is in the foreground of a terminal; a background process is stopped when it reads."""
     return not os.isatty(terminal) or os.tcgetpgrp(terminal) == os.getpgrp()
 
 
-def _mishap(rig: Emulated, words: list[str]) -> str:
+def _cause_mishap(rig: Emulated, words: list[str]) -> str:
     """Let something go wrong; returns what to say."""
     try:
         find("mishap", words[0], MISHAPS)(rig, "".join(words[1:2]))
@@ -134,13 +134,13 @@ def _number(text: str) -> float:
         raise ValueError(f"'{text}' is no number: this mishap needs one after its name, as in `push 12`") from None
 
 
-def _plant(plant: Model) -> dict[str, Any]:
+def _find_plant_ranges(plant: Model) -> dict[str, Any]:
     """Return the ranges of the arm for the plausibility check; none if effects are hidden."""
     known = dict(zip((column.name for column in plant.columns), map(float, plant.theta), strict=True))
     return {name: known.get(name, 0.0) for name in PAPER} | {"watch": not plant.effects}
 
 
-def _own(path: Path) -> None:
+def _refuse_overwrite(path: Path) -> None:
     """Refuse to overwrite what describes a real rig."""
     with suppress(FileError):  # no text, or no file at all
         if not path.exists() or read_text(path).startswith(MARK):

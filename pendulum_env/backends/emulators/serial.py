@@ -4,7 +4,7 @@ from pendulum_env.backends.emulators.emulator import Emulated
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import frames
-from pendulum_env.backends.hardware.measuring import difference
+from pendulum_env.backends.hardware.measuring import subtract_counts
 from pendulum_env.interface import MAX_TORQUE
 
 
@@ -39,7 +39,7 @@ class Firmware:
             self._set = 0
         elif kind != frames.READ:
             return b""
-        counts = difference(motor.counts(), 0)
+        counts = subtract_counts(motor.counts(), 0)
         flags = frames.POWERED * motor.powered + frames.EXPIRED * motor.expired
         micro = int(motor.moment / frames.MICRO) % 2**32
         torque = self._set if motor.powered else 0

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, cast
 
 from msgspec import Meta
 
-from pendulum_env.backends.hardware.drive import Settings, adapters, find_adapter
+from pendulum_env.backends.hardware.drive import Settings, find_adapter, list_adapters
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
@@ -193,7 +193,7 @@ def load(path: str | Path) -> RigConfig:
     except FileError as error:
         raise ConfigError(f"{error} (docs/hardware.md has a whole one)") from None
     try:
-        config = _rig(path, data)
+        config = _build_config(path, data)
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     try:
@@ -212,12 +212,12 @@ def mark_checked(config: RigConfig) -> Path:
     return config.note
 
 
-def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
+def _build_config(path: Path, data: dict[str, Any]) -> RigConfig:
     tables = {name: value for name, value in data.items() if isinstance(value, dict)}
     top = convert({name: value for name, value in data.items() if name not in tables}, Top)
     kind_of_link = find_adapter(top.adapter).settings
     for name in tables:
-        find("table", name, {**TABLES, **adapters()})
+        find("table", name, {**TABLES, **list_adapters()})
     if top.adapter not in tables:
         raise ValueError(f"adapter is '{top.adapter}' but there is no table [{top.adapter}]: add it")
     if tables.get("encoder", {}).get("zero") == "start":

@@ -114,7 +114,7 @@ def register(name: str, adapter: Adapter) -> None:
     _registered[name] = adapter
 
 
-def adapters() -> dict[str, EntryPoint | Adapter]:
+def list_adapters() -> dict[str, EntryPoint | Adapter]:
     """List all known adapters by name; those of installed packages are not loaded."""
     return _list_entry_points() | _registered
 
@@ -131,7 +131,7 @@ def find_adapter(name: str) -> Adapter:
         UserError: if there is none, or what a package offers cannot be used.
         ModuleNotFoundError: if the extra `hardware` is not installed.
     """
-    find("adapter", name, adapters())  # which refuses an unknown one
+    find("adapter", name, list_adapters())  # which refuses an unknown one
     if name in _registered:
         return _registered[name]
     found = _list_entry_points()[name]

@@ -43,7 +43,7 @@ class State(NamedTuple):
 def pack(kind: int, *values: int) -> bytes:
     """Frame of a kind, ready for the wire."""
     payload = LAYOUTS[kind].pack(kind, *values)
-    return encode(payload + struct.pack("<H", crc(payload))) + b"\0"
+    return encode(payload + struct.pack("<H", compute_crc(payload))) + b"\0"
 
 
 def unpack(frame: bytes) -> tuple[int, ...] | None:
@@ -53,13 +53,13 @@ def unpack(frame: bytes) -> tuple[int, ...] | None:
         return None
     payload, (check,) = data[:-2], struct.unpack("<H", data[-2:])
     layout = LAYOUTS.get(payload[0])
-    if layout is None or layout.size != len(payload) or crc(payload) != check:
+    if layout is None or layout.size != len(payload) or compute_crc(payload) != check:
         return None
     values: tuple[int, ...] = layout.unpack(payload)
     return values
 
 
-def crc(data: bytes) -> int:
+def compute_crc(data: bytes) -> int:
     """CRC-16/CCITT-FALSE."""
     return binascii.crc_hqx(data, 0xFFFF)
 

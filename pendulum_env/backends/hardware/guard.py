@@ -11,8 +11,8 @@ from datetime import datetime
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import Drive, DriveError, Sent
 from pendulum_env.backends.hardware.measuring import Encoder
-from pendulum_env.backends.hardware.plausible import Plausible
-from pendulum_env.files import at_once
+from pendulum_env.backends.hardware.plausible import PlausibilityCheck
+from pendulum_env.files import open_nonblocking
 
 log = logging.getLogger("pendulum_env.rig")
 log.addHandler(logging.NullHandler())  # whoever wants to see it sets a handler
@@ -38,7 +38,7 @@ class Guard:
         self.powered = False
         self._open = False
         self.torque = 0.0  # [N m], as last sent
-        self._motion = Plausible(config.plant, self.encoder.step, drive.noise)
+        self._motion = PlausibilityCheck(config.plant, self.encoder.step, drive.noise)
         self._forget()
 
     def _forget(self) -> None:
@@ -182,7 +182,7 @@ class Guard:
         """Zero torque and no power, braked first if asked to; never raises: it is the last resort everywhere."""
         if not self.powered:
             return
-        failures = _brake(self.drive, self.encoder, self.config, self.rise) if brake else []
+        failures = _brake_arm(self.drive, self.encoder, self.config, self.rise) if brake else []
         self.powered, self.torque = False, 0.0
         for tell in (lambda: self.drive.write(0.0), self.drive.disable):  # the one even if the other fails
             try:
@@ -226,7 +226,7 @@ class Guard:
         path = self.config.log_file
         if path is not None:
             try:
-                with open(path, "a", encoding="utf-8", opener=at_once) as file:
+                with open(path, "a", encoding="utf-8", opener=open_nonblocking) as file:
                     file.write(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {what}\n")
             except (OSError, ValueError) as error:  # ValueError: a name that is no Unicode, in an error's text
                 log.warning("%s: %s", path, error)  # a full disk must not keep the torque on
@@ -272,7 +272,7 @@ class Guard:
             )
 
 
-def _brake(drive: Drive, encoder: Encoder, config: RigConfig, rise: float, step: float = 1e-3) -> list[Exception]:
+def _brake_arm(drive: Drive, encoder: Encoder, config: RigConfig, rise: float, step: float = 1e-3) -> list[Exception]:
     """Slow the arm down for a while by a command every `step` [s], unless it speeds up by `rise` [rad/s].
 
     Returns what went wrong.

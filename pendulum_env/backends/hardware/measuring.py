@@ -15,7 +15,7 @@ from pendulum_env.backends.hardware.drive import DriveError
 TURNOVER = 2**32  # of a counter of encoder lines or of microseconds
 
 
-def difference(new: int, old: int) -> int:
+def subtract_counts(new: int, old: int) -> int:
     """Counts from one reading of a 32-bit counter to another, that may have rolled over between them.
 
     ((new - old + 2^31) mod 2^32) - 2^31, right for steps of less than 2^31 either way.
@@ -58,7 +58,7 @@ class Encoder:
         Raises:
             DriveError: if no arm can have moved so far; the reading is not taken in.
         """
-        total = self._total + (0 if self._last is None else difference(counts, self._last))
+        total = self._total + (0 if self._last is None else subtract_counts(counts, self._last))
         position = self.step * total
         begin, start = self._since or (time, position)
         span, moved = max(time - begin, self.span), position - start

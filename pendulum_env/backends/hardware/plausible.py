@@ -37,7 +37,7 @@ class Mark(NamedTuple):
     held: float  # while nobody can tell
 
 
-class Plausible:
+class PlausibilityCheck:
     """Keeps the readings of the last half second."""
 
     spans = (0.004, 0.01, 0.025, 0.06, 0.15)  # [s], from the first reading to the middle one
@@ -53,10 +53,11 @@ class Plausible:
         """Take the ranges, the angle of a count [rad], and the uncertainty of a reading's time [s]."""
         self._watches, self._step, self._noise = plant.watch, abs(step), self.firm * noise + self.clock
         share = plant.share
-        self._inertia = _around(plant.inertia, share, share)
-        self._gravity = _around(plant.gravity, share, share)
-        self._viscous = _around(plant.viscous, 4 * share, 3 * share)  # it follows the temperature, and air adds to it
-        self._coulomb = _around(plant.coulomb, 2 * share, share)
+        self._inertia = _widen_range(plant.inertia, share, share)
+        self._gravity = _widen_range(plant.gravity, share, share)
+        # viscous friction follows the temperature, and air adds to it
+        self._viscous = _widen_range(plant.viscous, 4 * share, 3 * share)
+        self._coulomb = _widen_range(plant.coulomb, 2 * share, share)
         self._slack, self._delay = plant.slack, plant.delay
         self.reset()
 
@@ -152,7 +153,7 @@ class Plausible:
             for first, second, third in zip(marks[begin], marks[middle], marks[-1], strict=True)
         )  # change of velocity [rad/s], impulses [N m s], and per unit of a parameter [s]
         doubt = marks[-1].doubt * after + marks[middle].doubt * both + marks[begin].doubt * before
-        gravity, viscous = _scaled(self._gravity, of_gravity), _scaled(self._viscous, of_speed)
+        gravity, viscous = _scale_range(self._gravity, of_gravity), _scale_range(self._viscous, of_speed)
         weak, strong = self._coulomb
         slack = self._slack * 0.5 * (end - times[begin]) + strong * unsure
         low = least - gravity[1] - viscous[1] - (strong * forward - weak * backward) - slack  # [N m s]
@@ -164,11 +165,11 @@ class Plausible:
         return f"its speed changed by {change:.2g} rad/s within {1e3 / after:.0f} ms"
 
 
-def _around(value: float, less: float, more: float) -> tuple[float, float]:
+def _widen_range(value: float, less: float, more: float) -> tuple[float, float]:
     return value / (1.0 + less), value * (1.0 + more)
 
 
-def _scaled(known: tuple[float, float], factor: float) -> tuple[float, float]:
+def _scale_range(known: tuple[float, float], factor: float) -> tuple[float, float]:
     """The range of a parameter within a range, times a factor of any sign."""
     one, other = known[0] * factor, known[1] * factor
     return (one, other) if factor >= 0 else (other, one)

@@ -116,7 +116,7 @@ class Ownership:
         self._lock.release(force=True)
 
 
-def realtime() -> bool:
+def request_realtime() -> bool:
     """Ask the system to run this thread, and those it starts, as soon as they are ready; False if it does not."""
     priority = 20  # above all that is not real-time, below the kernel's own threads
     try:
@@ -126,7 +126,7 @@ def realtime() -> bool:
     return True
 
 
-def ordinary() -> None:
+def restore_priority() -> None:
     """Give real-time priority back."""
     with suppress(AttributeError, OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

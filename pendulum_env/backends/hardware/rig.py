@@ -9,7 +9,7 @@ from pendulum_env.backends.hardware.config import RigConfig, load
 from pendulum_env.backends.hardware.drive import DriveError, find_adapter
 from pendulum_env.backends.hardware.guard import Fault, Guard
 from pendulum_env.backends.hardware.measuring import Ticks
-from pendulum_env.backends.hardware.process import Ownership, Signals, ordinary, realtime
+from pendulum_env.backends.hardware.process import Ownership, Signals, request_realtime, restore_priority
 from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Traits
 
 
@@ -32,7 +32,7 @@ class Rig:
         # without a reference to self: it also runs when the rig is forgotten, and when Python ends
         guard, owner = self.guard, self._owner
         self._signals = Signals(lambda name: guard.disable(f"disabled by {name}"))
-        self._finalizer = weakref.finalize(self, _let_go, guard, owner, self._signals)
+        self._finalizer = weakref.finalize(self, _release_rig, guard, owner, self._signals)
         self._last = Sample(0.0, 0.0, None, 0.0)
         self._waiting = False  # for the first torque of a run
         counts = config.encoder.counts  # as far as their steps can be told from the uncertainty of time
@@ -50,7 +50,7 @@ class Rig:
         try:
             self._signals.install()
             with self._signals:
-                if self.config.realtime and not realtime():
+                if self.config.realtime and not request_realtime():
                     self.guard.note("no real-time priority: the system does not allow it to this user", logging.WARNING)
                 self.guard.open()
         except BaseException:
@@ -117,7 +117,7 @@ class Rig:
 
     def close(self) -> None:
         """Let go of everything; may be called at any time, and twice; never raises."""
-        _let_go(self.guard, self._owner, self._signals)
+        _release_rig(self.guard, self._owner, self._signals)
 
     def _wait_for_rest(self) -> float:
         """Wait, without power, until the arm has been at rest for a while; returns where [rad]."""
@@ -136,13 +136,13 @@ class Rig:
         )
 
 
-def _let_go(guard: Guard, owner: Ownership, signals: Signals) -> None:
+def _release_rig(guard: Guard, owner: Ownership, signals: Signals) -> None:
     try:
         with signals:
             guard.close()
             owner.release()
             if guard.config.realtime:
-                ordinary()
+                restore_priority()
     finally:  # a signal that came meanwhile has its turn when all is let go, and may raise
         signals.restore()
 

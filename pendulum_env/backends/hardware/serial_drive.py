@@ -53,7 +53,9 @@ class SerialDrive:
         self._set_up(self._reply)
         state, *_ = self._ask(frames.POWER, 1)
         if not state.flags & frames.POWERED:
-            raise DriveError(f"the drive does not switch on: {_fault(state) or 'check its emergency stop and supply'}")
+            raise DriveError(
+                f"the drive does not switch on: {_describe_fault(state) or 'check its emergency stop and supply'}"
+            )
         self._on, self._micro, self._refused = True, 0, 0
 
     def write(self, torque: float) -> Sent:
@@ -67,7 +69,7 @@ class SerialDrive:
     def read(self) -> Reading:
         """Counts now."""
         state, *between = self._ask(frames.READ)
-        why = _fault(state)
+        why = _describe_fault(state)
         if why is None and self._on and not state.flags & frames.POWERED:
             why = "it has no power any more: check its emergency stop and supply, it may have started anew"
         self._refused = self._refused + 1 if self._on and state.torque != self._micro else 0
@@ -129,7 +131,7 @@ class SerialDrive:
             yield self._port
 
 
-def _fault(state: frames.State) -> str | None:
+def _describe_fault(state: frames.State) -> str | None:
     words = [text for bit, text in frames.FAULTS.items() if state.faults & bit]
     if state.flags & frames.EXPIRED:
         words.append("its watchdog ran out and took the power away: commands came too late")

@@ -12,10 +12,10 @@ from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.setting import Setting
 from estimators.regression.balance import Columns
 from estimators.selection.search import search
-from pendulum_env.arms.joints import Links, arm_base, at_joint, coupling, couplings, placed
+from pendulum_env.arms.joints import Links, arm_base, choose_coupling, list_couplings, place_effect, place_term
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Viscous, effect
-from pendulum_env.physics.term import loads
+from pendulum_env.physics.term import list_loads
 from tests.two_link import recorded
 
 TIME = np.arange(0, 8, 1e-3)
@@ -51,8 +51,8 @@ LAWS = ("load_dependent_friction", "torque_saturation", "actuator_lag", "torque_
 def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, prepared, base, joint, law, other):
     at, elsewhere = body.joints[joint], body.joints[1 - joint]
     regression = prepared.torque
-    terms = base if other is None else (*base, at_joint(effect(other), elsewhere)())
-    variant = at_joint(effect(law), at)()
+    terms = base if other is None else (*base, place_effect(effect(other), elsewhere)())
+    variant = place_effect(effect(law), at)()
     (own,) = regression.columns([variant])
     whole = regression.assemble((*terms, variant), [*regression.columns_of_each(terms), own], regression.weights(terms))
     small = regression.with_variant(terms, prepared.data.where(at))(variant, own)
@@ -64,19 +64,19 @@ def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, prep
 
 
 def test_terms_are_at_a_joint_of_the_arm_and_at_one(body, run):
-    for terms in ([Viscous()], [placed(Viscous(), "wrist")]):
+    for terms in ([Viscous()], [place_term(Viscous(), "wrist")]):
         with pytest.raises(ValueError, match="is at none of the joints shoulder, elbow"):
             identify(run, (Links(body), *terms))
     with pytest.raises(ValueError, match="stribeck@elbow is at a joint already"):
-        at_joint(at_joint(effect("stribeck"), "elbow"), "shoulder")
+        place_effect(place_effect(effect("stribeck"), "elbow"), "shoulder")
 
 
 @pytest.mark.parametrize(("at", "is_heavy"), [("shoulder,-elbow", True), ("shoulder,elbow", False)])
 def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_heavy):
     run = recorded(seconds=8.0, noise=1e-3)
-    kind = coupling(at, body)
+    kind = choose_coupling(at, body)
     assert kind.is_heavy == is_heavy  # parallel axes: the elbow's link turns with their sum as well
-    factors = list(loads(at).values())
+    factors = list(list_loads(at).values())
     turned = run.position @ factors
     speed = np.gradient(turned, TIME, edge_order=2)
     needed = 0.2 * speed + 0.3 * np.sign(speed) + 0.01 * is_heavy * np.gradient(speed, TIME, edge_order=2)
@@ -93,6 +93,6 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_he
     assert ArmModel.load(tmp_path / "arm.json", body).terms[1:] == model.terms[1:]
     assert pickle.loads(pickle.dumps(kind())) == kind()
     base = arm_base(body)
-    kinds = {one.id: one for one in (*couplings(body), at_joint(effect("stribeck"), "elbow"))}
+    kinds = {one.id: one for one in (*list_couplings(body), place_effect(effect("stribeck"), "elbow"))}
     evaluator = Setting(base, kinds).evaluator(FitData((recording,), terms=(*base, *kinds.values())).parts)
     assert [term.id for term in search(evaluator).terms[len(base) :]] == [kind.id]

@@ -23,7 +23,7 @@ from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import arm_base
-from pendulum_env.arms.plane import planar_links
+from pendulum_env.arms.plane import find_planar_links
 from pendulum_env.plant import PAPER
 
 
@@ -90,10 +90,10 @@ def test_an_arm_of_six_joints_is_taught_more_of_than_by_the_best_of_random_serie
 def test_a_simulated_arm_that_follows_has_smaller_standard_errors_and_is_right(body):
     errors = {}
     for motion in (design_excitation(body, 5.0, max_torque=12.0), random_fourier(body, 5.0, np.random.default_rng(0))):
-        arm = PlanarArm(planar_links(body), joints=body.joints, torque_noise=0.1)
+        arm = PlanarArm(find_planar_links(body), joints=body.joints, torque_noise=0.1)
         recording = follow(arm, motion, 5000, 12.0, rng=np.random.default_rng(1))
         model = identify(recording, arm_base(body), "filtered_dynamic")["filtered_dynamic"].model
-        links = planar_links(body)
+        links = find_planar_links(body)
         truth = np.concatenate([body.values, [own for link in links for own in (link.viscous, link.coulomb)]])
         std = np.array([model.estimates[column.name].std for column in model.columns])
         assert np.abs((model.theta - truth) / std).max() < 4.5

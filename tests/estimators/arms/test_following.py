@@ -9,7 +9,7 @@ from estimators.arms.excitation import design_excitation
 from estimators.arms.following import Follow, follow
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import arm_base
-from pendulum_env.arms.plane import planar_links
+from pendulum_env.arms.plane import find_planar_links
 
 ARM = TwoLink()
 
@@ -20,7 +20,7 @@ def motion(body):
 
 
 def arm(body, **arguments):
-    return PlanarArm(planar_links(body), joints=body.joints, velocity="ideal", **arguments)
+    return PlanarArm(find_planar_links(body), joints=body.joints, velocity="ideal", **arguments)
 
 
 def test_a_recorded_arm_is_the_textbooks_under_the_same_torque(body, motion):

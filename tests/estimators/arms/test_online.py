@@ -22,7 +22,7 @@ from estimators.wrappers import (
 )
 from pendulum_env import ARM, PENDULUM
 from pendulum_env.arms.body import read_body
-from pendulum_env.arms.joints import arm_base, at_joint
+from pendulum_env.arms.joints import arm_base, place_effect
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK
 from pendulum_env.physics import BASE, Model, effects
@@ -122,7 +122,7 @@ def test_samples_and_schemes_that_make_no_sense_are_refused_at_once(links):
 def test_what_is_missing_is_told_with_its_joint(links, plant, group):
     run = recorded(plant, seconds=9.0, rate=RATE, scale=LIVELY, counts=COUNTS)
     names = ("quadratic_drag", "cogging", "stribeck", "torque_offset")
-    library = {f"{id}@{joint}": at_joint(effects()[id], joint) for id in names for joint in run.names}
+    library = {f"{id}@{joint}": place_effect(effects()[id], joint) for id in names for joint in run.names}
     diagnoser = Diagnoser(RATE, links, library=library, smoothing=Smoothing.of_encoder(COUNTS, RATE))
     *_, (_, (said,)) = taken(diagnoser, run.time[1:], run.position[1:], run.torque[:-1])
     assert said.group == group and said.kind == ("missing" if group else "nothing")
@@ -153,7 +153,9 @@ def test_what_changes_in_an_arm_is_told_with_its_joint(links, after, kind, name)
     time, position = np.r_[time, later[1:]], np.r_[position, then[1:]]
     torque = signal.held(time - 1 / RATE, 1 / RATE) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
     step = 2 * np.pi / COUNTS
-    library = {f"{id}@{joint}": at_joint(effects()[id], joint) for id in ("cogging", "stribeck") for joint in JOINTS}
+    library = {
+        f"{id}@{joint}": place_effect(effects()[id], joint) for id in ("cogging", "stribeck") for joint in JOINTS
+    }
     diagnoser = Diagnoser(RATE, links, library=library, smoothing=Smoothing.of_encoder(COUNTS, RATE))
     for t, (said,) in taken(diagnoser, time, step * np.round(position / step), torque):
         assert t > CHANGE or said.kind in ("calibrating", "nothing")

@@ -11,7 +11,7 @@ from estimators.data.regression_data import RegressionData, fit_terms, fit_withi
 from estimators.findings import Finding, Kind
 from estimators.weak_form.columns import list_bounds
 from pendulum_env.physics import BASE
-from pendulum_env.physics.limits import limited_term, released
+from pendulum_env.physics.limits import limit_term, release_term
 from pendulum_env.physics.potential import Spring
 from pendulum_env.physics.table import FrictionBySpeed, TorqueByAngle
 from pendulum_env.recording import Recording
@@ -66,7 +66,7 @@ def test_bounds_are_those_of_a_body_unless_a_table_shares_friction_or_a_user_set
     np.testing.assert_array_equal(list_bounds([*BASE, FrictionBySpeed()])[0][:4], [0, -np.inf, -np.inf, -np.inf])
     np.testing.assert_array_equal(list_bounds([*BASE, TorqueByAngle()])[0][:4], least)
     own = {"coulomb": (-1.0, 5.0), "viscous": (-np.inf, 5.0), "inertia": (-0.1, -0.1)}
-    least, most = list_bounds([limited_term(term, own) for term in BASE])
+    least, most = list_bounds([limit_term(term, own) for term in BASE])
     np.testing.assert_array_equal(least, [-0.1, -np.inf, 0, -1])
     np.testing.assert_array_equal(most, [-0.1, np.inf, 5, 5])
 
@@ -135,9 +135,9 @@ def test_a_cable_is_a_torque_by_angle_where_gravity_is_known_to_be_none(seed, se
 
 
 def test_known_parameters_are_released_and_bounds_stay():
-    fixed = limited_term(Spring(), {"spring.stiffness": (0.1, 0.1), "spring.preload": (0.0, 1.0)})
+    fixed = limit_term(Spring(), {"spring.stiffness": (0.1, 0.1), "spring.preload": (0.0, 1.0)})
     assert fixed.of_angle("") == ("one",)
-    stiffness, preload = released(fixed).columns
+    stiffness, preload = release_term(fixed).columns
     assert not stiffness.is_known and (preload.least, preload.most) == (0.0, 1.0)
-    assert released(fixed).of_angle("") == ("line", "one")
-    assert all(released(term) is term for term in BASE)
+    assert release_term(fixed).of_angle("") == ("line", "one")
+    assert all(release_term(term) is term for term in BASE)

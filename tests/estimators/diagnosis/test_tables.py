@@ -6,7 +6,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Addition, Diagnosis, add, diagnose
 from estimators.diagnosis.likeness import find_likenesses
-from pendulum_env.physics.table import TABLES, Curve, Extent, FrictionBySpeed, TorqueByAngle
+from pendulum_env.physics.table import TABLES, Extent, FrictionBySpeed, TableCurve, TorqueByAngle
 from pendulum_env.recording import Recording
 from tests.cases import recorded
 from tests.once import once
@@ -119,7 +119,7 @@ def test_a_table_leaves_to_an_offset_and_to_gravity_what_is_theirs():
 def test_a_power_of_the_speed_is_told_from_its_table(power):
     table = FrictionBySpeed.over(Extent(0.0, 6.0, 8))()
     curve = table.curve(np.zeros(len(table.columns)))
-    nearest, *_ = find_likenesses(table, Curve(curve.x, 0.1 * curve.x**power - 0.2 + 0.3 * curve.x, curve.std))
+    nearest, *_ = find_likenesses(table, TableCurve(curve.x, 0.1 * curve.x**power - 0.2 + 0.3 * curve.x, curve.std))
     assert nearest.form == "power" and nearest.values == pytest.approx((power,), rel=0.02)
     assert nearest.share > 0.999
 

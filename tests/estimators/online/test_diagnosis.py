@@ -21,7 +21,7 @@ from estimators.online.diagnosis import EffectMonitor
 from estimators.online.model_comparison import PlantBins
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, DiagnoseOnlineVector, EstimateParameters
-from pendulum_env.arms.joints import FRICTION, at_joint, coupled, placed
+from pendulum_env.arms.joints import FRICTION, get_coupling, place_effect, place_term
 from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import QuadraticDrag, Stribeck
@@ -208,7 +208,7 @@ def test_what_cannot_be_followed_is_refused():
         with pytest.raises(ValueError, match=why):
             DiagnoseOnline(gym.make(PENDULUM), **options)
     with pytest.raises(ValueError, match="coupling@first,second depends on the past"):
-        Diagnoser(1000.0, [coupled("first,second", False)()])
+        Diagnoser(1000.0, [get_coupling("first,second", False)()])
 
 
 class OneWithout(VectorWrapper):
@@ -244,8 +244,8 @@ def bins_of_two_joints(first, last):
 
 def test_a_joint_that_moves_later_is_diagnosed_from_then_on():
     joints = "first", "second"
-    terms = [placed(term, joint) for joint in joints for term in FRICTION]
-    library = {f"quadratic_drag@{joint}": at_joint(effects()["quadratic_drag"], joint) for joint in joints}
+    terms = [place_term(term, joint) for joint in joints for term in FRICTION]
+    library = {f"quadratic_drag@{joint}": place_effect(effects()["quadratic_drag"], joint) for joint in joints}
     monitor = EffectMonitor(
         terms, library, PlantBins(joints, 0.005, 1e-3), OnlineDiagnosis("calibrating", threshold=10.0)
     )

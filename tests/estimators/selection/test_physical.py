@@ -7,10 +7,10 @@ from estimators.diagnosis.reasons import explain_rejection
 from estimators.findings import Finding, Kind
 from estimators.selection.errors import Errors, Step
 from estimators.selection.physical import find_driving_friction, find_violations, make_confirmation_gates
-from pendulum_env.arms.joints import coupled, placed
+from pendulum_env.arms.joints import get_coupling, place_term
 from pendulum_env.physics import BASE, Model, Samples, Term, effect
 from pendulum_env.physics.actuation import ActuatorLag
-from pendulum_env.physics.limits import limited_term
+from pendulum_env.physics.limits import limit_term
 from pendulum_env.physics.table import FrictionBySpeed
 from pendulum_env.physics.term import UNLOADED, KnownLoad
 
@@ -25,17 +25,17 @@ def test_a_lag_of_seconds_is_no_drives_but_what_a_user_bounds_may_lie_at_its_bou
     assert find_violations(of(ActuatorLag(0.01)), {"": X}) == []
     (violated,) = find_violations(of(ActuatorLag(2.0)), {"": X})
     assert (violated.name, violated.value, violated.limit) == ("actuator_lag.time_constant", 2.0, 2.0)
-    narrow = limited_term(ActuatorLag(0.01), {"actuator_lag.time_constant": (0.001, 0.01)})
+    narrow = limit_term(ActuatorLag(0.01), {"actuator_lag.time_constant": (0.001, 0.01)})
     assert find_violations(of(narrow), {"": X}) == []
 
 
 def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
     """A joint that has none of its own may come out a little negative; the motor's own may not."""
-    terms = [placed(own, joint) for joint in ("elbow", "wrist") for own in BASE[2:]]
+    terms = [place_term(own, joint) for joint in ("elbow", "wrist") for own in BASE[2:]]
     motions = {"elbow": X, "wrist": X}
     little = [-0.0005, -0.001, 0.1, 0.1]
     assert [own.name for own in find_violations(Model.build(terms, little), motions)] == ["driving_friction"]
-    both = [*terms, coupled("elbow,-wrist", True)()]
+    both = [*terms, get_coupling("elbow,-wrist", True)()]
     assert find_violations(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
     (told,) = find_driving_friction(Model.build(terms, [0.1, 0.2, -0.2, 0.1], 0.01))
     assert told == Finding(Kind.FRICTION_NEGATIVE, parameters=("viscous@wrist",))

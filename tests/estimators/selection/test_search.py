@@ -15,7 +15,7 @@ from estimators.selection.physical import bound_violations
 from estimators.selection.search import SearchResult, confirm_steps, search
 from estimators.selection.tables import add_beside_table
 from pendulum_env.physics import BASE, effect
-from pendulum_env.physics.terms import ids
+from pendulum_env.physics.terms import list_ids
 from tests.cases import recorded
 
 SPOT = {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}
@@ -54,7 +54,7 @@ def test_two_effects_that_hide_each_other_are_found_together_and_one_alone_has_n
         train, test = two_runs(hidden, 500.0)
         evaluator = ModelEvaluator(*split_recordings([train], [test]), library=library)
         pair = add_pair(SearchState(evaluator, BASE, BASE), screen_effects(evaluator, BASE))
-        assert pair is None if len(hidden) == 1 else ids(pair.effects) == both.keys()
+        assert pair is None if len(hidden) == 1 else list_ids(pair.effects) == both.keys()
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.search_hints import make_grid
 from estimators.weak_form.nonlinear import find_edges
 from pendulum_env.physics import BASE, Column, NonlinearParameter, Term, effects
-from pendulum_env.physics.limits import limited
+from pendulum_env.physics.limits import limit_kind
 from pendulum_env.recording import Recording
 from tests import slow
 
@@ -75,7 +75,7 @@ def test_only_parameters_at_which_a_law_jumps_are_edges():
     data = RegressionData.of([run(1)])
     x, residual = data.samples, data.residual(BASE)
     assert [own.name for end in (0.2, 0.5, 2.0) for own in find_edges(Ending(end), x)] == ["end"] * 3
-    assert find_edges(limited(Ending, {"ending.end": (0.1, 1.0)})(0.5), x)
+    assert find_edges(limit_kind(Ending, {"ending.end": (0.1, 1.0)})(0.5), x)
     assert not find_edges(Fading(0.5), x)
     for kind in effects().values():
         for variant in make_grid(kind, x, residual):

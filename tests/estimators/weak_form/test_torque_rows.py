@@ -13,7 +13,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.columns import is_torque_dependent
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import prepare
-from pendulum_env.filters import lag
+from pendulum_env.filters import filter_lag
 from pendulum_env.physics import BASE, Column, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
@@ -53,7 +53,7 @@ class TwoLags(Term):
 
     def trace(self, x: Samples, command: np.ndarray, period: float) -> Memory:
         keep = np.exp(-period / self.time_constant)
-        return (lag(lag(command, keep, command[0]), keep, command[0]),)
+        return (filter_lag(filter_lag(command, keep, command[0]), keep, command[0]),)
 
 
 LAWS = {kind.id: kind for kind in (*effects().values(), Squashed, TwoLags) if is_torque_dependent(kind())}

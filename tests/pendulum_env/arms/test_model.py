@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("pinocchio")
 
-from pendulum_env.arms.joints import arm_base, at_joint, coupling
+from pendulum_env.arms.joints import arm_base, choose_coupling, place_effect
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import ModelError, effect
 from tests import two_link
@@ -20,8 +20,8 @@ def body():
 @pytest.fixture
 def content(body) -> dict:
     """Content of a model file with effects at joints and a coupling."""
-    effects = [at_joint(effect("hard_stop"), "elbow")(), at_joint(effect("cogging"), "elbow")()]
-    return ArmModel.build([*arm_base(body), *effects, coupling("shoulder,-elbow", body)()], 0.5, 0.01).json()
+    effects = [place_effect(effect("hard_stop"), "elbow")(), place_effect(effect("cogging"), "elbow")()]
+    return ArmModel.build([*arm_base(body), *effects, choose_coupling("shoulder,-elbow", body)()], 0.5, 0.01).json()
 
 
 def test_a_model_reads_back(body, content, tmp_path):

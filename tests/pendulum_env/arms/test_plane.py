@@ -9,7 +9,7 @@ from benchmarks import six_joint
 from pendulum_env.arms.body import BodyError, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.planar import Link
-from pendulum_env.arms.plane import planar_links
+from pendulum_env.arms.plane import find_planar_links
 from pendulum_env.plant import PAPER
 from tests.pendulum_env.arms.test_body import written
 
@@ -20,12 +20,12 @@ BENT = (  # centres of mass beside the lines, and lines that do not hang down wh
 
 
 def test_links_come_back_from_their_file(tmp_path):
-    first, last = planar_links(read_body(written(tmp_path, PlanarArm(BENT).urdf)))
+    first, last = find_planar_links(read_body(written(tmp_path, PlanarArm(BENT).urdf)))
     assert [first.length, first.center, first.aside, first.angle] == pytest.approx([0.45, 0.2, 0.03, 0.4])
     assert [first.viscous, first.coulomb, last.viscous, last.coulomb] == [0.1, 0.2, 0.3, 0.4]
     assert (last.mass, last.inertia) == pytest.approx((0.8, 0.008))
     text = PlanarArm(BENT).urdf.replace('<dynamics damping="0.1" friction="0.2"/>', "")  # then it has the paper's
-    assert planar_links(read_body(written(tmp_path, text)))[0].coulomb == PAPER["coulomb"]
+    assert find_planar_links(read_body(written(tmp_path, text)))[0].coulomb == PAPER["coulomb"]
 
 
 def test_a_bent_arm_moves_as_its_file_says(tmp_path):
@@ -59,6 +59,6 @@ def test_what_the_simulator_cannot_be_is_refused(tmp_path, change, told):
     text = PlanarArm(BENT).urdf
     assert change(text) != text
     with pytest.raises(BodyError, match=told):
-        planar_links(read_body(written(tmp_path, change(text))))
+        find_planar_links(read_body(written(tmp_path, change(text))))
     with pytest.raises(BodyError, match="--backend mujoco"):  # nor can an arm in space
-        planar_links(six_joint.body())
+        find_planar_links(six_joint.body())

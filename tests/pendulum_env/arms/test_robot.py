@@ -5,7 +5,15 @@ import numpy as np
 import pytest
 
 from pendulum_env.arms.body import BodyError, read_body
-from pendulum_env.arms.joints import Links, at_joints, couplings, effect_at, friction, joint_effects, kind_at
+from pendulum_env.arms.joints import (
+    Links,
+    find_kind,
+    friction,
+    joint_effects,
+    list_couplings,
+    parse_effect,
+    place_effects,
+)
 from pendulum_env.physics.table import Extent
 from tests import robots
 from tests.pendulum_env.arms.test_body import written
@@ -99,25 +107,25 @@ def test_a_joint_that_slides_is_said_in_metres_and_newtons(tmp_path):
 
 def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp_path):
     body = read_body(written(tmp_path, urdf(TORSO)), joints=moving(TORSO))
-    offered = {kind.id for kind in at_joints(joint_effects().values(), body)}
+    offered = {kind.id for kind in place_effects(joint_effects().values(), body)}
     assert {"spring@torso", "stribeck@torso", "cogging@elbow"} <= offered
     assert not {"cogging@torso", "torque_ripple@torso", "position_dependent_friction@torso"} & offered
-    assert {kind.at for kind in couplings(body)} == {"shoulder,elbow", "shoulder,-elbow"}
-    assert {kind.id for kind in couplings(body)} <= offered
+    assert {kind.at for kind in list_couplings(body)} == {"shoulder,elbow", "shoulder,-elbow"}
+    assert {kind.id for kind in list_couplings(body)} <= offered
     links = Links(body)
     assert [links.of_angle(joint) for joint in body.joints] == [("one",), ("sine", "cosine"), ()]
-    table = kind_at("torque_by_angle@torso", body).over(Extent(-0.3, 0.3, 6))().beside([links])
+    table = find_kind("torque_by_angle@torso", body).over(Extent(-0.3, 0.3, 6))().beside([links])
     assert {column.unit for column in table.columns} == {"N"}
     curve = table.curve(np.arange(1.0, 7.0))
     assert np.trapezoid(curve.value, curve.x) == pytest.approx(0.0, abs=1e-3)  # a weight is the links'
     for text in ("cogging@torso", "coupling@torso,shoulder"):
         with pytest.raises(ValueError, match="is of joints that turn: it cannot be at 'torso', which slides"):
-            kind_at(text, body)
+            find_kind(text, body)
     with pytest.raises(ValueError, match="should name two joints, such as coupling@torso,elbow"):
-        kind_at("coupling@-shoulder,elbow", body)
+        find_kind("coupling@-shoulder,elbow", body)
     with pytest.raises(ValueError, match="coupling is nothing that the simulator here has: leave it out"):
-        effect_at("coupling@shoulder,elbow", body.joints)
-    units = {shape.name: shape.unit for shape in kind_at("stribeck@torso", body).nonlinear_parameters}
+        parse_effect("coupling@shoulder,elbow", body.joints)
+    units = {shape.name: shape.unit for shape in find_kind("stribeck@torso", body).nonlinear_parameters}
     assert units["stribeck_velocity"] == "m/s"
 
 

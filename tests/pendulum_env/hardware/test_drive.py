@@ -3,7 +3,7 @@
 import pytest
 
 from pendulum_env.backends.hardware.config import ConfigError, EncoderSettings, load, mark_checked
-from pendulum_env.backends.hardware.drive import BUILT_IN, adapters, find_adapter, register
+from pendulum_env.backends.hardware.drive import BUILT_IN, find_adapter, list_adapters, register
 from pendulum_env.errors import UserError
 from tests.pendulum_env.packages import install, install_bench
 
@@ -80,12 +80,12 @@ def test_the_check_holds_for_the_settings_of_any_adapter_until_they_change(tmp_p
 def test_an_adapter_without_a_dataclass_of_settings_is_not_registered(settings):
     with pytest.raises(UserError, match=r"the adapter 'bench' \(Bench\) has no dataclass 'settings': see docs"):
         register("bench", type("Bench", (), {"settings": settings}))
-    assert "bench" not in adapters()
+    assert "bench" not in list_adapters()
 
 
 def test_nothing_takes_the_place_of_a_built_in_adapter(tmp_path, monkeypatch):
     install(tmp_path, monkeypatch, "other", "", {"serial": "other:Serial"})
-    assert adapters()["serial"] is BUILT_IN["serial"]
+    assert list_adapters()["serial"] is BUILT_IN["serial"]
     pytest.importorskip("serial")
     with pytest.raises(ValueError, match="'serial' is taken"):
         register("serial", find_adapter("serial"))

@@ -9,7 +9,7 @@ from pendulum_env.backends.hardware import frames
 
 
 def test_the_crc_is_the_one_that_is_named():
-    assert frames.crc(b"123456789") == 0x29B1
+    assert frames.compute_crc(b"123456789") == 0x29B1
 
 
 @pytest.mark.parametrize(

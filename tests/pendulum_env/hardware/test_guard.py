@@ -297,5 +297,8 @@ def test_a_motion_that_no_such_arm_can_make_takes_the_torque(make, clock):
 
 
 def test_whatever_a_driver_raises_is_an_error_of_the_drive():
-    with pytest.raises(DriveError, match=r"no answer \('x'\): check it"), driver_errors("no answer", "check it"):
+    with (
+        pytest.raises(DriveError, match=r"no answer \('x'\): check it"),
+        driver_errors("no answer", "check it"),
+    ):
         raise KeyError("x")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pendulum_env.backends.hardware.config import EncoderSettings
 from pendulum_env.backends.hardware.drive import DriveError
-from pendulum_env.backends.hardware.measuring import DriveClock, Encoder, Ticks, difference
+from pendulum_env.backends.hardware.measuring import DriveClock, Encoder, Ticks, subtract_counts
 
 
 @given(st.integers(-(2**40), 2**40), st.integers(-(2**31), 2**31 - 1))
@@ -17,7 +17,7 @@ def test_steps_are_found_however_the_counter_is_read(count, step):
     """Signed or unsigned, before and after it rolled over."""
     for low in (0, -(2**31)):
         old, new = ((value - low) % 2**32 + low for value in (count, count + step))
-        assert difference(new, old) == step
+        assert subtract_counts(new, old) == step
 
 
 def test_an_encoder_unwraps_from_where_zero_is():

@@ -8,7 +8,7 @@ import pytest
 
 from pendulum_env.backends.emulators.motor import MISREADINGS
 from pendulum_env.backends.hardware.config import Plant
-from pendulum_env.backends.hardware.plausible import Plausible
+from pendulum_env.backends.hardware.plausible import PlausibilityCheck
 from pendulum_env.excitation import EXCITATIONS, excitation
 from pendulum_env.physics.simulation import simulate
 from pendulum_env.plant import hide, paper_plant
@@ -25,7 +25,7 @@ rates = pytest.mark.parametrize("rate", NOISE)
 
 def stopped(position, command, rate, plant=ROUGH, noise=None, took=lambda k: 0.0):
     """Time after which the watch had something to say [s]; inf if it never had."""
-    watch = Plausible(plant, STEP, NOISE[rate] if noise is None else noise)
+    watch = PlausibilityCheck(plant, STEP, NOISE[rate] if noise is None else noise)
     position = [float(q) for q in position]
     watch.measured(0.0, position[0])
     for k, torque in enumerate(command.tolist()):

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from estimators.search_hints import make_grid
 from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, compiled, effects, simulate
-from pendulum_env.physics.compiled import MANY, Machine, Step, recurrence
+from pendulum_env.physics.compiled import MANY, Machine, SymbolicStep, compile_recurrence
 from pendulum_env.physics.potential import Cogging
-from pendulum_env.physics.simulation import Balance, prepared, step
-from pendulum_env.physics.symbols import name, names
-from pendulum_env.physics.term import _advance, traces
+from pendulum_env.physics.simulation import Balance, prepare_step, step
+from pendulum_env.physics.symbols import make_symbol, make_symbols
+from pendulum_env.physics.term import _compile_advance, trace_variants
 from pendulum_env.plant import hide, paper_plant
 from tests.terms import Clipped, Table
 
@@ -46,7 +46,7 @@ expressions = st.recursive(
 def computed(result, x, y=0.0) -> np.ndarray:
     """Values (N,) of an expression in the names x and y."""
     x, y = np.broadcast_arrays(np.asarray(x, dtype=float), y)
-    program = recurrence(["x"], [], ["y"], [result])
+    program = compile_recurrence(["x"], [], ["y"], [result])
     return program(x[None, None], np.empty((0, 1, len(x))), y[None, None])[1, 0, 0]
 
 
@@ -54,7 +54,7 @@ def computed(result, x, y=0.0) -> np.ndarray:
 @given(expressions, st.lists(st.tuples(numbers, numbers), min_size=1, max_size=9))
 def test_an_expression_has_the_value_that_numpy_gives_it(expression, values):
     x, y = np.array(values).T
-    result = computed(expression({"x": name("x"), "y": name("y")}), x, y)
+    result = computed(expression({"x": make_symbol("x"), "y": make_symbol("y")}), x, y)
     np.testing.assert_allclose(result, expression({"x": x, "y": y}) + 0.0 * x, rtol=1e-9, atol=1e-9)
 
 
@@ -64,20 +64,22 @@ def test_values_beyond_all_bounds_are_held_at_them(values):
         return np.fmin(np.fmax(x * x - x, -7.0), 7.0)
 
     with np.errstate(all="ignore"):
-        np.testing.assert_array_equal(computed(held(name("x")), values), held(np.array(values)))
+        np.testing.assert_array_equal(computed(held(make_symbol("x")), values), held(np.array(values)))
 
 
 @pytest.mark.parametrize("function", [np.sin, np.cos])
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=9))
 def test_a_sine_has_all_digits_is_none_of_no_number_and_within_its_bounds_of_a_large_one(function, angles):
-    some = computed(function(name("x")), [*angles, np.nan, np.inf, -np.inf, 1e20, -1e300, 1e12])
+    some = computed(function(make_symbol("x")), [*angles, np.nan, np.inf, -np.inf, 1e20, -1e300, 1e12])
     np.testing.assert_allclose(some[:-6], function(angles), rtol=0, atol=1e-15)
     assert np.isnan(some[-6:-3]).all() and (np.abs(some[-3:]) <= 1.0).all()
 
 
 def test_a_recurrence_keeps_every_so_many_states_of_each_variant():
     x, growth = np.arange(1.0, 7.0), np.array([[1.0], [0.5]])
-    program = recurrence(["x"], ["a"], ["y", "before"], [name("a") * name("y") + name("x"), name("y")])
+    program = compile_recurrence(
+        ["x"], ["a"], ["y", "before"], [make_symbol("a") * make_symbol("y") + make_symbol("x"), make_symbol("y")]
+    )
     path = program(x[:, None, None], growth[None], np.zeros((2, 2, 1)), every=3)
     expected = [[0.0, 0.0]]
     for _ in x:
@@ -87,13 +89,13 @@ def test_a_recurrence_keeps_every_so_many_states_of_each_variant():
     np.testing.assert_allclose(path[1:, 1, :, 0], expected[2::3], rtol=1e-15)
 
 
-def falling(gravity: float) -> Step:
+def falling(gravity: float) -> SymbolicStep:
     """A ball under a push, that forgets half its speed at each step."""
-    push, speed, height = names("push"), names("speed"), names("height", 2)
+    push, speed, height = make_symbols("push"), make_symbols("speed"), make_symbols("height", 2)
     after = 0.5 * speed + push - gravity
     moved = height + np.array([after, 2.0 * after])
     now = {"speed": after, "height": moved, "sum": moved @ moved}
-    return Step({"push": push}, {"speed": speed, "height": height}, now)
+    return SymbolicStep({"push": push}, {"speed": speed, "height": height}, now)
 
 
 @pytest.mark.parametrize("lanes", [1, 3, MANY + 1])
@@ -141,7 +143,7 @@ def stepped(model, torque, load) -> np.ndarray:
 def test_every_effect_moves_under_a_load_as_its_own_step_says(id):
     model, load = hide(paper_plant(), id), KnownLoad(0.02, 0.5)  # without one: see test_engines.py
     torque = 4.0 * np.random.default_rng(0).standard_normal((150, LANES)).cumsum(axis=0) / 8
-    assert prepared(model.terms, True, H).step is not None
+    assert prepare_step(model.terms, True, H).step is not None
     path = simulate(model.terms, model.theta, H, torque, [0.3, -1.0, 2.0], [0.0, 1.0, -2.0], load=load)
     np.testing.assert_allclose(path.position, stepped(model, torque, load), rtol=0, atol=1e-10)
 
@@ -155,8 +157,8 @@ def test_states_along_a_motion_are_those_that_each_advance_gives(id, period):
     x = Samples(time, position, np.gradient(position, period), rng.standard_normal(300))
     tried = make_grid(effects()[id], x, np.zeros(300))
     variants = [tried[0], tried[len(tried) // 2], tried[-1]]
-    assert _advance(tried[0], len(tried[0].start(x)), np.array(period)) is not None
-    for variant, memory in zip(variants, traces(variants, [x], [x.torque], [period])[0], strict=True):
+    assert _compile_advance(tried[0], len(tried[0].start(x)), np.array(period)) is not None
+    for variant, memory in zip(variants, trace_variants(variants, [x], [x.torque], [period])[0], strict=True):
         own = [variant.start(Samples(time[0], position[0], x.velocity[0], x.torque[0]))]
         for k in range(299):
             speed = 0.5 * (x.velocity[k] + x.velocity[k + 1])
@@ -165,7 +167,7 @@ def test_states_along_a_motion_are_those_that_each_advance_gives(id, period):
 
 
 def test_a_law_that_cannot_be_written_down_is_simulated_all_the_same():
-    assert prepared([Table()]).step is None
+    assert prepare_step([Table()]).step is None
     torque = np.sin(np.arange(300) / 20)
     tabled, clipped = (paper_plant().add(kind(), [0.7]).simulate(1e-3, torque, 0.5, 0.0) for kind in (Table, Clipped))
     np.testing.assert_allclose(tabled.position, clipped.position, rtol=0, atol=1e-12)
@@ -196,7 +198,7 @@ def added_in_place(x):
 )
 def test_a_law_that_is_no_expression_is_never_taken_for_one(law):
     with pytest.raises((TypeError, AttributeError)):
-        law(name("x"))
+        law(make_symbol("x"))
 
 
 def test_what_a_law_reads_besides_its_shapes_is_read_anew(monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 
 from estimators.search_hints import make_grid
 from pendulum_env.physics import BASE, Model, PluginError, Samples, effects, library, load_plugin, plugin
-from pendulum_env.physics.limits import LimitsError, check_names, collect_limits, limited, limited_term, limits_of
+from pendulum_env.physics.limits import LimitsError, check_names, collect_limits, limit_kind, limit_term, make_limits
 
 PLUGIN = '''
 from dataclasses import dataclass
@@ -37,30 +37,30 @@ def own_library(monkeypatch):
 
 def test_a_limited_kind_is_the_same_law_whose_parameters_and_search_stay_within_limits():
     limits = {"stribeck": (0.1, 0.2), "stribeck.stribeck_velocity": (0.3, 0.4)}
-    kind = limited(effects()["stribeck"], limits)
+    kind = limit_kind(effects()["stribeck"], limits)
     term = kind(stribeck_velocity=0.35)
     (column,) = term.columns
     assert (column.least, column.most) == (0.1, 0.2) and term.id == "stribeck"
     assert (term.nonlinear_parameters[0].low, term.nonlinear_parameters[0].high) == (0.3, 0.4)
-    assert limited(effects()["stribeck"], {"gravity": (1, 2)}) is effects()["stribeck"]
-    assert limited(effects()["stribeck"], limits) is kind
+    assert limit_kind(effects()["stribeck"], {"gravity": (1, 2)}) is effects()["stribeck"]
+    assert limit_kind(effects()["stribeck"], limits) is kind
     x = Samples(np.zeros(9), np.zeros(9), np.linspace(-5, 5, 9), np.zeros(9))
     velocities = [variant.stribeck_velocity for variant in make_grid(kind, x, np.zeros(9))]
     assert velocities and min(velocities) >= 0.3 and max(velocities) <= 0.4
 
 
 def test_limits_of_a_body_hold_within_those_of_a_user_and_a_base_term_can_be_known():
-    assert limited(effects()["joint_flexibility"], {"joint_flexibility": (-1.0, 1.0)})().columns[0].least == 0.0
-    gravity = limited_term(BASE[1], {"gravity": (2.0, 2.0)})
+    assert limit_kind(effects()["joint_flexibility"], {"joint_flexibility": (-1.0, 1.0)})().columns[0].least == 0.0
+    gravity = limit_term(BASE[1], {"gravity": (2.0, 2.0)})
     assert gravity.columns[0].is_known and gravity.id == "gravity"
-    assert gravity == limited_term(BASE[1], {"gravity": (2.0, 2.0)}) != BASE[1]
+    assert gravity == limit_term(BASE[1], {"gravity": (2.0, 2.0)}) != BASE[1]
 
 
 def test_limits_go_along_to_another_process():
-    kind = limited(effects()["cogging"], {"cogging.order": (10, 14)})
-    for term in (kind(order=12.0), limited_term(BASE[1], {"gravity": (2.0, 2.0)})):
+    kind = limit_kind(effects()["cogging"], {"cogging.order": (10, 14)})
+    for term in (kind(order=12.0), limit_term(BASE[1], {"gravity": (2.0, 2.0)})):
         there = pickle.loads(pickle.dumps(term))
-        assert there == limited_term(term, {"gravity": (2.0, 2.0)}) == term
+        assert there == limit_term(term, {"gravity": (2.0, 2.0)}) == term
         assert there.columns[0].least == term.columns[0].least
         assert there.nonlinear_parameters == term.nonlinear_parameters
 
@@ -78,7 +78,7 @@ def test_limits_go_along_to_another_process():
 )
 def test_limits_that_make_no_sense_are_refused(fixed, bounds, what):
     with pytest.raises(LimitsError, match=what):
-        check_names(limits_of(fixed, bounds), (*map(type, BASE), *effects().values()))
+        check_names(make_limits(fixed, bounds), (*map(type, BASE), *effects().values()))
 
 
 def test_a_file_of_effects_is_known_and_may_be_loaded_twice(tmp_path, own_library):
@@ -111,7 +111,7 @@ def test_a_file_that_is_of_no_use_is_refused(tmp_path, own_library, content, wha
         load_plugin(path)
     with pytest.raises(PluginError, match="no Python file"):
         load_plugin(tmp_path / "absent.py")
-    assert not plugin.plugins()  # or each process that is started would stumble over it
+    assert not plugin.list_plugins()  # or each process that is started would stumble over it
 
 
 class OfAPackage:
@@ -128,11 +128,11 @@ class OfAPackage:
 def test_a_package_whose_effects_cannot_be_loaded_ends_nothing(monkeypatch):
     monkeypatch.setattr(library, "entry_points", lambda group: [OfAPackage()])
     with pytest.warns(UserWarning, match="'package.effects' cannot be loaded: .*NoText: <exception str"):
-        assert library.installed.__wrapped__() == ()
+        assert library.load_installed.__wrapped__() == ()
 
 
 def test_a_saved_model_keeps_its_limits(tmp_path):
-    terms = [limited_term(term, {"gravity": (2.1, 2.1), "viscous": (0.0, np.inf)}) for term in BASE]
+    terms = [limit_term(term, {"gravity": (2.1, 2.1), "viscous": (0.0, np.inf)}) for term in BASE]
     Model.build(terms, [0.09, 2.1, 0.3, 0.9]).save(tmp_path / "model.json")
     read = Model.load(tmp_path / "model.json")
     assert collect_limits(read.terms) == {"gravity": (2.1, 2.1), "viscous": (0.0, np.inf)}

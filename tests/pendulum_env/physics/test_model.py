@@ -8,7 +8,7 @@ import pytest
 from pendulum_env.physics import BASE, Estimate, Model, ModelError, Samples, effect, effects
 from pendulum_env.physics.base import Inertia, Viscous
 from pendulum_env.physics.friction import Stribeck
-from pendulum_env.physics.limits import limited_term
+from pendulum_env.physics.limits import limit_term
 from pendulum_env.plant import hide, make_plant, paper_plant
 
 EVERYTHING = sorted(effects())
@@ -35,8 +35,8 @@ def test_a_model_with_all_effects_keeps_values_errors_units_and_order(tmp_path):
 
 
 def test_a_parameter_at_its_bound_is_said_to_be_there_and_has_no_error():
-    term = limited_term(Stribeck(stribeck_velocity=0.5), {"stribeck.stribeck_velocity": (0.5, 2.0)})
-    known = limited_term(Viscous(), {"viscous": (0.3, 0.3)})
+    term = limit_term(Stribeck(stribeck_velocity=0.5), {"stribeck.stribeck_velocity": (0.5, 2.0)})
+    known = limit_term(Viscous(), {"viscous": (0.3, 0.3)})
     model = Model.build((Inertia(), known, term), (0.1, 0.3, 0.0), 1e-9, **{"stribeck.stribeck_velocity": 0.02})
     assert {name: estimate.text for name, estimate in model.estimates.items()} == {
         "inertia": "0.1000000000 ± 0.0000000010",

@@ -13,7 +13,7 @@ from pendulum_env.physics import Model, ModelError, Samples
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import QuadraticDrag
 from pendulum_env.physics.potential import GravityTilt, Spring
-from pendulum_env.physics.simulation import prepared
+from pendulum_env.physics.simulation import prepare_step
 from pendulum_env.physics.table import (
     TABLES,
     Extent,
@@ -108,7 +108,7 @@ def test_compiled_and_plain_simulation_agree_with_an_integrator_that_knows_the_c
         return v, rest / value["inertia"]
 
     exact = solve_ivp(law, (0.0, 0.4), (-0.3, 0.5), method="DOP853", rtol=1e-10, atol=1e-10).y[0, -1]
-    assert prepared(model.terms).step is not None
+    assert prepare_step(model.terms).step is not None
     compiled = model.simulate(period, torque, -0.3, 0.5).position[-1, 0]
     batch = model.simulate(period, torque, np.array([-0.3, -0.3]), 0.5).position[-1]
     assert compiled == pytest.approx(exact, abs=2e-5)

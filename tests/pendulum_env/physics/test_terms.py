@@ -22,8 +22,8 @@ from pendulum_env.physics import (
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.effect_check import check_effect
 from pendulum_env.physics.library import BUILT_IN
-from pendulum_env.physics.term import Kind, traces
-from pendulum_env.plant import read_parameters, typical
+from pendulum_env.physics.term import Kind, trace_variants
+from pendulum_env.plant import get_typical_values, read_parameters
 from tests.motions import recorded
 from tests.terms import CubicDamping
 
@@ -97,7 +97,7 @@ def test_term_says_its_law_and_its_fields_are_nonlinear_parameters_within_their_
 
 @pytest.mark.parametrize("kind", BUILT_IN)
 def test_typical_sizes_are_of_parameters(kind):
-    assert not kind.typical_size or set(read_parameters(kind.typical_size)) <= typical(kind).keys()
+    assert not kind.typical_size or set(read_parameters(kind.typical_size)) <= get_typical_values(kind).keys()
 
 
 @every_column
@@ -186,7 +186,7 @@ def test_two_short_advances_are_one_long_advance(id):
 @pytest.mark.parametrize(("id", "closeness"), [("presliding", 0.02), ("joint_flexibility", 0.02), ("backlash", 1e-9)])
 def test_state_along_a_recording_is_the_state_advanced_from_sample_to_sample(id, closeness):
     term, x = TERMS[id], recorded(3, seconds=3.0, rate=1000.0, scale=0.5)
-    ((generic,),) = traces([term], [x], [x.torque], [1e-3])
+    ((generic,),) = trace_variants([term], [x], [x.torque], [1e-3])
     settled = slice(300, -2)  # the start was not recorded
     for state, expected in zip(term.trace(x, x.torque, 1e-3), generic, strict=True):
         error = np.sqrt(np.mean((state - expected)[settled] ** 2))

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.two_link import TwoLink
 from estimators.progress import no_progress
-from pendulum_env.arms import at_joint
+from pendulum_env.arms import place_effect
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics.friction import Stribeck
@@ -132,7 +132,7 @@ def test_a_saved_study_and_model_bring_back_the_robot_its_recordings_and_its_ter
     (tmp_path / "more.csv").write_bytes(run.read_bytes())
     drop(session, tmp_path / "more.csv")
     state = session.state
-    begun = ArmModel.build((*arm_base(state.body), at_joint(Stribeck, "elbow")(0.1)), 1.0)
+    begun = ArmModel.build((*arm_base(state.body), place_effect(Stribeck, "elbow")(0.1)), 1.0)
     (tmp_path / "first.json").write_text(json.dumps(begun.json()))
     drop(session, tmp_path / "first.json")
     assert session.notice == "" and not session.state.trouble

@@ -10,7 +10,7 @@ from dash.development.base_component import Component
 
 from estimators.diagnosis.addition import add
 from estimators.diagnosis.result import Addition
-from pendulum_env.arms.joints import kind_at
+from pendulum_env.arms.joints import find_kind
 from pendulum_env.formatting import capitalise
 from workbench.app.parts import button, effects_to_choose, field, fragment, graph, labelled, panel
 from workbench.app.session import Session, Stage
@@ -89,7 +89,7 @@ def start(session: Session, id: str | None) -> None:
     if not id:
         raise InputError("choose an effect to add")
     state = session.state
-    kind = kind_at(id, state.body)
+    kind = find_kind(id, state.body)
     if kind.id in state.model.effects:
         raise InputError(f"{name(id)} is in the model already")
     task = partial(add, state.model, id, state.train, state.holdout, **state.asked.limits)
