@@ -8,8 +8,14 @@ an effect are regressed on its rows phi, and then the residual of y on the resid
     S <- S + r r' / (1 + phi' P phi)    t <- t + r e / (1 + phi' P phi)    r = c - G' phi,  e = y - phi' a
 
 which equals recursive least squares in phi and c with parameters a - G delta and delta = S^-1 t. A variant costs only
-its own columns. Each a-priori error has a Student t density. An effect predicts by the mixture of its variants,
+its own columns. Parameters stay within their bounds: a parameter beyond a bound is held there, and the others are
+solved beside it. Each a-priori error has a Student t density. An effect predicts by the mixture of its variants,
 weighted by their past likelihoods; the weights include the penalty for the choice among variants.
+
+A column may depend on the torque that the equations explain, as friction that grows with the load. Least squares would
+then explain torque by torque. The error of the predicted torque, e = (y - phi' theta) / (dy - dphi' theta) with
+derivatives by the torque, is therefore linearised at the current estimates (Gauss-Newton): rows phi - e dphi explain
+y - e dphi' theta.
 
 Source: Frisch and Waugh, Econometrica 1(4), 1933; Dawid, JRSS A 147(2), 1984 (prequential); Herbster and Warmuth,
 Machine Learning 32, 1998 (mixtures that share).
@@ -32,7 +38,7 @@ from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE
 from estimators.regression.recursive import PRIOR
 from estimators.selection.score import log_student, weigh_squares
-from pendulum_env._typing import Array, Index, Mask
+from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.physics.term import one, zero
 
@@ -47,6 +53,7 @@ class OnlineDiagnosisSettings:
     min_weight: float = -12.0  # least log weight relative to the best variant
     perturbation: float = 1e-3  # [N m], for derivatives by the torque
     n_scale_iterations: int = 20  # iterations of the error scale
+    n_tangents: int = 4  # iterations of a fit with columns that depend on the torque
     calibration_time: float = 1.0  # [s] of motion in the first fit of all models
     refinement_times: tuple[int, ...] = (2, 4, 8, 16)  # [s] of motion before a refinement of the grids
     fit_time: float = 16.0  # [s] of motion in the first fit of a later model
@@ -76,6 +83,19 @@ class ModelRows(NamedTuple):
     y: Array
     slope: Array
     y_slope: Array
+
+
+def linearise(phi: Array, y: Array, slope: Array, theta: Array, error: Array) -> tuple[Array, Array]:
+    """Linearise the errors of the predicted torque at parameters (..., P), see the module.
+
+    Args:
+        phi: rows (..., P).
+        y: left-hand sides (...).
+        slope: derivatives of phi by the torque (..., P).
+        theta: parameters (..., P).
+        error: of the predicted torque (...).
+    """
+    return phi - error[..., None] * slope, y - error * np.einsum("...p,...p->...", slope, theta)
 
 
 @dataclass(frozen=True)
@@ -247,8 +267,7 @@ class CompetingModels:
         self._forgetting = None
         if memories:
             root = self._running.root[0, 0]
-            theta = self.theta_of()[0, : len(root)]
-            self._forgetting = ForgettingMixture(theta, root, float(self.square[0]), memories)
+            self._forgetting = ForgettingMixture(self.of_y[0], root, float(self.square[0]), memories)
 
     def _effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
         """Evaluate the columns that a family adds to the running model, padded to K columns."""
@@ -260,32 +279,28 @@ class CompetingModels:
 
     def _fit(self, bins: Bins) -> None:
         """Fit family by family, which limits the memory."""
-        base = bins.rows(self.terms)
-        phi = base.phi[:, 0]
-        # J = sum phi phi' + 1 / P(0), of columns scaled to length one
-        squares = np.einsum("rp,rp->p", phi, phi)
-        weak, scale = _prior_information(squares), np.sqrt(squares + 1.0 / PRIOR)
-        information = (phi / scale).T @ (phi / scale) + np.diag(weak / scale**2)
-        root = np.linalg.inv(np.linalg.cholesky(information)).T / scale[:, None]  # P = S S'
-        spread, (count, width) = root @ root.T, self._least.shape
+        base, root, self.residual = _fit_running(bins.rows(self.terms))
+        phi, (count, width) = base.phi[:, 0], self._least.shape
+        weak, spread = _prior_information(np.einsum("rp,rp->p", phi, phi)), root @ root.T
         self.of_y, self.of_own = np.zeros((count, len(weak))), np.zeros((count, width, len(weak)))
         self.information, self.moment = np.zeros((count, width, width)), np.zeros((count, width))
         self.square, self.weight = np.zeros((2, count))
         for family, models in enumerate(self.models):
-            own = self._effect_rows(family, bins, base)
-            self.of_y[models] = of_y = own.y.T @ phi @ spread
-            self.of_own[models] = of_own = np.einsum("rvk,rp->vkp", own.phi, phi, optimize=True) @ spread
-            error, remaining = own.y - phi @ of_y.T, own.phi - np.einsum("rp,vkp->rvk", phi, of_own, optimize=True)
-            own_weak = _prior_information(np.einsum("rvk,rvk->vk", own.phi, own.phi))[..., None] * np.eye(width)
-            before = np.einsum("vkp,p,vlp->vkl", of_own, weak, of_own, optimize=True)
-            self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining) + own_weak + before
-            before = np.einsum("vkp,p,vp->vk", of_own, weak, of_y, optimize=True)
-            self.moment[models] = np.einsum("rvk,rv->vk", remaining, error) + before
-            residual, _ = _compute_residuals(
-                self.theta_of(models), base.slope[:, 0], own.slope, own.y_slope, error, remaining
-            )
-            if family == 0:
-                self.residual = residual[:, 0]
+            rows = self._effect_rows(family, bins, base)
+            residual, delta = np.repeat(self.residual[:, None], rows.y.shape[1], axis=1), self.moment[models]
+            for _ in range(ONLINE.n_tangents if rows.slope.any() else 1):
+                own, y = linearise(rows.phi, rows.y, rows.slope, delta, residual)
+                self.of_y[models] = of_y = y.T @ phi @ spread
+                self.of_own[models] = of_own = np.einsum("rvk,rp->vkp", own, phi, optimize=True) @ spread
+                error, remaining = y - phi @ of_y.T, own - np.einsum("rp,vkp->rvk", phi, of_own, optimize=True)
+                own_weak = _prior_information(np.einsum("rvk,rvk->vk", own, own))[..., None] * np.eye(width)
+                before = np.einsum("vkp,p,vlp->vkl", of_own, weak, of_own, optimize=True)
+                self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining) + own_weak + before
+                before = np.einsum("vkp,p,vp->vk", of_own, weak, of_y, optimize=True)
+                self.moment[models] = np.einsum("rvk,rv->vk", remaining, error) + before
+                theta = self.theta_of(models)
+                residual, _ = _predict(theta, phi, base.slope[:, 0], *rows)
+                delta = theta[:, len(weak) :]
             squares = residual**2  # (R, V)
             square = np.maximum(squares.mean(axis=0), 1e-12)
             for _ in range(ONLINE.n_scale_iterations):
@@ -296,22 +311,45 @@ class CompetingModels:
 
     def theta_of(self, models: slice = slice(None)) -> Array:
         """Compute parameters of the running model and of the effect for some models (V, P + K)."""
-        delta = np.linalg.solve(self.information[models], self.moment[models][..., None])[..., 0]
-        base = self.of_y[models] - np.einsum("vk,vkp->vp", delta, self.of_own[models])
-        return np.concatenate([base, delta], axis=1)
+        return self._solve(models)[0]
 
-    def is_possible(self, theta: Array) -> Mask:
-        """Return whether the effect is physically possible in each model (V,) with parameters (V, P + K)."""
-        own = theta[:, self.of_y.shape[1] :]
-        return np.asarray(((own >= self._least) & (own <= self._most)).all(axis=1))
+    def _solve(self, models: slice = slice(None)) -> tuple[Array, Array]:
+        """Solve for parameters within their bounds (V, P + K), and the information without those at a bound.
+
+        A parameter at a bound has the information of one, beside no other (V, K, K).
+        """
+        least, most, information, moment = (
+            self._least[models],
+            self._most[models],
+            self.information[models],
+            self.moment[models],
+        )
+        delta = np.linalg.solve(information, moment[..., None])[..., 0]
+        bounded = np.clip(delta, least, most)
+        out = np.flatnonzero((bounded != delta).any(axis=1))
+        if len(out):
+            free = bounded[out] == delta[out]
+            known, whole = np.where(free, 0.0, bounded[out]), information[out]
+            information = information.copy()
+            information[out] = np.where(free[:, :, None] & free[:, None], whole, np.eye(free.shape[1]))
+            given = moment[out] - np.einsum("vkl,vl->vk", whole, known)
+            beside = np.linalg.solve(information[out], np.where(free, given, known)[..., None])[..., 0]
+            delta[out] = np.clip(beside, least[out], most[out])
+        base = self.of_y[models] - np.einsum("vk,vkp->vp", delta, self.of_own[models])
+        return np.concatenate([base, delta], axis=1), information
 
     def leaders(self) -> list[tuple[tuple[Term, ...], Array]]:
-        """Return the variant of each family that predicted best, if possible a physical one, and its parameters."""
+        """Return the variant of each family that predicted best, and its parameters."""
         theta = self.theta_of()
-        weight = np.where(self.is_possible(theta), self.weight, self.weight - 1e6)
-        best = [int(np.argmax(weight[models])) for models in self.models]
+        best = [int(np.argmax(self.weight[models])) for models in self.models]
         each = zip(self.families, self.models, best, strict=True)
         return [(variants[k : k + 1], theta[models][k]) for variants, models, k in each]
+
+    def running_rows(self, bins: Bins) -> tuple[Array, Array]:
+        """Linearise the rows of the running model over R bins at its estimates: phi (R, P) and y (R,)."""
+        base, theta = bins.rows(self.terms), self.of_y[0]
+        phi, y, slope = base.phi[:, 0], base.y[:, 0], base.slope[:, 0]
+        return linearise(phi, y, slope, theta, (y - phi @ theta) / (base.y_slope[:, 0] - slope @ theta))
 
     def take(self, bins: Bins) -> tuple[Array, Array]:
         """Predict R bins in sequence, with an update after each.
@@ -331,18 +369,20 @@ class CompetingModels:
         self, phi: Array, slope: Array, own: Array, y: Array, own_slope: Array, y_slope: Array
     ) -> tuple[Array, float]:
         """Predict one bin with all models, and update them."""
-        running, theta = self._running, self.theta_of()
+        running, (theta, information) = self._running, self._solve()
+        residual, after = _predict(theta, phi, slope, own, y, own_slope, y_slope)
+        own, y = linearise(own, y, own_slope, theta[:, len(phi) :], residual)
+        phi, y = linearise(phi, y, slope, theta[0, : len(phi)], residual[0])
         gain = running.root[0, 0] @ (phi @ running.root[0, 0])
         spread = 1.0 + phi @ gain
         error, remaining = y - self.of_y @ phi, own - self.of_own @ phi  # (V,), (V, K)
-        residual, after = _compute_residuals(theta, slope, own_slope, y_slope, error, remaining)
         # predicted variance of the error, relative to the squared scale
         variance_ratio = spread + np.einsum(
-            "vk,vk->v", remaining, np.linalg.solve(self.information, remaining[..., None])[..., 0]
+            "vk,vk->v", remaining, np.linalg.solve(information, remaining[..., None])[..., 0]
         )
         density = log_student(residual**2, self.square * variance_ratio)
         density = cap_density(density, after, density[0])
-        densities = self._mix(density, self.is_possible(theta))
+        densities = self._mix(density)
         self._count += 1
         if self._forgetting is not None:
             forgetting = self._forgetting.take(phi, slope, float(y_slope[0]), float(y[0]), float(density[0]))
@@ -356,19 +396,13 @@ class CompetingModels:
         self.moment += remaining * error[:, None] / spread
         return densities, float(residual[0])
 
-    def _mix(self, density: Array, possible: Mask) -> Array:
-        """Compute the log density of each mixture (F,), and update the weights.
-
-        A family without possible variants has the density of the running model.
-        """
-        starts = self._starts
-        before = np.where(possible, self.weight, -np.inf)
+    def _mix(self, density: Array) -> Array:
+        """Compute the log density of each mixture (F,), and update the weights."""
         weight = self.weight + density
-        self.weight = np.maximum(weight - np.maximum.reduceat(weight, starts)[self._of], ONLINE.min_weight)
-        known = np.logaddexp.reduceat(before, starts)
-        mixed = np.logaddexp.reduceat(before + density, starts) - np.where(np.isfinite(known), known, 0.0)
-        usable = np.isfinite(known) & np.isfinite(mixed)
-        return np.where(usable, mixed, density[0])
+        mixed = np.logaddexp.reduceat(weight, self._starts) - np.logaddexp.reduceat(self.weight, self._starts)
+        best = np.maximum.reduceat(weight, self._starts)
+        self.weight = np.maximum(weight - best[self._of], ONLINE.min_weight)
+        return mixed
 
     def refine(self, bins: Bins, fresh: Mapping[str, Sequence[Term]]) -> CompetingModels:
         """Return a copy with finer grids of continuous nonlinear parameters around the best variants.
@@ -414,26 +448,47 @@ class CompetingModels:
         return tuple(dict.fromkeys([*kept, best, *near, *thin_variants(fresh)]))
 
 
-def _compute_residuals(
-    theta: Array, slope: Array, own_slope: Array, y_slope: Array, error: Array, remaining: Array
+def _predict(
+    theta: Array, phi: Array, slope: Array, own: Array, y: Array, own_slope: Array, y_slope: Array
 ) -> tuple[Array, Array]:
-    """Compute the residuals of V models as torques: divided by their derivatives by the torque.
+    """Compute the errors of the torque that V models predict.
 
     Args:
         theta: parameters (V, P + K).
-        slope: derivative of the columns of the running model by the torque (..., P).
-        own_slope: derivative of the columns of the effects (..., V, K).
-        y_slope: derivative of y (..., V).
-        error: residual of y on the running model (..., V).
-        remaining: residual of the columns of the effects on the running model (..., V, K).
+        phi: columns of the running model (..., P).
+        slope: their derivatives by the torque.
+        own: columns of the effects (..., V, K).
+        y: left-hand sides (..., V).
+        own_slope: derivatives of `own` by the torque.
+        y_slope: derivatives of y by the torque.
 
     Returns:
-        Residuals, and derivatives by the torque (..., V).
+        Errors, and derivatives of the equations by the torque (..., V).
     """
-    base, delta = theta[:, : slope.shape[-1]], theta[:, slope.shape[-1] :]
+    base, delta = theta[:, : phi.shape[-1]], theta[:, phi.shape[-1] :]
+    left = y - phi @ base.T - np.einsum("...vk,vk->...v", own, delta)
     after = y_slope - slope @ base.T - np.einsum("...vk,vk->...v", own_slope, delta)
-    residual = error - np.einsum("...vk,vk->...v", remaining, delta)
-    return np.asarray(residual / np.maximum(after, LEAST_SLOPE)), after
+    return np.asarray(left / np.maximum(after, LEAST_SLOPE)), after
+
+
+def _fit_running(base: ModelRows) -> tuple[ModelRows, Array, Array]:
+    """Fit the running model; return its linearised rows, the root of P, and the errors (R,).
+
+    The fit starts without columns that depend on the torque, which they would explain by itself.
+    """
+    rows, left, slope, y_slope = base.phi[:, 0], base.y[:, 0], base.slope[:, 0], base.y_slope[:, 0]
+    of_torque = slope.any(axis=0)
+    theta, error = np.zeros(len(of_torque)), np.zeros(len(left))
+    for k in range(ONLINE.n_tangents if of_torque.any() else 1):
+        phi, y = linearise(rows, left, slope, theta, error) if k else (rows * ~of_torque, left)
+        # J = sum phi phi' + 1 / P(0), of columns scaled to length one
+        squares = np.einsum("rp,rp->p", phi, phi)
+        scale = np.sqrt(squares + 1.0 / PRIOR)
+        information = (phi / scale).T @ (phi / scale) + np.diag(_prior_information(squares) / scale**2)
+        root = np.linalg.inv(np.linalg.cholesky(information)).T / scale[:, None]  # P = S S'
+        theta = root @ root.T @ (phi.T @ y)
+        error = (left - rows @ theta) / np.maximum(y_slope - slope @ theta, LEAST_SLOPE)
+    return base._replace(phi=phi[:, None], y=y[:, None]), root, error
 
 
 def _prior_information(squares: Array) -> Array:

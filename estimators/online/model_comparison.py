@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -133,9 +133,9 @@ class ModelComparison:
         return Bins.of(bins, self._plant.period, self._plant.joints, self._scale)
 
     def rows(self, bins: Sequence[Bin]) -> tuple[Array, Array]:
-        """Return rows of the running model over R bins: phi (R, P) and y (R,)."""
-        rows = self.bins(bins).rows(self.terms)
-        return rows.phi[:, 0], rows.y[:, 0]
+        """Return rows of the running model, which has been fitted, over R bins: phi (R, P) and y (R,)."""
+        assert self._models is not None
+        return self._models.running_rows(self.bins(bins))
 
     @property
     def effect_evidence(self) -> float:
@@ -206,4 +206,4 @@ class ModelComparison:
             fewest = min((len(term.columns) for term in possible), default=0)
             variants = [term for term in possible if len(term.columns) == fewest]  # a batch has as many in all of it
             follows = {s.name: known[s.follows] for s in effect.nonlinear_parameters if s.follows in known}
-            yield id, [type(term)(**term.nonlinear_values | follows) if follows else term for term in variants]
+            yield id, list(dict.fromkeys(replace(term, **follows) for term in variants) if follows else variants)

@@ -58,6 +58,41 @@ def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():
     assert densities[1] == pytest.approx(expected, rel=1e-6)
 
 
+def bins_of_gear(first: int, last: int, output: float, share: float) -> Bins:
+    """Bins of a gear with friction 0.2 of the torque and a share of the weight; the motor mostly drives."""
+    rng = np.random.default_rng(6)
+    time = 0.01 * np.arange(last)[:, None] + 0.001 * np.arange(13)
+    position, velocity = -np.cos(2 * time) + 0.3 * np.sin(5 * time), 2 * np.sin(2 * time) + 1.5 * np.cos(5 * time)
+    way, weight = np.sign(velocity), 2.0 * np.sin(position)
+    left = weight * share + 0.4 * velocity + (0.5 + output * np.abs(weight)) * way
+    load = left / (1.0 - 0.2 * way * np.sign(left)) + 0.1 * rng.normal(size=(last, 1))  # tau = left + 0.2 |tau| way
+    kept = ~np.any(np.diff(way, axis=1), axis=1)
+    kept[:first] = False
+    series, y = np.array([time, position, velocity, load])[:, kept], load[kept, 2:-1].mean(axis=1)
+    return Bins(series, y, 1e-3, np.full(len(y), ""), np.zeros((len(y), 0)), np.ones(len(y)))
+
+
+@pytest.mark.parametrize("output", [0.0, 0.1])
+def test_friction_that_grows_with_the_torque_is_unbiased_by_noise_of_the_torque_and_within_its_bounds(output):
+    terms, gear = BASE[1:], effect("load_dependent_friction")(weight=2.0)
+    models = CompetingModels(terms, bins_of_gear(0, 300, output, 1.0), [[gear]])
+    models.take(bins_of_gear(300, 3000, output, 1.0))
+    gravity, viscous, coulomb, mu, of_output = models.theta_of()[1]
+    assert of_output >= 0.0
+    np.testing.assert_allclose([gravity, viscous, coulomb, mu], [2.0, 0.4, 0.5, 0.2], rtol=0.05)
+    assert of_output == pytest.approx(output, abs=0.02)
+    added = CompetingModels((*terms, gear), bins_of_gear(0, 3000, output, 1.0))  # once it is in the running model
+    np.testing.assert_allclose(added.of_y[0, :4], [2.0, 0.4, 0.5, 0.2], rtol=0.05)
+
+
+def test_torque_is_not_explained_by_itself():
+    """Where the motor drives all motion, friction that grows with the torque only scales the other parameters."""
+    terms, gear = BASE[1:], effect("load_dependent_friction")(weight=2.0)
+    models = CompetingModels(terms, bins_of_gear(0, 300, 0.0, 0.0), [[gear]])
+    densities, _ = models.take(bins_of_gear(300, 600, 0.0, 0.0))
+    assert abs(np.diff(densities.sum(axis=0))) < 3.0  # [nat]
+
+
 def test_a_law_that_passes_next_to_nothing_of_the_torque_gains_nothing_by_that():
     """At a constant speed and torque, far beyond its limit, a saturation leaves next to no error of what it passes."""
     rng, parts = np.random.default_rng(4), []

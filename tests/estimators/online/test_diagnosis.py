@@ -81,6 +81,18 @@ def test_effects_that_no_motion_tells_apart_are_one_group_and_say_the_same():
     assert abs(one.theta["torque_offset"]) == pytest.approx(0.2, rel=0.05)
 
 
+def test_friction_of_a_gear_that_grows_with_the_load_is_named_with_its_size():
+    """Its coefficient at the output is zero, a bound, and while the motor drives, the other scales all parameters."""
+    plant = Plant(effects={"load_dependent_friction": {"load_mu": 0.08}})
+    experiment = Experiment(rate=RATE, seconds=12.0, counts=COUNTS, torque_noise=0.05, seed=4)
+    one = diagnoser()
+    last = run(one, cases.recorded(plant, experiment)[0], last=12.0)
+    assert last.kind == "missing" and last.group == ("load_dependent_friction",)
+    theta = last.ranking[0].theta
+    assert theta["load_dependent_friction"] == pytest.approx(0.08, rel=0.05)
+    assert theta["gravity"] == pytest.approx(plant.gravity, rel=0.01)
+
+
 def test_where_nothing_is_hidden_nothing_is_missing():
     assert run(diagnoser(), recorded("")).kind == "nothing"
 
