@@ -478,7 +478,7 @@ def _fit_running(base: ModelRows) -> tuple[ModelRows, Array, Array]:
     """
     rows, left, slope, y_slope = base.phi[:, 0], base.y[:, 0], base.slope[:, 0], base.y_slope[:, 0]
     of_torque = slope.any(axis=0)
-    theta, error = np.zeros(len(of_torque)), np.zeros(len(left))
+    theta, error = np.zeros(rows.shape[1]), np.zeros(len(left))
     for k in range(ONLINE.n_tangents if of_torque.any() else 1):
         phi, y = linearise(rows, left, slope, theta, error) if k else (rows * ~of_torque, left)
         # J = sum phi phi' + 1 / P(0), of columns scaled to length one
