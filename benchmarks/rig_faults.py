@@ -103,10 +103,10 @@ def false_stops(samples: int, seed: int = 0) -> tuple[int, int]:
 def sound(position: list[float], command: list[float], rate: float, noise: float) -> bool:
     """Whether the watch lets a run pass."""
     watch = PlausibilityCheck(Plant(), STEP, noise)
-    watch.measured(0.0, position[0])
+    watch.check_measurement(0.0, position[0])
     for k, torque in enumerate(command):
-        watch.commanded(torque)
-        if watch.measured((k + 1) / rate, position[k + 1]):
+        watch.add_command(torque)
+        if watch.check_measurement((k + 1) / rate, position[k + 1]):
             return False
     return True
 

@@ -220,7 +220,7 @@ def simulate(
     positions = np.round(positions / count) * count
     torques = torques + np.asarray(noise)[:n] * rng.normal(size=torques.shape)
     name = " ".join(own.name for own in hidden) or f"null {seed}"
-    recording = ArmRecording.of(name, SEVEN[:n], time, positions, torques)
+    recording = ArmRecording.from_arrays(name, SEVEN[:n], time, positions, torques)
     return replace(recording, temperature=25.0 + warmer) if thermometers else recording
 
 

@@ -227,7 +227,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     recordings = select_recordings(recordings, body=model.body, log_format=model.log_format)
     recordings = convert_to_model_unit(model, recordings).recordings
     if recordings[0].units.slides:
-        model = model.per(JointUnits(model.torque_unit, slides=True))
+        model = model.convert_units(JointUnits(model.torque_unit, slides=True))
     select_visible_effects({term.id: type(term) for term in model.terms if term.needs}, recordings)
     joints = model.terms if isinstance(model.body, Body) else ()
     alone = [] if joints else [_prepare_data(recording, model, horizon) for recording in recordings]

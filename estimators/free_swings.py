@@ -158,7 +158,7 @@ def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Reco
     }
     original = {term.id: term for term in terms if term.id in ("inertia", name)}
     restored = tuple(original.get(term.id, term) for term in model.terms)
-    return replace(model, terms=restored, estimates=estimates).correlated(names, covariance)
+    return replace(model, terms=restored, estimates=estimates).with_covariance(names, covariance)
 
 
 def remove_unit_inertia(model: Model) -> Model:

@@ -69,23 +69,23 @@ class Multisine:
     @classmethod
     def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
         """Ten harmonics of 0.1 Hz up to 4 Hz, with random phases."""
-        return cls.band(rng, amplitude, 0.1, np.arange(2, 41), 10)
+        return cls.draw_band(rng, amplitude, 0.1, np.arange(2, 41), 10)
 
     @classmethod
-    def band(cls, rng: np.random.Generator, amplitude: float, base: float, harmonics: Index, count: int) -> Self:
+    def draw_band(cls, rng: np.random.Generator, amplitude: float, base: float, harmonics: Index, count: int) -> Self:
         """Some of the harmonics of a base frequency [Hz], with random phases."""
         chosen = np.sort(rng.choice(harmonics, count, replace=False))
         return cls(amplitude, base, tuple(chosen.tolist()), tuple(rng.uniform(0, 2 * np.pi, count).tolist()))
 
     def signal(self, time: ArrayLike) -> Array:
         """Torque [N m]."""
-        return self.amplitude / self._peak() * self._sum(2 * np.pi * self.base * np.asarray(time, dtype=float))
+        return self.amplitude / self._compute_peak() * self._sum(2 * np.pi * self.base * np.asarray(time, dtype=float))
 
     def _sum(self, angle: Array) -> Array:
         angles = np.multiply.outer(angle, np.array(self.harmonics)) + np.array(self.phases)
         return np.asarray(np.sin(angles).sum(axis=-1))
 
-    def _peak(self) -> float:
+    def _compute_peak(self) -> float:
         # Between the points of a grid of M, a trigonometric polynomial of degree n exceeds its largest value there by
         # no more than 1 / cos(pi n / M) (Ehlich and Zeller, Mathematische Zeitschrift 86, 1964).
         degree = max(self.harmonics)
@@ -130,7 +130,7 @@ class Levels:
         return np.asarray(np.array(self.levels)[np.searchsorted(self.edges, t, side="right")])
 
     @classmethod
-    def binary(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
+    def draw_binary(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
         """Pseudo-random signs: full power at every frequency below their clock of about 0.2 s."""
         clock = float(rng.uniform(0.12, 0.25))  # [s]
         count = int(seconds / clock) + 1
@@ -138,7 +138,7 @@ class Levels:
         return cls(amplitude, tuple((clock * np.arange(1, count + 1)).tolist()), tuple(levels.tolist()))
 
     @classmethod
-    def steps(
+    def draw_steps(
         cls, rng: np.random.Generator, seconds: float, amplitude: float, shortest: float = 0.2, longest: float = 1.2
     ) -> Self:
         """Random levels held for random times [s]: the arm settles, starts from rest and overshoots."""
@@ -161,8 +161,8 @@ EXCITATIONS: dict[str, Kind] = {
     "paper": Kind(6.0, TwoTone.draw),
     "multisine": Kind(5.0, Multisine.draw),
     "chirp": Kind(4.5, Chirp.draw),
-    "prbs": Kind(3.5, Levels.binary),
-    "steps": Kind(5.0, Levels.steps),
+    "prbs": Kind(3.5, Levels.draw_binary),
+    "steps": Kind(5.0, Levels.draw_steps),
 }
 
 
@@ -200,13 +200,13 @@ def draw_family(rng: np.random.Generator, seconds: float, amplitude: float) -> l
     signals: list[Excitation] = []
     for bound in (amplitude / 3, amplitude / 2, amplitude / 1.5, amplitude):
         signals += [
-            Multisine.band(rng, bound, slow, np.arange(1, 9), 4),
+            Multisine.draw_band(rng, bound, slow, np.arange(1, 9), 4),
             Multisine.draw(rng, seconds, bound),
-            Multisine.band(rng, bound, fast, np.arange(4, 21), 6),
+            Multisine.draw_band(rng, bound, fast, np.arange(4, 21), 6),
             Chirp.draw(rng, seconds, bound),
             TwoTone.draw(rng, seconds, bound),
-            Levels.steps(rng, seconds, bound),
-            Levels.steps(rng, seconds, bound, 1.5, 3.0),
+            Levels.draw_steps(rng, seconds, bound),
+            Levels.draw_steps(rng, seconds, bound, 1.5, 3.0),
         ]
     return signals
 

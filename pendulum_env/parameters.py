@@ -41,11 +41,11 @@ class PlantParameters:
         self.model, self._rate, self._batch = model, rate, batch
         self._linear = [column.name for column in model.columns]
         self._nonlinear = {
-            term.full(parameter.name): (term.id, parameter) for term in model.terms for parameter in term.free
+            term.get_full_name(parameter.name): (term.id, parameter) for term in model.terms for parameter in term.free
         }
         self._start: dict[str, Array] = {name: np.full(batch, own.value) for name, own in model.estimates.items()}
         self.now = dict(self._start)
-        self._usual = self._events = self._planned(schedule or {})
+        self._usual = self._events = self._plan_changes(schedule or {})
 
     def reset(self, theta: Values | Sequence[float] | Array | None = None, schedule: Schedule | None = None) -> None:
         """Begin an episode.
@@ -61,7 +61,7 @@ class PlantParameters:
         try:
             if theta is not None:
                 self.change(theta)
-            events = self._usual if schedule is None else self._planned(schedule)
+            events = self._usual if schedule is None else self._plan_changes(schedule)
         except Exception:
             self.now = before
             raise
@@ -77,7 +77,7 @@ class PlantParameters:
         Raises:
             UserError: if a parameter is unknown or impossible.
         """
-        self._apply(self._checked(values), which)
+        self._apply(self._check_values(values), which)
 
     def follow_schedule(self, steps: Any) -> bool:
         """Change what is due after so many steps, () or (B,); returns whether anything changed."""
@@ -108,7 +108,7 @@ class PlantParameters:
         if self._batch:
             return self.model
         changed = {name: float(value) for name, value in self.now.items() if value != self.model.estimates[name].value}
-        return self.model.at(changed) if changed else self.model
+        return self.model.with_values(changed) if changed else self.model
 
     @property
     def info(self) -> dict[str, Any]:
@@ -122,7 +122,7 @@ class PlantParameters:
         for name, value in values.items():
             self.now[name] = value if which is None else np.where(which, value, self.now[name])
 
-    def _planned(self, schedule: Schedule) -> dict[int, dict[str, Array]]:
+    def _plan_changes(self, schedule: Schedule) -> dict[int, dict[str, Array]]:
         """Changes by the step after which they are due."""
         planned: dict[int, dict[str, Array]] = {}
         try:
@@ -133,12 +133,12 @@ class PlantParameters:
             if not 0 < time < np.inf:
                 raise UserError(f"a parameter cannot change at {time:g} s after the reset: give a time above zero")
             step = max(1, int(np.ceil(time * self._rate - 1e-6)))
-            planned[step] = planned.get(step, {}) | self._checked(values)
+            planned[step] = planned.get(step, {}) | self._check_values(values)
         return planned
 
-    def _checked(self, given: Values | Sequence[float] | Array) -> dict[str, Array]:
+    def _check_values(self, given: Values | Sequence[float] | Array) -> dict[str, Array]:
         """Arrays () or (B,) of parameters that the plant has and could have."""
-        values = dict(given) if isinstance(given, Mapping) else self._named(given)
+        values = dict(given) if isinstance(given, Mapping) else self._name_values(given)
         values = {name: value for name, value in values.items() if not name.startswith("_")}  # masks of an info
         checked = {}
         for name, value in values.items():
@@ -160,7 +160,7 @@ class PlantParameters:
         self._check_nonlinear(checked)
         return checked
 
-    def _named(self, theta: Any) -> dict[str, Any]:
+    def _name_values(self, theta: Any) -> dict[str, Any]:
         theta, wanted = np.asarray(theta, dtype=float), (len(self._linear), *self._batch)
         if theta.shape != wanted:
             raise UserError(f"theta has shape {theta.shape}, it needs {wanted}: {', '.join(self._linear)}")

@@ -104,7 +104,7 @@ def arm_model(_: Path) -> bytes:
         *arm_base(body()),
         *(kind() for kind in (place_effect(Cogging, "elbow"), place_effect(Stribeck, "shoulder"))),
     ]
-    terms.append(place_effect(TABLES["torque_by_angle"], "elbow").over(Extent(-1.0, 2.0, 4))())
+    terms.append(place_effect(TABLES["torque_by_angle"], "elbow").with_extent(Extent(-1.0, 2.0, 4))())
     model = ArmModel.build(terms, 0.5, 0.01)
     limits = {"viscous@elbow": [0.1, 0.6], "coulomb@elbow": [None, 2.0]}
     return json.dumps(model.json() | {"limits": limits, "log_format": LOG_FORMAT}).encode()

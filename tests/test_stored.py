@@ -35,7 +35,7 @@ def test_a_model_of_an_arm():
     pytest.importorskip("pinocchio")
     model = ArmModel.load(STORED / "arm-model.json", body())
     assert model.json() == stored_json("arm-model.json")
-    assert ModelOptions.of_model(STORED / "arm-model.json").log_format == model.log_format != {}
+    assert ModelOptions.read_from_model(STORED / "arm-model.json").log_format == model.log_format != {}
 
 
 def test_a_diagnosis():
@@ -48,10 +48,10 @@ def test_a_diagnosis():
 def test_a_study(tmp_path):
     first, second = read_sources(STORED / "study.toml")
     columns = {"position": "-motor_angle:deg/6", "torque": "current:A*0.091"}
-    drive = Drive.of({"preset": "xl330", "kp": 400})
+    drive = Drive.from_settings({"preset": "xl330", "kp": 400})
     loaded = {"load": Load(0.5 * 0.2**2, 0.5 * 9.81 * 0.2), "unwrap": True, "range": (2.0, 30.5)}
     assert first == Source(STORED / "monday.csv", columns=columns, drive=drive, joints=("shoulder",), **loaded)
-    assert second.role == "holdout" and second.drive == Drive.of({"preset": "xl330", "kp": 200})
+    assert second.role == "holdout" and second.drive == Drive.from_settings({"preset": "xl330", "kp": 200})
     assert second.load == Load(0.02, 0.98) and second.columns == {**columns, "torque": "i_q:A*0.091"}
     write_study([first, second], tmp_path / "study.toml")
     assert read_sources(tmp_path / "study.toml") == (first, second)

@@ -44,4 +44,4 @@ def recorded(
         step = 2 * np.pi / counts
         position = np.round(position / step) * step
     torque = signal.held(time, 1 / rate) + noise * np.random.default_rng(seed).normal(size=position.shape)
-    return ArmRecording.of(f"run {seed}", JOINTS, time, position, torque + np.array(offset))
+    return ArmRecording.from_arrays(f"run {seed}", JOINTS, time, position, torque + np.array(offset))

@@ -206,7 +206,7 @@ def tell_preprocessed(given: FitData, align: bool | None, terminal: Terminal) ->
 
 def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Opened:
     """Read the input of a command on an arm."""
-    made = ModelOptions.of_model(path) if path else ModelOptions()
+    made = ModelOptions.read_from_model(path) if path else ModelOptions()
     sources = [apply_log_format(source, made.log_format, path) for source in sources]
     asked = robot_of(arguments, sources, made)
     robot = asked.with_logged_joints(sources)
@@ -230,7 +230,7 @@ def body_of_arguments(arguments: argparse.Namespace) -> Mechanism:
     """
     if arguments.robot is None:
         return PENDULUM
-    made = ModelOptions.of_model(arguments.model) if arguments.model else ModelOptions()
+    made = ModelOptions.read_from_model(arguments.model) if arguments.model else ModelOptions()
     return robot_of(arguments, made=made).body(made.held)
 
 

@@ -174,7 +174,7 @@ def _drive(text: str) -> Drive:
     """A drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
     pairs = _pairs(text, "KEY=VALUE, such as kp=200")
     words = ("preset", *WORDS)
-    return Drive.of({name: value if name in words else _bound(value) for name, value in pairs})
+    return Drive.from_settings({name: value if name in words else _bound(value) for name, value in pairs})
 
 
 def _columns(text: str) -> dict[str, str]:

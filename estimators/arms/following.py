@@ -84,4 +84,4 @@ def follow(
     start = {"position": position, "velocity": velocity}
     run = islice(iterate_steps(arm, Follow(motion, limits), int(rng.integers(2**31)), start), samples)
     measured = measure(run, lambda info: progress(f"{info['time']:.0f} s", info["time"] / seconds))
-    return ArmRecording.of(name, arm.joints, *measured)
+    return ArmRecording.from_arrays(name, arm.joints, *measured)

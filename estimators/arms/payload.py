@@ -259,7 +259,7 @@ class PayloadRows(NamedTuple):
     def _payload(
         self, values: Array, free: Array, covariance: Array, left: Mapping[str, tuple[float, float]]
     ) -> Payload:
-        std, units = np.sqrt(np.diag(covariance)), (self.body.unit_of(f"{name}@{self.joint}") for name in STANDARD)
+        std, units = np.sqrt(np.diag(covariance)), (self.body.get_unit(f"{name}@{self.joint}") for name in STANDARD)
         each = zip(STANDARD, map(Estimate, values.tolist(), std.tolist(), units), strict=True)
         estimates = {name: estimate for name, estimate in each if name in self.shown}
         center = _center(values, covariance)

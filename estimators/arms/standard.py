@@ -82,7 +82,7 @@ def nearest_body(model: Model) -> Nearest:
     found = scipy.optimize.least_squares(misfit, np.zeros(len(first)), slope, x_scale="jac", max_nfev=NEAREST.turns)
     values = _standard(first + scale * found.x, links)
     parameters = {
-        name: Estimate(own, 0.0, body.unit_of(name)) for name, own in zip(body.standard, values.tolist(), strict=True)
+        name: Estimate(own, 0.0, body.get_unit(name)) for name, own in zip(body.standard, values.tolist(), strict=True)
     }
     off = np.abs(body.combine @ values - theta) / std
     return Nearest(parameters, float(off.max()), body.names[int(off.argmax())])

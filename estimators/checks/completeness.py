@@ -103,7 +103,8 @@ def _check_completeness(
     if not numbers:
         return [], results
     marked = {
-        id: replace(own, model=own.model.biased(disputed if len(results) > 1 else None)) for id, own in results.items()
+        id: replace(own, model=own.model.mark_biased(disputed if len(results) > 1 else None))
+        for id, own in results.items()
     }
     return [Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], marked
 

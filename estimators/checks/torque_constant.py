@@ -61,7 +61,7 @@ def add_torque_constant(
     recording = data.windows[0].recording
     constant = recording.torque_constant
     if constant is None:
-        return remove_unit_inertia(model.per(recording.units))
+        return remove_unit_inertia(model.convert_units(recording.units))
     fit = fit or (lambda own: fit_terms(RegressionData(own, ()), model.terms)[0])
     return widen_by_constant(model, constant, fit(data), fit(data.with_torque(1 + constant.std / constant.value)))
 

@@ -190,7 +190,7 @@ class RegressionData:
         found = make_grid(effect, *self._unexplained_torque(terms, effect))
         if not self.layout.has_fast_fits and any(not own.integer for own in effect.nonlinear_parameters):
             found = found[:: max(1, -(-len(found) // COARSE_GRID))]
-        return [variant.beside(terms) if isinstance(variant, Table) else variant for variant in found]
+        return [variant.without_known_functions(terms) if isinstance(variant, Table) else variant for variant in found]
 
     @memoized
     def n_tried(self, terms: Terms, effect: type[Term]) -> int:
@@ -324,7 +324,7 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     balance = _open_to_noise(data, terms, theta)
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
     edges = {term: find_edges(term, data.data.part(term.at).samples) for term in terms}
-    scanned = {term.full(parameter.name) for term in terms for parameter in edges[term]}
+    scanned = {term.get_full_name(parameter.name) for term in terms for parameter in edges[term]}
     is_smooth = np.array([name not in scanned for name in names], dtype=bool)
     fit = balance.fit(data.layout.clusters, _with_payload(data, jacobian[:, is_smooth]), theta)
     count = len(theta)
@@ -338,10 +338,10 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
         own = slice(first_column, first_column := first_column + len(term.columns))
         for parameter in edges[term]:
             std = _std_of_edge(data, balance, fit, term, parameter, own)
-            nonlinear_std[term.full(parameter.name)] = std
+            nonlinear_std[term.get_full_name(parameter.name)] = std
     columns = [column.name for term in terms for column in term.columns]
     model = Model.build(terms, theta, fit.std[:count], **nonlinear_std)
-    return mark_bounds(model).correlated([*columns, *names], fit.covariance), fit
+    return mark_bounds(model).with_covariance([*columns, *names], fit.covariance), fit
 
 
 def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:

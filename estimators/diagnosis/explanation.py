@@ -47,4 +47,4 @@ def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
 def _present(trial: Trial, step: Step, is_final: bool) -> Step:
     """Return a step in the units of the user; the final model is biased by what it leaves unexplained."""
     step = trial.case.present(trial, step)
-    return replace(step, model=step.model.biased()) if is_final and trial.unexplained else step
+    return replace(step, model=step.model.mark_biased()) if is_final and trial.unexplained else step

@@ -58,10 +58,10 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
         is_interrupted = True
     errors_of, clusters = _rows(data[0], seconds, last.model, point)
     error, slopes = output_error.slopes_of(errors_of, point)
-    model = output_error.make_model_with_covariance(point, compute_robust_covariance(slopes, error, clusters)).per(
-        data[0].recordings[0].units
-    )
-    model = model.withholding({name for name, own in last.model.estimates.items() if own.is_unknown})
+    model = output_error.make_model_with_covariance(
+        point, compute_robust_covariance(slopes, error, clusters)
+    ).convert_units(data[0].recordings[0].units)
+    model = model.withhold({name for name, own in last.model.estimates.items() if own.is_unknown})
     after = _step(last, model, data)
     old, new = (step.errors["holdout"].position_rms for step in (before, after))
     is_kept = new < old and not find_violations(model, trial.evaluator.train.motions)

@@ -78,7 +78,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
     doubts = find_undetermined(measured, last.model.terms, last.model.units())
     unknown = find_unidentifiable(last.model, measured, doubts)
-    model = last.model.withholding({name for doubt in unknown for name in doubt.withheld})
+    model = last.model.withhold({name for doubt in unknown for name in doubt.withheld})
     return replace(found, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
 
 

@@ -131,7 +131,7 @@ def present(trial: Trial, step: Step) -> Step:
     theta = {column.name: value for column, value in zip(step.model.columns, step.model.theta, strict=True)}
     viscous = next((column for column in step.model.columns if column.name == "viscous"), None)
     both = theta.get("viscous", 0.0) + theta.pop(BackEmf.id)
-    if viscous is None or viscous.is_known or not viscous.allows(both):
+    if viscous is None or viscous.is_known or not viscous.is_allowed(both):
         return step
     rest = tuple(term for term in step.model.terms if term.id != BackEmf.id)
     start = Point.within(rest, np.array(list((theta | {"viscous": both}).values())))

@@ -44,7 +44,7 @@ def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
     """Return a model in the unit of the torque, with its constant, whose error scales all parameters."""
     constant = recording.torque_constant
     if constant is None:
-        return model.per(recording.units)
+        return model.convert_units(recording.units)
     larger = 1.0 + constant.std / constant.value
     there = {
         name: replace(own, value=larger * own.value) if is_of_torque(own.unit) else own
@@ -69,4 +69,4 @@ def widen_by_clock(model: Model, rows: RolloutRows) -> Model:
         name: replace(model.estimates[name], std=float(std))
         for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True)
     }
-    return replace(model, estimates={**model.estimates, **wider}).correlated(names, covariance)
+    return replace(model, estimates={**model.estimates, **wider}).with_covariance(names, covariance)

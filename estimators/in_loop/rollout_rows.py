@@ -241,7 +241,7 @@ class RolloutRows:
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
         """Return derivatives (R, S) of the positions by continuous nonlinear parameters, and the names of these."""
         point = self.near(terms).point
-        names = [term.full(parameter.name) for term in terms for parameter in list_continuous_parameters(term)]
+        names = [term.get_full_name(parameter.name) for term in terms for parameter in list_continuous_parameters(term)]
         slopes = (
             linearise_errors(self.rollouts, point, self.typical(terms), True).slopes
             if names

@@ -100,7 +100,7 @@ class ArmStream:
     def _equations(self) -> Iterator[StreamEquations]:
         """Yield the new equations, sample by sample and joint by joint."""
         times, positions, torques = (np.array(values) for values in zip(*self._samples, strict=True))
-        recording = ArmRecording.of("online", self.joints, times, positions, torques)
+        recording = ArmRecording.from_arrays("online", self.joints, times, positions, torques)
         m = tuple(measure(joint, self._smoothing) for joint in recording.joints)
         reach = self._smoothing.reach
         # the last `after - reach` measurements wait until it is known whether they are clear of stick

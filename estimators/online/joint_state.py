@@ -239,7 +239,7 @@ class _Filter:
         self._program = self._program or prepare_step(self._terms)
         mean, after = ukf.x, list[Samples]()
         ukf.predict(time=time)
-        if any(term.remembers for term in self._terms):
+        if any(term.has_memory for term in self._terms):
             self._forward(mean, self._period, time, after.append)
             self._memory = after[-1].memory
 

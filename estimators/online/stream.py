@@ -103,7 +103,7 @@ class Stream:
         self._terms, self._period = tuple(terms), period
         self._balance = Balance(terms, np.ones(sum(len(term.columns) for term in terms)))
         length, late = 2 * smoothing.reach + 1, sum(term.delay for term in terms) / period
-        lead_in = round(LEAD_IN / period) if self._balance.remembers else 0
+        lead_in = round(LEAD_IN / period) if self._balance.has_states else 0
         self._late = (int(late), late % 1.0) if late else None  # in samples
         if self._late is not None:  # commands before the start are unknown
             lead_in = max(lead_in, int(late) + 2)
@@ -201,7 +201,7 @@ class Stream:
             given["halts"][k] = self._halts[(count - past) % len(self._halts)]
         for k, sums in self._sums:
             given["oldest"][k] = sums[count % len(sums)]
-        if self._own or self._balance.remembers:
+        if self._own or self._balance.has_states:
             self._evaluate(index + 1, following.copy())
         self._machine.step()
         if self._looked:
@@ -230,7 +230,7 @@ class Stream:
         """Evaluate states of terms, and laws that are no formulas, at the following instant."""
         given, balance = self._machine.given, self._balance
         x = Samples(values[TIME], values[POSITION], values[VELOCITY], values[TORQUE])
-        if balance.remembers:
+        if balance.has_states:
             memory = balance.start(x)
             if self._last is not None:
                 way = replace(self._last, torque=values[HELD])

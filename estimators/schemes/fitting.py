@@ -117,7 +117,7 @@ class Identified:
 
     def per(self, units: JointUnits) -> Identified:
         """Convert the estimates to another joint, or another unit of torque."""
-        model, unit = remove_unit_inertia(self.model.per(units)), units.unit
+        model, unit = remove_unit_inertia(self.model.convert_units(units)), units.unit
         return replace(self, model=model, unit=unit(self.unit), units=tuple(map(unit, self.units)))
 
     def with_known(self, terms: Sequence[Term], recordings: Sequence[Recording]) -> Identified:
@@ -242,17 +242,19 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
         jacobian = data.equations.phi[use][:, list(loans)] if loans else None
         fit = solve(Equations(equations.phi[use], equations.y[use]), data.weights[use], clusters, jacobian)
         values = dict(zip(free, fit.theta.tolist(), strict=True))
-        left = [j for j, value in values.items() if not columns[j].allows(value)]
+        left = [j for j, value in values.items() if not columns[j].is_allowed(value)]
         if not left:
             break
-        known |= {j: Estimate(columns[j].nearest(values[j]), 0.0, columns[j].unit) for j in left}  # stays at its bound
+        known |= {j: Estimate(columns[j].clamp(values[j]), 0.0, columns[j].unit) for j in left}  # stays at its bound
     if scheme.drifts:
         fit = replace(fit, covariance=_compute_random_walk_covariance(equations, data, fit.theta))
 
     theta, std, count = np.empty(len(columns)), np.empty(len(columns)), len(free)
     theta[free], theta[list(given)] = fit.theta, lent
     std[free], std[list(given)] = fit.std[:count], [estimate.std for estimate in given.values()]
-    model = Model.build(terms, theta, std).correlated([columns[j].name for j in free], fit.covariance[:count, :count])
+    model = Model.build(terms, theta, std).with_covariance(
+        [columns[j].name for j in free], fit.covariance[:count, :count]
+    )
     each = int(data.joint.max()) + 1  # equations of an instant, which the recursion takes one after the other
     last = (choose_indices(len(data.time) // each, POINTS) + 1) * each - 1
     return Identified(

@@ -105,7 +105,7 @@ class Identification(Mapping[str, Identified]):
         inertia = model.estimates.get("inertia")
         if inertia is not None and not inertia.is_significant:
             unknown.add("inertia")
-        return model.biased(disputed).withholding(unknown)
+        return model.mark_biased(disputed).withhold(unknown)
 
     def fit_windows(self, fit: Callable[[TorqueWindows], Model]) -> Model:
         """Return the model of the fit over windows, in the unit of the recorded torque, with the torque constant.
@@ -267,7 +267,7 @@ def _identify_arm(
     unknown = {id: frozenset(find_undetermined_links(one.model, *seen)) for id, one in results.items()}
     if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
         doubts.append(Finding(Kind.UNIDENTIFIABLE, parameters=tuple(alone)))
-    results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
+    results = {id: replace(one, model=one.model.withhold(unknown[id] | alike)) for id, one in results.items()}
     found, results = check_arm(results, recordings, terms)
     return Identification(results, (*doubts, *found), tuple(recording.name for recording in recordings))
 
@@ -304,7 +304,7 @@ def _withhold_estimates(
     of_all = set.intersection(*unsaid.values())
     doubts = (*doubts, *(doubt for doubt in next(iter(alone.values())) if of_all.issuperset(doubt.withheld)))
     known = {name for doubt in doubts for name in doubt.withheld}
-    return {id: replace(own, model=own.model.withholding(known | unsaid[id])) for id, own in results.items()}, doubts
+    return {id: replace(own, model=own.model.withhold(known | unsaid[id])) for id, own in results.items()}, doubts
 
 
 def _fit_schemes(

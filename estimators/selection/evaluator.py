@@ -203,7 +203,7 @@ class ModelEvaluator:
 
     def model(self, terms: Terms) -> Model:
         """Fit the terms to the training data, without standard errors, which take time."""
-        return Model.build(*self.train.fit(terms)).withholding(self._unknown)
+        return Model.build(*self.train.fit(terms)).withhold(self._unknown)
 
     def _find_unknown(self) -> frozenset[str]:
         """Name the inertia if it is within 3 standard errors of zero by noise alone: nothing is simulated by it."""
@@ -227,7 +227,7 @@ class ModelEvaluator:
         parts = {"train": self.train, "holdout": self.holdout}
         if self.linked is None and has_link(model.terms):
             parts = {name: part.with_link_states(model) for name, part in parts.items()}
-        model = make_arm_model(model).per(self.train.recordings[0].units).withholding(self._unknown)
+        model = make_arm_model(model).convert_units(self.train.recordings[0].units).withhold(self._unknown)
         return Step(added, model, {name: part.errors(model) for name, part in parts.items()})
 
     def refit_to_motion(self, step: Step) -> Step:

@@ -32,11 +32,13 @@ def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
         model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(list_loads(term.at)))
     )
     found = [
-        Gate(column.name, value, column.nearest(value), False, model.units().unit(column.unit))
+        Gate(column.name, value, column.clamp(value), False, model.units().unit(column.unit))
         for column, value in bound_violations(here.terms, here.theta)
     ]
     found += [
-        Gate(term.full(parameter.name), parameter.high, parameter.high, False, parameter.unit_at(model.units()))
+        Gate(
+            term.get_full_name(parameter.name), parameter.high, parameter.high, False, parameter.get_unit(model.units())
+        )
         for term, parameter in find_parameters_at_limit(here.terms)
     ]
     for at, x in motions.items():
@@ -88,7 +90,9 @@ def _compute_dry_friction_over_turn(parts: Sequence[tuple[Column, float]], x: Sa
 def bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
     """Return the columns whose linear parameter theta (P,) is outside its bounds, with its value."""
     columns = [column for term in terms for column in term.columns]
-    return [(column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.allows(value)]
+    return [
+        (column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.is_allowed(value)
+    ]
 
 
 def find_parameters_at_limit(terms: Sequence[Term]) -> list[tuple[Term, NonlinearParameter]]:

@@ -193,7 +193,7 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
     steps = np.diff(recording.position)
     load = get_known_load(recording)
     if np.ndim(load.torque):
-        load = load._replace(torque=np.convolve(load.along(recording.time), smoothing.of_position(), "valid"))
+        load = load._replace(torque=np.convolve(load.get_torque(recording.time), smoothing.of_position(), "valid"))
     velocity = np.convolve(steps, slope, "valid")
     return Measurements(
         time=recording.time[smoothing.reach : -smoothing.reach],
@@ -245,7 +245,7 @@ def remember(m: Measurements, terms: Sequence[Term]) -> Measurements:
         id: memory
         for term in terms
         if term.has_state() and term.id not in m.memory
-        for id, memory in term.known_by(term.trace(m.samples, command, m.period)).items()
+        for id, memory in term.name_memory(term.trace(m.samples, command, m.period)).items()
     }
     return replace(m, memory={**m.memory, **states}) if states else m
 

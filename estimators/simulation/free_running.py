@@ -46,7 +46,7 @@ class Segments:
     def load(self) -> KnownLoad:
         """Known load of every segment: inertia and gravity (B,), and its torque over each period (N, B)."""
         x, index = self.windows.samples, self.first + np.arange(len(self.torque))[:, None]
-        none, torque = np.zeros(len(self.first)), x.load.along(x.time)
+        none, torque = np.zeros(len(self.first)), x.load.get_torque(x.time)
         return KnownLoad(none + x.load.inertia, none + x.load.gravity, 0.5 * (torque[index] + torque[index + 1]))
 
     def command(self, delay: float) -> Array:

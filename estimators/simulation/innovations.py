@@ -92,7 +92,7 @@ def _linearise_motion(
     time, position, velocity, torque = (
         np.asarray(values)[index] for values in (measured.time, measured.position, measured.velocity, measured.torque)
     )
-    x = Samples(time, position, velocity, torque, memory, measured.load.at(index))
+    x = Samples(time, position, velocity, torque, memory, measured.load.select(index))
     direction = np.sign(velocity)
 
     def full(values: object) -> Array:

@@ -277,7 +277,9 @@ def make_model(segments: Sequence[Segments], point: Point, filters: Filters = ()
 def make_model_with_covariance(point: Point, relative: Array) -> Model:
     """Return the model at a point, given the covariance of its parameters relative to them (P + S, P + S)."""
     std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), OUTPUT_ERROR.smallest)
-    names = [term.full(parameter.name) for term in point.terms for parameter in list_continuous_parameters(term)]
+    names = [
+        term.get_full_name(parameter.name) for term in point.terms for parameter in list_continuous_parameters(term)
+    ]
     count = len(point.theta)
     model = Model.build(point.terms, point.theta, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))
-    return mark_bounds(model).correlated([*(column.name for column in model.columns), *names], relative)
+    return mark_bounds(model).with_covariance([*(column.name for column in model.columns), *names], relative)

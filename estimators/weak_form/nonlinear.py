@@ -88,7 +88,7 @@ def compute_nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Seq
         # symmetric difference over a step that is small against the value and safe against rounding
         step = NONLINEAR.difference * max(abs(value), 1e-6)
         more, less = torques([replace(term, **{parameter.name: value + d}) for d in (step, -step)])
-        slopes[term.full(parameter.name)] = (more - less) / (2 * step)
+        slopes[term.get_full_name(parameter.name)] = (more - less) / (2 * step)
     return slopes
 
 

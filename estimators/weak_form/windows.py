@@ -285,7 +285,7 @@ class Windows:
         """Return the samples at the windows' centres, (R,) each."""
         x, c = self.samples, self.centers
         warm = np.broadcast_to(x.temperature, x.time.shape)[c]
-        return Samples(x.time[c], x.position[c], x.velocity[c], x.torque[c], load=x.load.at(c), temperature=warm)
+        return Samples(x.time[c], x.position[c], x.velocity[c], x.torque[c], load=x.load.select(c), temperature=warm)
 
     def noise(self, inertia: float) -> float:
         """Return the standard deviation of a window's residual due to noise [N m]; known loads add inertia."""
@@ -342,7 +342,7 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
             tuple(np.concatenate(series) for series in zip(*(own[v] for own in segments), strict=True))
             for v in range(len(variants))
         ]
-        traced.append([replace(x, memory=kind.known_by(memory)) for memory in states])
+        traced.append([replace(x, memory=kind.name_memory(memory)) for memory in states])
     return traced
 
 
@@ -368,7 +368,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     m = max(2, round(half_width * recording.rate))
     smoothing = max(2, round(0.75 * m))
     window, load = make_bump(m), get_known_load(recording)
-    noise = math.hypot(estimate_white_noise(recording.torque), estimate_white_noise(load.along(recording.time)))
+    noise = math.hypot(estimate_white_noise(recording.torque), estimate_white_noise(load.get_torque(recording.time)))
     motion = differentiate_position(recording, window, smoothing)
     v = motion.velocity
     moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)

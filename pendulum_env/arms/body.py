@@ -167,7 +167,7 @@ class Body(Mechanism):
         for own, row in zip(self._independent, self.combine, strict=True):
             others = [k for k in np.flatnonzero(np.abs(row) > INDEPENDENT) if k != own]
             parts = [(self.standard[own], 1.0), *((self.standard[k], float(row[k])) for k in others)]
-            found.append(BaseParameter(self.standard[own], self.unit_of(self.standard[own]), tuple(parts)))
+            found.append(BaseParameter(self.standard[own], self.get_unit(self.standard[own]), tuple(parts)))
         return tuple(found)
 
     @property
@@ -189,7 +189,7 @@ class Body(Mechanism):
         first = len(STANDARD) * self.links.index(joint)
         return self.combine[:, first : first + len(STANDARD)]
 
-    def unit_of(self, name: str) -> str:
+    def get_unit(self, name: str) -> str:
         """Unit of a standard parameter."""
         quantity, _, joint = name.partition("@")
         return self.units(joint).unit("kg m^2") if quantity == "rotor" else UNITS.get(quantity, "kg m^2")
@@ -250,7 +250,7 @@ class Body(Mechanism):
                 model, data, q
             )
 
-        links = self._each(energies, *self._all(q, v, v))
+        links = self._apply_to_samples(energies, *self._expand_motion(q, v, v))
         return (np.hstack([links, 0.5 * v**2]) if self.rotors else links)[:, self._independent]
 
     @cached_property
@@ -264,48 +264,51 @@ class Body(Mechanism):
         return model
 
     def _torque(self, q: Array, v: Array, a: Array) -> Array:
-        return self._with_rotors(self._regress(self.model, q, v, a), a)
+        return self._append_rotors(self._regress(self.model, q, v, a), a)
 
     def _momentum(self, q: Array, v: Array) -> Array:
-        return self._with_rotors(self._regress(self._weightless, q, np.zeros_like(v), v), v)
+        return self._append_rotors(self._regress(self._weightless, q, np.zeros_like(v), v), v)
 
     def _regress(self, model: Any, q: Array, v: Array, a: Array) -> Array:
         regressor = partial(import_pinocchio().computeJointTorqueRegressor, model, self._data)
         count = len(self.links)  # of a single one, Pinocchio gives no row but a vector
-        links = self._each(regressor, *self._all(q, v, a)).reshape(len(q), count, 10 * count)
+        links = self._apply_to_samples(regressor, *self._expand_motion(q, v, a)).reshape(len(q), count, 10 * count)
         return links if count == len(self.joints) else np.einsum("kn,Nkp->Nnp", self.ratios, links)
 
-    def _all(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+    def _expand_motion(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Motion of all links' joints, (N, links) each."""
         ratios = self.ratios.T
         return q @ ratios + self.offsets, v @ ratios, a @ ratios
 
-    def _each(self, law: Callable[[Array, Array, Array], Array], q: Array, v: Array, a: Array) -> Array:
+    def _apply_to_samples(self, law: Callable[[Array, Array, Array], Array], q: Array, v: Array, a: Array) -> Array:
         """A law of Pinocchio's, which knows one sample at a time, over N samples."""
         return np.array([law(*sample) for sample in zip(q, v, a, strict=True)])
 
-    def _with_rotors(self, links: Array, motion: Array) -> Array:
+    def _append_rotors(self, links: Array, motion: Array) -> Array:
         """Links' columns (N, n, 10 links) with those of rotors, each on its own joint alone, behind them."""
         return np.concatenate([links, motion[:, :, None] * np.eye(len(self.joints))], axis=2) if self.rotors else links
 
     @property
     def position_limits(self) -> tuple[Array, Array]:
         """Least and largest position of each joint (n,) [rad] or [m], infinite where the file has none."""
-        low, high = self._of_joints(self.model.lowerPositionLimit), self._of_joints(self.model.upperPositionLimit)
+        low, high = (
+            self._select_joints(self.model.lowerPositionLimit),
+            self._select_joints(self.model.upperPositionLimit),
+        )
         endless = low >= high  # MJCF without a range
         return np.where(endless, -np.inf, low), np.where(endless, np.inf, high)
 
     @property
     def torque_limits(self) -> Array:
         """Largest torque of each joint (n,) [N m] or [N], infinite where the file has none."""
-        return _replace_unlimited(np.abs(self._of_joints(self.model.upperEffortLimit)))
+        return _replace_unlimited(np.abs(self._select_joints(self.model.upperEffortLimit)))
 
     @property
     def velocity_limits(self) -> Array:
         """Largest speed of each joint (n,) [rad/s] or [m/s], infinite where the file has none."""
-        return _replace_unlimited(self._of_joints(self.model.upperVelocityLimit))
+        return _replace_unlimited(self._select_joints(self.model.upperVelocityLimit))
 
-    def _of_joints(self, values: Array) -> Array:
+    def _select_joints(self, values: Array) -> Array:
         """Select the independent joints (n,)."""
         return np.array(values, dtype=float)[[self.links.index(joint) for joint in self.joints]]
 

@@ -68,7 +68,7 @@ def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Te
         at=joint,
         slides=slides,
         nonlinear_parameters=tuple(
-            replace(own, unit=own.unit_at(units)) for own in effect.nonlinear_parameters if not own.follows
+            replace(own, unit=own.get_unit(units)) for own in effect.nonlinear_parameters if not own.follows
         ),
         columns=cached_property(lambda term: named(super(made, term).columns)),
         fixed=cached_property(lambda term: named(super(made, term).fixed)),
@@ -298,7 +298,7 @@ class Links(Term):
         """It has none."""
         return {}
 
-    def of_angle(self, at: str) -> tuple[str, ...]:
+    def list_angle_functions(self, at: str) -> tuple[str, ...]:
         """Weight, where it loads a joint alike wherever the others are, as the first one whose axis lies level."""
         joint = self.body.joints.index(at)
         one, other = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, DRAWS, len(self.body.joints)))

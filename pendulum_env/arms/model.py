@@ -66,12 +66,12 @@ class ArmModel(Model):
             ModelError: if the file is missing, is no model of an arm, or is one of another arm.
         """
         try:
-            return cls.of_body(read_json(path, HINT), body)
+            return cls.from_json_of_body(read_json(path, HINT), body)
         except UserError as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
     @classmethod
-    def of_body(cls, content: JSON, body: Body) -> ArmModel:
+    def from_json_of_body(cls, content: JSON, body: Body) -> ArmModel:
         """Model of a body from a dictionary that `json` made; raises a UserError, as `load` does."""
         if not isinstance(content, dict) or content.get("schema") != ARM_SCHEMA:
             raise ModelError(f"is no model of an arm; {HINT}")
@@ -148,7 +148,7 @@ class ModelOptions:
     log_format: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def of_model(cls, path: str | Path) -> ModelOptions:
+    def read_from_model(cls, path: str | Path) -> ModelOptions:
         """Read it from the file of a model; empty if the file is no model."""
         try:
             data = convert(read_json(path, HINT), _ArmFile)

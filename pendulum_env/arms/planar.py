@@ -101,7 +101,7 @@ class JointBalances:
         samples = self._samples(position, velocity, np.zeros(len(self._balances)))
         self._memory = [balance.start(x) for balance, x in zip(self._balances, samples, strict=True)]
 
-    def arriving(self, torque: Array) -> Array:
+    def delay_torque(self, torque: Array) -> Array:
         """Return the torques (n,) that act in the next step after delays of the terms."""
         return np.array([now for line, own in zip(self._lines, torque, strict=True) for now in line.push(own)])
 
@@ -179,14 +179,14 @@ class PlanarBodies:
         """Hold torques (n,) [N m] for one period."""
         h = self.step
         for _ in range(self.substeps):
-            now = self._acting.arriving(torque)
+            now = self._acting.delay_torque(torque)
             # half of a change of torque belongs to the half step before, which is over; stick made up for it
             command = now + 0.5 * (now - self._command) * (np.abs(self._half) > self.at_rest)
             self._command = now
             position = self.position + h * self._half
             expected = 1.5 * self._half - 0.5 * self._before
             self._acting.advance(self.position, self._half, now, self._half)
-            before, last = self._half, self._saved()
+            before, last = self._half, self._save_state()
             dry = self._push(position, expected, command, h)
             after = self._rates()
             turned = (before * after < 0) & (np.abs(before) > self.at_rest)
@@ -211,7 +211,7 @@ class PlanarBodies:
         self._space.step(h)
         return dry
 
-    def _saved(self) -> list[tuple[Any, ...]]:
+    def _save_state(self) -> list[tuple[Any, ...]]:
         return [(body.position, body.angle, body.velocity, body.angular_velocity) for body in self._bodies]
 
     def _rates(self) -> Array:

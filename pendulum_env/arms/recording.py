@@ -51,9 +51,11 @@ class ArmRecording(Recording):
     payload: LinkLoad | None = None
 
     @classmethod
-    def of(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> ArmRecording:
+    def from_arrays(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> ArmRecording:
         """Create a recording of time (N,) [s], positions (N, n) [rad], torques (N, n) [N m]; raises as `Recording`."""
         return cls(time, position, torque, name=name, names=tuple(names))
+
+    of = from_arrays  # its name in earlier releases, kept for one more
 
     def __post_init__(self) -> None:
         if getattr(self, "torque", None) is None:

@@ -111,7 +111,9 @@ def _read_fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, fl
     moves = [
         joint for joint, tie in leads.items() if tie.joint == joint and joint in (movable if joints is None else joints)
     ]
-    still = {joint: tie.at(float(held.get(tie.joint, 0.0))) for joint, tie in leads.items() if tie.joint not in moves}
+    still = {
+        joint: tie.follow(float(held.get(tie.joint, 0.0))) for joint, tie in leads.items() if tie.joint not in moves
+    }
     links = [joint for joint in robot if joint not in still]
     sliding = [joint for joint in robot if _find_joint_kind(model, joint) == SLIDES]
     model = _lock_joints(model, still)
@@ -187,7 +189,7 @@ class _Mimic:
     ratio: float
     offset: float
 
-    def at(self, position: float) -> float:
+    def follow(self, position: float) -> float:
         return self.ratio * position + self.offset
 
 
@@ -199,7 +201,7 @@ def _find_leader(joint: str, ties: Mapping[str, _Mimic], robot: Sequence[str]) -
             raise BodyError(f"joint '{joint}' mimics itself in a loop: let one of the joints mimic none")
         passed.add(tie.joint)
         further = ties[tie.joint]
-        tie = _Mimic(further.joint, tie.ratio * further.ratio, tie.at(further.offset))
+        tie = _Mimic(further.joint, tie.ratio * further.ratio, tie.follow(further.offset))
     if tie.joint not in robot:
         raise BodyError(f"joint '{joint}' mimics '{tie.joint}', which is no joint that moves: mend it, or fix both")
     return tie

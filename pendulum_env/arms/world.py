@@ -124,7 +124,7 @@ class SpatialBodies:
         """Hold torques (n,) [N m], or forces [N], for one period."""
         world, data, mujoco = self._world, self._data, import_mujoco()
         for _ in range(self._steps):
-            position, velocity, now = self.position, self.velocity, self._acting.arriving(torque)
+            position, velocity, now = self.position, self.velocity, self._acting.delay_torque(torque)
             data.qfrc_applied[self._joints], world.dof_frictionloss[self._joints] = self._acting.torques(
                 position, velocity, now
             )

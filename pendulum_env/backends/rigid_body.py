@@ -71,7 +71,7 @@ class RigidBody:
             reached = 0.0 if abs(reached) <= self.at_rest else math.copysign(UNBOUNDED, reached)
             body.angular_velocity = reached
         body.angle = self._position = q + 0.5 * (v * moving + reached * (h if moving == h else h - moving))
-        if self._balance.remembers:
+        if self._balance.has_states:
             mean = 0.5 * (middle_v + reached)
             self._halves.complete(self._time + 0.5 * h, q + 0.5 * h * v, mean, torque, h)
         self._time, self._velocity = self._time + h, reached

@@ -100,7 +100,7 @@ class SymbolicStep:
     before: Mapping[str, Any]
     after: Mapping[str, Any]
 
-    def compiled(self, quickly: bool) -> Recurrence:
+    def compile(self, quickly: bool) -> Recurrence:
         """The program, see `recurrence`."""
         states = {
             label: self.before.get(label, make_symbols(label, *np.shape(box(value))))
@@ -125,7 +125,7 @@ class Machine:
         self._inputs, self.given = _allocate_rows(step.given, lanes)
         self._states, self.now = _allocate_rows(step.after, lanes)
         addresses = self._inputs.ctypes.data, 0, self._states.ctypes.data, 0
-        self._program = step.compiled(quickly=lanes < MANY or len(self._states) > SMALL)  # and with it, LLVM's engine
+        self._program = step.compile(quickly=lanes < MANY or len(self._states) > SMALL)  # and with it, LLVM's engine
         self.step = partial(self._program.program, 1, 2, 1, lanes, *addresses)  # none of the states is kept besides
 
     def reset(self, which: Mask) -> None:
@@ -242,7 +242,7 @@ def _compile_program(
                     name: builder.load(place(own, begin, k, each), typ=DOUBLE) for k, name in enumerate(constants)
                 }
                 values |= {name: builder.load(place(now, begin, k, each), typ=DOUBLE) for k, name in enumerate(states)}
-                for k, result in enumerate(_Instructions(module, builder, values).all(lines, results)):
+                for k, result in enumerate(_Instructions(module, builder, values).emit(lines, results)):
                     builder.store(result, place(now, begin, k, each))
         done = builder.add(step, WHOLE(1))
         with builder.if_then(builder.icmp_signed("==", builder.srem(done, every), WHOLE(0))):
@@ -278,7 +278,7 @@ class _Instructions:
     builder: ir.IRBuilder
     given: Mapping[str, Any]
 
-    def all(self, lines: Sequence[Line], results: Sequence[Place]) -> list[Any]:
+    def emit(self, lines: Sequence[Line], results: Sequence[Place]) -> list[Any]:
         values: list[Any] = []
 
         def of(place: Place) -> Any:

@@ -74,12 +74,12 @@ def check_variants(of: str, variants: Callable[[Samples], Iterable[Term]]) -> No
 def _try_laws(term: Term, x: Samples) -> None:
     """Evaluate every law of a term on some samples, and move its state variables on."""
     name = type(term).__name__
-    if term.remembers:
+    if term.has_memory:
         memory = _call_user_function(f"start of {name}", lambda: term.start(x))
         after = _call_user_function(f"advance of {name}", lambda: term.advance(memory, x, 0.01))
         if len(after) != len(memory):
             raise UserError(f"advance of {name} returns {len(after)} state variables, and start {len(memory)}")
-        x = replace(x, memory=term.known_by(memory))
+        x = replace(x, memory=term.name_memory(memory))
     for field in ("columns", "fixed"):
         columns = _call_user_function(f"{field} of {name}", partial(getattr, term, field))
         _check_all(columns, Column, f"{field} of {name}")
@@ -112,8 +112,8 @@ def _check_torque(term: Term) -> None:
     name, columns = type(term).__name__, (*term.columns, *term.fixed)
     position, velocity, torque, warmth = np.random.default_rng(0).uniform(-20.0, 20.0, (4, 300))
     x = Samples(np.linspace(0.0, 100.0, 300), position, velocity, torque, temperature=ROOM + warmth)
-    if term.remembers:
-        x = replace(x, memory=term.known_by(term.start(x)))
+    if term.has_memory:
+        x = replace(x, memory=term.name_memory(term.start(x)))
     torques = _call_user_function(f"columns of {name}", lambda: [_split_torque(column, x) for column in columns])
     if term.nonlinear_parameters:  # which may switch its torque off, as a stop at infinity
         has_torque = any(law is not zero for own in columns for law in (own.mass, own.force, own.dry))
@@ -125,7 +125,7 @@ def _check_torque(term: Term) -> None:
         power = _call_user_function(f"columns of {name}", partial(column.power, x))
         if term.kind == "dissipative" and np.max(power) <= 0 > np.min(power):
             raise UserError(f"column '{column.name}' of {name} gains energy in every motion: change its sign")
-        for base in (base for known in BASE for base in known.columns if not term.remembers):
+        for base in (base for known in BASE for base in known.columns if not term.has_memory):
             other = _split_torque(base, x)
             if np.any(own) and np.allclose(own, np.vdot(own, other) / np.vdot(other, other) * other):
                 raise UserError(f"column '{column.name}' of {name} has the law of '{base.name}': leave it out")

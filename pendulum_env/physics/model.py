@@ -58,7 +58,7 @@ class Estimate:
     is_unknown: bool = field(default=False, compare=False)  # the data hardly depend on it: the value is no answer
 
     @classmethod
-    def within(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
+    def from_bounds(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
         """An estimate that was kept within bounds; where they leave one value, it is known."""
         at_bound = least < most and value in (least, most)
         return cls(value, 0.0 if at_bound or least == most else std, unit, at_bound)
@@ -147,15 +147,15 @@ class Model(Mapping[str, Estimate]):
         values = np.broadcast_to(np.asarray(theta, dtype=float), (len(columns),))
         errors = np.broadcast_to(np.asarray(std, dtype=float), (len(columns),))
         estimates = {
-            c.name: Estimate.within(float(v), float(s), c.unit, c.least, c.most)
+            c.name: Estimate.from_bounds(float(v), float(s), c.unit, c.least, c.most)
             for c, v, s in zip(columns, values, errors, strict=True)
         }
         for term in terms:
             for parameter in term.free:
-                name = term.full(parameter.name)
+                name = term.get_full_name(parameter.name)
                 ends = (-np.inf, np.inf) if parameter.integer else (parameter.low, parameter.high)
                 value, error = term.nonlinear_values[parameter.name], nonlinear_std.get(name, 0.0)
-                estimates[name] = Estimate.within(value, error, parameter.unit, *ends)
+                estimates[name] = Estimate.from_bounds(value, error, parameter.unit, *ends)
         return cls(tuple(terms), estimates)
 
     @property
@@ -227,7 +227,7 @@ class Model(Mapping[str, Estimate]):
         std = np.array([estimate.std for estimate in self.estimates.values()])
         return np.diag(std**2) if self.covariance is None else self.covariance
 
-    def correlated(self, names: Sequence[str], covariance: Array) -> Model:
+    def with_covariance(self, names: Sequence[str], covariance: Array) -> Model:
         """Return the model with the correlations of a covariance (Q, Q) of some parameters."""
         std = np.sqrt(np.diag(covariance))
         known = covariance / np.maximum(np.outer(std, std), 1e-300)
@@ -253,7 +253,7 @@ class Model(Mapping[str, Estimate]):
             raise ModelError(f"the model has '{term.id}' already: each effect can be added once")
         refuse_held(self.terms, term)
         added = Model.build([term], theta)
-        new = added.per(self.units()).estimates
+        new = added.convert_units(self.units()).estimates
         return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **new}, correlation=())
 
     @property
@@ -261,7 +261,7 @@ class Model(Mapping[str, Estimate]):
         """Joints that it is of: the one of a pendulum, or those of an arm."""
         return self.terms[0].mechanism if self.terms else PENDULUM
 
-    def at(self, values: Mapping[str, float]) -> Model:
+    def with_values(self, values: Mapping[str, float]) -> Model:
         """Return a copy with some parameters, by name, at other values.
 
         Raises:
@@ -279,19 +279,25 @@ class Model(Mapping[str, Estimate]):
         """Return the units of quantities at a joint."""
         return self.body.units(joint, JointUnits(self.torque_unit, self.slides))
 
-    def per(self, units: JointUnits) -> Self:
+    def convert_units(self, units: JointUnits) -> Self:
         """Return the model with the units of another joint or torque unit, such as `A`."""
-        own = {term.full(one.name): one.unit_at(units) for term in self.terms for one in term.nonlinear_parameters}
+        own = {
+            term.get_full_name(one.name): one.get_unit(units)
+            for term in self.terms
+            for one in term.nonlinear_parameters
+        }
         named = {name: replace(e, unit=own.get(name) or units.unit(e.unit)) for name, e in self.estimates.items()}
         return replace(self, estimates=named, torque_unit=units.torque_unit, slides=units.slides)
 
-    def of(self, id: str) -> dict[str, Estimate]:
+    def get_parameters(self, id: str) -> dict[str, Estimate]:
         """Parameters of one of the terms, by name."""
         (term,) = (own for own in self.terms if own.id == id)
-        names = [column.name for column in term.columns] + [term.full(parameter.name) for parameter in term.free]
+        names = [column.name for column in term.columns] + [
+            term.get_full_name(parameter.name) for parameter in term.free
+        ]
         return {name: self.estimates[name] for name in names}
 
-    def biased(self, names: Container[str] | None = None) -> Self:
+    def mark_biased(self, names: Container[str] | None = None) -> Self:
         """Mark estimates, by default all, as biased by an effect that the model lacks."""
         estimates = {
             name: replace(e, is_biased=True) if names is None or name in names else e
@@ -299,10 +305,14 @@ class Model(Mapping[str, Estimate]):
         }
         return replace(self, estimates=estimates)
 
-    def withholding(self, names: Container[str]) -> Self:
+    def withhold(self, names: Container[str]) -> Self:
         """Return the model with some parameters marked unknown, since the data do not determine them."""
         estimates = {name: replace(e, is_unknown=True) if name in names else e for name, e in self.estimates.items()}
         return replace(self, estimates=estimates)
+
+    # Names of earlier releases, kept for one more
+    at, of, per, biased, correlated = with_values, get_parameters, convert_units, mark_biased, with_covariance
+    withholding = withhold
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Torque that the model needs for a motion [N m]; samples in stick have no answer, mask them."""
@@ -487,13 +497,17 @@ def _build_model(data: _ModelFile) -> Model:
         raise ModelError(f"'theta.inertia.value' is {inertia.value:g}: expected a number above zero")
     constant = data.torque_constant
     model = replace(
-        Model(terms, estimates).per(JointUnits(_check_unit(data.torque_unit or "N m", "torque_unit"), data.slides)),
+        Model(terms, estimates).convert_units(
+            JointUnits(_check_unit(data.torque_unit or "N m", "torque_unit"), data.slides)
+        ),
         torque_constant=None
         if constant is None
         else constant.estimate(_check_unit(constant.unit, "torque_constant.unit")),
         log_format=read_log_format(data.log_format),
     )
-    return model if data.covariance is None else model.correlated(*_read_covariance(data.covariance, list(estimates)))
+    return (
+        model if data.covariance is None else model.with_covariance(*_read_covariance(data.covariance, list(estimates)))
+    )
 
 
 def _derive_all(model: Model) -> dict[str, Estimate]:
@@ -502,7 +516,10 @@ def _derive_all(model: Model) -> dict[str, Estimate]:
     covariance = model.assumed_covariance
     found, first = {}, 0
     for term in model.terms:
-        place = [*range(first, first + len(term.columns)), *(names.index(term.full(s.name)) for s in term.free)]
+        place = [
+            *range(first, first + len(term.columns)),
+            *(names.index(term.get_full_name(s.name)) for s in term.free),
+        ]
         first += len(term.columns)
         own = values[place]
         perturbations = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
@@ -511,16 +528,18 @@ def _derive_all(model: Model) -> dict[str, Estimate]:
             slope = np.array([other[name][0] - value for other in moved]) / perturbations.diagonal()
             std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
             is_biased = any(model.estimates[names[k]].is_biased for k in place)
-            found[term.full(name)] = Estimate(float(value), float(std), model.units().unit(unit), is_biased=is_biased)
+            found[term.get_full_name(name)] = Estimate(
+                float(value), float(std), model.units().unit(unit), is_biased=is_biased
+            )
         for part in term.percent_of:
-            name, of = term.full(part), f"{part}@{term.at}" if term.at else part
+            name, of = term.get_full_name(part), f"{part}@{term.at}" if term.at else part
             base, entry = model.estimates.get(of), model.estimates[name]
             if base is not None and base.value != 0:
                 share, both = 100 * entry.value / base.value, [names.index(name), names.index(of)]
                 slope = np.array([100.0, -share]) / base.value
                 std = float(np.sqrt(slope @ covariance[np.ix_(both, both)] @ slope))
                 unit = f"%{entry.unit.removeprefix(base.unit)}"
-                found[term.full(f"{part}_share")] = Estimate(share, std, unit, is_biased=entry.is_biased)
+                found[term.get_full_name(f"{part}_share")] = Estimate(share, std, unit, is_biased=entry.is_biased)
     return found
 
 
@@ -541,7 +560,7 @@ def _build_term(id: str, data: _ModelFile) -> Term:
         return read_table(kind, tables[id], f"tables.{id}")
     values = {}
     for parameter in kind.nonlinear_parameters:
-        name = kind.full(parameter.name)
+        name = kind.get_full_name(parameter.name)
         if parameter.nominal is not None and data.theta.get(name) is None:
             continue
         values[parameter.name] = number = read_estimate(data.theta, name, parameter.unit).value

@@ -56,7 +56,7 @@ class Balance:
         Known loads of the samples count only if the pendulums are `loaded`.
         """
         self.terms, self.theta, self.loaded = tuple(terms), theta, loaded
-        self._remembering = [term for term in terms if term.remembers]
+        self._remembering = [term for term in terms if term.has_memory]
         weighted = list(zip([column for term in terms for column in term.columns], theta, strict=True))
         weighted += [(column, np.float64(1.0)) for term in terms for column in term.fixed]
         weighted += [(LOAD, np.float64(1.0))] if loaded else []
@@ -71,7 +71,7 @@ class Balance:
         return Balance, (self.terms, self.theta, self.loaded)  # columns hold functions, which cannot be pickled
 
     @property
-    def remembers(self) -> bool:
+    def has_states(self) -> bool:
         """Return whether a term has states."""
         return bool(self._remembering)
 
@@ -105,7 +105,7 @@ class Balance:
         """Magnitude of dry friction [N m]; a term with memory may take some of it over, and a fit a little too much."""
         return self._sum(self._dry, x) if self._steady_dry is None else self._steady_dry
 
-    def at(self, x: Samples, stage: str) -> tuple[Any, Any]:
+    def evaluate_at(self, x: Samples, stage: str) -> tuple[Any, Any]:
         """`net` and `dry` at a stage of a step, in symbols by names that tell a reader."""
         label(x.position, f"position_at_{stage}")
         label(x.velocity, f"velocity_at_{stage}")
@@ -138,7 +138,7 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
     """
     q, v, h = x.position, x.velocity, duration
     direction = np.sign(v)
-    start = _oppose_motion(*balance.at(x, "start"), direction)
+    start = _oppose_motion(*balance.evaluate_at(x, "start"), direction)
     if may_be_true(direction == 0):
         direction = np.where(direction == 0, np.sign(start), direction)
     inertia = label(balance.mass(x), "inertia_at_start")
@@ -147,7 +147,7 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
     half_way = balance.advance(x, 0.5 * (v + middle_v), 0.5 * h)
     middle = Samples(x.time + 0.5 * h, q + 0.5 * h * v, middle_v, x.torque, half_way, x.load)
     inertia = label(balance.mass(middle), "inertia_at_middle")
-    net, dry = balance.at(middle, "middle")
+    net, dry = balance.evaluate_at(middle, "middle")
     a = (net - dry * direction) / inertia
     if may_be_true(direction == 0):
         a = np.where(direction == 0, 0.0, a)
@@ -160,7 +160,7 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
         stop_q = q + v * elapsed + 0.5 * a * elapsed**2
         at_rest = np.zeros_like(new_v)
         rest = Samples(x.time + elapsed, stop_q, at_rest, x.torque, half_way, x.load)
-        leave = _oppose_motion(*balance.at(rest, "rest"), at_rest) / inertia
+        leave = _oppose_motion(*balance.evaluate_at(rest, "rest"), at_rest) / inertia
         left = h - elapsed
         new_q = np.where(stops, stop_q + 0.5 * leave * left**2, new_q)
         new_v = np.where(stops, leave * left, new_v)

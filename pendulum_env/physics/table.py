@@ -73,7 +73,7 @@ def read_table(kind: type[Table], data: Any, key: str) -> Table:
         raise FileError(f"'{key}' has to reach from low to high, within {least:g} and {FARTHEST:g}")
     if not set(extent.beside) <= OF_ANGLE.keys() or extent.pieces <= len(extent.beside):
         raise FileError(f"'{key}' has to leave some of {', '.join(OF_ANGLE)} to others, fewer than it has pieces")
-    return kind.over(extent)()
+    return kind.with_extent(extent)()
 
 
 class TableCurve(NamedTuple):
@@ -95,11 +95,11 @@ class Table(Term):
     is_gain: ClassVar[bool] = False  # whether it is a share of the commanded torque, none where the table begins
 
     @classmethod
-    def over(cls, extent: Extent) -> type[Self]:
+    def with_extent(cls, extent: Extent) -> type[Self]:
         """Return the table over another extent."""
         return cast(type[Self], _set_extent(cls.__dict__.get("bare_table", cls), extent))
 
-    def beside(self, terms: Sequence[Term]) -> Table:
+    def without_known_functions(self, terms: Sequence[Term]) -> Table:
         """Return the table without the functions of its argument that terms of a model contain."""
         return self
 
@@ -121,7 +121,7 @@ class Table(Term):
         return Column(name, cls.unit, dry=law) if cls.is_dry else Column(name, cls.unit, force=law)
 
     @classmethod
-    def warped(cls, argument: ArrayLike) -> ArrayLike:
+    def warp(cls, argument: ArrayLike) -> ArrayLike:
         """The argument on the scale on which knots are evenly apart."""
         return argument
 
@@ -148,8 +148,8 @@ def _sum(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -
     if kind.extent.is_turn:
         inside: Any = 2.0 * np.arctan(np.tan(0.5 * argument))
     else:
-        low, high = (float(cast(float, kind.warped(end))) for end in (low, high))
-        inside = np.clip(kind.warped(argument), low, high)
+        low, high = (float(cast(float, kind.warp(end))) for end in (low, high))
+        inside = np.clip(kind.warp(argument), low, high)
     at = (inside - low) * (pieces / (high - low))  # from 0 to the number of pieces
     total: ArrayLike = 0
     for knot, weight in weights.items():
@@ -229,9 +229,9 @@ class TorqueByAngle(ByAngle):
     law = "f(q)"
     kind = "potential"
 
-    def beside(self, terms: Sequence[Term]) -> Table:
-        names = (name for term in terms if term.at in ("", self.at) for name in term.of_angle(self.at))
-        return self.over(self.extent._replace(beside=tuple(dict.fromkeys(names))))()
+    def without_known_functions(self, terms: Sequence[Term]) -> Table:
+        names = (name for term in terms if term.at in ("", self.at) for name in term.list_angle_functions(self.at))
+        return self.with_extent(self.extent._replace(beside=tuple(dict.fromkeys(names))))()
 
     @classmethod
     def laws(cls) -> Sequence[Callable[[Array], Array]]:
@@ -269,7 +269,7 @@ class FrictionBySpeed(Table):
         return np.absolute(x.velocity)
 
     @classmethod
-    def warped(cls, argument: ArrayLike) -> ArrayLike:
+    def warp(cls, argument: ArrayLike) -> ArrayLike:
         return np.sqrt(argument)
 
     @classmethod
@@ -335,7 +335,9 @@ def refuse_held(terms: Iterable[Term], new: Term) -> None:
         UserError: with both, and the order in which they can be added.
     """
     for table in terms:
-        if isinstance(table, Table) and set(table.beside([new]).extent.beside) - set(table.extent.beside):
+        if isinstance(table, Table) and set(table.without_known_functions([new]).extent.beside) - set(
+            table.extent.beside
+        ):
             raise UserError(f"'{table.id}' holds all that '{new.id}' is: add '{new.id}' first, then the table")
 
 

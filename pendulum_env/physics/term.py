@@ -51,11 +51,11 @@ class KnownLoad(NamedTuple):
     def __bool__(self) -> bool:
         return may_be_true(self.inertia) or may_be_true(self.gravity) or may_be_true(self.torque)
 
-    def along(self, time: Array) -> Array:
+    def get_torque(self, time: Array) -> Array:
         """Torque at every sample (N,) [N m]."""
         return np.broadcast_to(np.asarray(self.torque, dtype=float), time.shape)
 
-    def at(self, index: Any) -> KnownLoad:
+    def select(self, index: Any) -> KnownLoad:
         """Select samples of what changes from sample to sample."""
         return KnownLoad(*(own if np.ndim(own) == 0 else np.asarray(own)[index] for own in self))
 
@@ -121,7 +121,7 @@ class Column:
     least: float = -np.inf
     most: float = np.inf
 
-    def allows(self, value: float) -> bool:
+    def is_allowed(self, value: float) -> bool:
         """Return whether a value of the parameter is physical."""
         return self.least <= value <= self.most
 
@@ -130,7 +130,7 @@ class Column:
         """Return whether the parameter is fixed."""
         return self.least == self.most
 
-    def nearest(self, value: float) -> float:
+    def clamp(self, value: float) -> float:
         """The value within the limits that is nearest to this one."""
         return min(max(value, self.least), self.most)
 
@@ -170,7 +170,7 @@ class NonlinearParameter:
     nominal: float | None = None  # value at which it stays, and is no parameter at all, unless data call for another
     is_frequency: bool = False  # whether its rad/s are of an oscillation, and no speed of the joint
 
-    def unit_at(self, units: JointUnits) -> str:
+    def get_unit(self, units: JointUnits) -> str:
         """Return its unit at a joint."""
         return self.unit if self.is_frequency else units.unit(self.unit)
 
@@ -232,7 +232,7 @@ class Term:
         """Return whether the term has states along a motion, including a dead time."""
         return cls.advance is not Term.advance or cls.trace is not Term.trace
 
-    def of_angle(self, at: str) -> tuple[str, ...]:
+    def list_angle_functions(self, at: str) -> tuple[str, ...]:
         """Functions of the angle of a joint alone that it may be there, by name: `one`, `line`, `sine` or `cosine`.
 
         One whose parameter is known is none: the rest of that function belongs to whatever else explains it.
@@ -281,25 +281,25 @@ class Term:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     @classmethod
-    def full(cls, part: str) -> str:
+    def get_full_name(cls, part: str) -> str:
         """Full name of one of its nonlinear parameters, `stribeck.stribeck_velocity` or that `@elbow`."""
         effect, at, joint = cls.id.partition("@")
         return f"{effect}.{part}{at}{joint}"
 
     @classmethod
-    def known_by(cls, memory: Memory) -> dict[str, Memory]:
+    def name_memory(cls, memory: Memory) -> dict[str, Memory]:
         """State variables by id, as samples carry them; a law that was written for one joint has its own name there."""
         return {cls.id.partition("@")[0]: memory, cls.id: memory}
 
     @property
-    def remembers(self) -> bool:
+    def has_memory(self) -> bool:
         """Return whether the torque depends on the past."""
         return type(self).start is not Term.start
 
     @property
     def hides(self) -> bool:
         """Return whether the term has a state that is not measured."""
-        return self.remembers and not self.needs
+        return self.has_memory and not self.needs
 
     @property
     def free(self) -> tuple[NonlinearParameter, ...]:

@@ -53,7 +53,7 @@ class Log:
     def __post_init__(self) -> None:
         self.rows: Index = np.arange(1, len(self.values["time"]) + 1)
 
-    def keep(self, good: Mask) -> None:
+    def keep_rows(self, good: Mask) -> None:
         """Leave out the samples that are not good (N,)."""
         self.values = {quantity: column[good] for quantity, column in self.values.items()}
         self.rows = self.rows[good]
@@ -125,7 +125,7 @@ def align_topics(log: Log, fewest: int) -> None:
         notes.append(Note(NoteKind.OTHER_ROWS, (quantity,), text="held" if quantity in HELD else "interpolated"))
     if notes:
         log.values = values
-        log.keep(here)
+        log.keep_rows(here)
         log.notes += notes
 
 
@@ -168,7 +168,7 @@ def drop_invalid_rows(log: Log, fewest: int) -> None:
             f"fewer than {fewest} rows have all of time, position and torque: write them in the same rows"
         )
     log.values = kept
-    log.keep(good)
+    log.keep_rows(good)
 
 
 def shift_restarted_runs(log: Log) -> None:
@@ -201,7 +201,7 @@ def drop_repeated_times(log: Log) -> None:
         raise RecordingError(f"time is {time[0]:.15g} s in every row: write it with more decimals")
     if not new.all():
         log.notes.append(note_rows(NoteKind.TIME_REPEATED, log.rows[~new]))
-        log.keep(new)
+        log.keep_rows(new)
 
 
 def drop_initial_hold(log: Log, position: Array) -> None:
@@ -218,7 +218,7 @@ def drop_initial_hold(log: Log, position: Array) -> None:
     release = (3 * near - far) / 2
     if release > max(CLEANING.held, far - release) / 2:
         log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(release, unit="s")}))
-        log.keep(time >= release)
+        log.keep_rows(time >= release)
 
 
 def start_from_zero(log: Log) -> None:
@@ -243,7 +243,7 @@ def drop_spoilt_positions(log: Log, position: Array) -> None:
         if len(at):
             log.notes.append(note_rows(kind, log.rows[at], "position"))
             good[at] = False
-    log.keep(good)
+    log.keep_rows(good)
 
 
 def note_rows(kind: NoteKind, rows: Index, *quantities: str, text: str = "") -> Note:

@@ -82,7 +82,7 @@ def drop_short_segments(log: Log) -> None:
         numbers = {"count": Quantity(len(short)), "samples": Quantity(sum(short))}
         log.notes.append(Note(NoteKind.SHORT_SEGMENTS, numbers=numbers | _make_seconds(least=SAMPLING.shortest)))
         lengths = [b - a for a, b in parts]
-        log.keep(np.repeat(fits, lengths))
+        log.keep_rows(np.repeat(fits, lengths))
         log.starts = _find_starts([length for length, fit in zip(lengths, fits, strict=True) if fit])
 
 

@@ -80,7 +80,7 @@ def read_recording(
 
 def describe_reading(columns: Mapping[str, str], unwrap: bool = False, drive: Drive | None = None) -> JSON:
     """Describe the arguments of `read_recording` in the words of a study, without those that are not given."""
-    given = {"columns": dict(columns), "unwrap": unwrap, "drive": drive and drive.told()}
+    given = {"columns": dict(columns), "unwrap": unwrap, "drive": drive and drive.get_settings()}
     return {key: value for key, value in given.items() if value}
 
 

@@ -310,7 +310,7 @@ def _build_source(folder: Path, data: _Recording, shared: Mapping[str, str], dri
     own = _join_drive(data.drive, drive)
     return Source(
         folder / data.file, data.role, {**shared, **_check_columns(data.columns)}, data.unwrap, data.range,
-        None if data.load is None else data.load.known, Drive.of(own) if own else None,
+        None if data.load is None else data.load.known, Drive.from_settings(own) if own else None,
     )  # fmt: skip
 
 
@@ -324,5 +324,5 @@ def _join_drive(table: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str
     """Join the settings of a drive with those that all recordings share."""
     joined = {**shared, **table}
     if table:
-        Drive.of({"kp": 1.0, **joined})  # an error names the recording
+        Drive.from_settings({"kp": 1.0, **joined})  # an error names the recording
     return joined

@@ -107,7 +107,7 @@ class Drive:
         return self.control == "velocity"
 
     @classmethod
-    def of(cls, given: Mapping[str, Any]) -> Self:
+    def from_settings(cls, given: Mapping[str, Any]) -> Self:
         """A drive as a study says it: a preset, in whose units gains are, or plain numbers.
 
         Raises:
@@ -126,7 +126,7 @@ class Drive:
             raise DriveError("nobody says the controller's gain: give kp (or ki)")
         return cls(**values)
 
-    def told(self) -> dict[str, str | float]:
+    def get_settings(self) -> dict[str, str | float]:
         """Return the settings that differ from the defaults, from which `of` makes the same drive."""
         usual = vars(Drive())
         values = {name: getattr(self, name) for name in usual if name == "kp" or getattr(self, name) != usual[name]}

@@ -52,7 +52,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         self._rows: list[str] = []
         self._lost: OSError | None = None  # what the disk refused in this episode
 
-    def file_of(self, episode: int) -> Path:
+    def get_file(self, episode: int) -> Path:
         """File of an episode, counted from 1."""
         return self.path if episode == 1 else self.path.with_stem(f"{self.path.stem}-{episode}")
 
@@ -102,9 +102,9 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         return {**self.__dict__, "_file": None, "_rows": [], "_copied": True}
 
     def _open(self) -> None:
-        while self._copied and self.file_of(self._episode + 1).exists():
+        while self._copied and self.get_file(self._episode + 1).exists():
             self._episode += 1
-        path = self.file_of(self._episode + 1)
+        path = self.get_file(self._episode + 1)
         try:
             self._file = FileIO(path, "wb" if self._overwrite else "xb")
         except FileExistsError:
@@ -156,6 +156,6 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             error.errno,
             f"{error.strerror}: {rows} rows were written{f', the {lost} after them are lost' if lost else ''}: "
             "make room or choose another disk, and record again",
-            str(self.file_of(self._episode)),
+            str(self.get_file(self._episode)),
         )
         raise self._lost from error

@@ -24,7 +24,7 @@ def missed(own: Prediction) -> np.ndarray:
 def wrong(exact) -> Model:
     """A model whose inertia is 10 % too large."""
     model = identify(exact)["dynamic"].model
-    return model.at({"inertia": 1.1 * model.estimates["inertia"].value})
+    return model.with_values({"inertia": 1.1 * model.estimates["inertia"].value})
 
 
 def test_torque_of_a_wrong_inertia_is_off_by_what_the_acceleration_takes(exact, wrong):
@@ -77,7 +77,7 @@ def test_parts_of_a_diagnosis_are_told_apart(exact):
 
 def test_a_servo_in_the_loop_is_predicted_by_its_position():
     servo = recorded({}, gains=(4.0,))
-    off = MODEL.at({"coulomb": 0.16})
+    off = MODEL.with_values({"coulomb": 0.16})
     found = compare(off, servo)
     (own,) = found.recordings
     assert np.mean(np.isfinite(own.simulated_position)) > 0.98

@@ -38,7 +38,7 @@ def test_no_parameter_of_an_effect_keeps_its_torque(kind):
         (JointUnits(slides=True), ("N m", "rad")),
     ):
         given = [channel.unit(column.unit) for column in kind().columns]
-        given += [own.unit_at(channel) for own in kind.nonlinear_parameters if not own.is_frequency]
+        given += [own.get_unit(channel) for own in kind.nonlinear_parameters if not own.is_frequency]
         assert not [unit for unit in given if any(own in unit for own in gone)]
 
 

@@ -22,7 +22,7 @@ from workbench.export import ExportError, Request, export
 
 TORQUE = np.r_[0.0, np.where(np.arange(600) % 300 < 150, 3.0, -2.5), np.zeros(300)]  # [N m], comes to rest in the end
 STIRRED = ("periodic_disturbance", "joint_flexibility")  # effects that still move the joint then
-TABLE = TorqueByAngle.over(Extent(-1.2, 2.1, 5, ("sine",)))
+TABLE = TorqueByAngle.with_extent(Extent(-1.2, 2.1, 5, ("sine",)))
 STOP = "hard_stop:hysteresis=0,damping_time=0.005"
 CUBIC = "spring:degree=3,stiffness=0.3,quadratic=-0.05,cubic=0.2"
 
@@ -194,7 +194,11 @@ def test_a_known_mass_moves_the_centre_and_a_known_armature_is_part_of_the_inert
 
 
 REFUSED = {
-    "a torque in A: masses and inertias are those per A": (paper_plant().per(JointUnits("A")), "mjcf", Request()),
+    "a torque in A: masses and inertias are those per A": (
+        paper_plant().convert_units(JointUnits("A")),
+        "mjcf",
+        Request(),
+    ),
     "a law of this model cannot be written down": (paper_plant().add(Table(), [0.4]), "c", Request()),
     "the hysteresis of hard_stop": (plant("hard_stop"), "mjcf", Request()),
     "--mass has to be above 0.46": (plant(), "mjcf", Request(mass=0.4)),

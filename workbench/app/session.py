@@ -141,7 +141,7 @@ class Session:
         came = uploads.sort_files(self.place(), coming, unwrap)
         if came.robots:
             joints = next((source.joints for source in came.sources), None)
-            made = ModelOptions.of_model(came.models[-1]) if came.models else ModelOptions()
+            made = ModelOptions.read_from_model(came.models[-1]) if came.models else ModelOptions()
             robot = RobotFile(came.robots[-1], joints or made.joints, True, made.rotors, made.weightless)
             self.take_robot(robot)
         refused = [*came.refused, *self._read(came.sources)]

@@ -139,7 +139,7 @@ def _simulated(model: Model, exported: Exported, segments: Segments) -> Array:
     world.opt.timestep = 1.0 / (rate * count)
     memory: dict[str, Memory] = {}
     for term in model.terms:
-        if term.remembers and not term.delay:
+        if term.has_memory and not term.delay:
             memory |= start_memory([segments], [term])
     path = np.empty_like(segments.position)
     for k in range(path.shape[1]):

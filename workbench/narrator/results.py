@@ -273,7 +273,7 @@ def schemes_table(found: Identification, by_instruments: Model | None = None) ->
         values = [result.model.estimates[name].text for name in names]
         rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
     if by_instruments is not None:
-        shown = by_instruments.withholding({name for own in found.findings for name in own.withheld})
+        shown = by_instruments.withhold({name for own in found.findings for name in own.withheld})
         rows.append(("instruments", *(shown.estimates[name].text for name in names), ""))
     return TextTable(
         ("scheme", *(f"{column.name} [{units.unit(column.unit)}]" for column in columns), "residual"), rows

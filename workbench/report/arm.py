@@ -47,7 +47,7 @@ def joints(
         "measured": measured,
         "table": joints_table(errors, floors, final, [label for label, _, _ in models]),
         "laws": [
-            (own.id, own.law, {name: one.shown for name, one in final.of(own.id).items()})
+            (own.id, own.law, {name: one.shown for name, one in final.get_parameters(own.id).items()})
             for own in final.terms
             if own.id in selected
         ],

@@ -101,7 +101,7 @@ def _serve(rig: Emulated, report: Callable[[str], None]) -> None:
         listening = keyboard if keyboard >= 0 and _is_in_foreground(keyboard) else -1
         ready, _, _ = select.select([end for end in (rig.wire.descriptor, listening) if end >= 0], [], [], TICK)
         if rig.wire.descriptor in ready:
-            rig.wire.come()
+            rig.wire.receive()
         if keyboard in ready:
             line = os.read(keyboard, 1000).decode(errors="replace")
             if not line:

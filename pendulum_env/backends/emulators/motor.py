@@ -62,7 +62,7 @@ class Motor:
             self._run(self._deadline)
             self.expired = True
             self._tell(self.moment, "expired", self.watchdog)
-            self._off(self.moment)
+            self._cut_power(self.moment)
         self._run(now)
 
     def fail(self) -> None:
@@ -74,7 +74,7 @@ class Motor:
         """Power, at zero torque, or none."""
         self.advance()
         if not on or self.faulty:
-            self._off(self.moment)
+            self._cut_power(self.moment)
             return
         self.expired = False
         self._arriving.clear()
@@ -142,11 +142,13 @@ class Motor:
     def _move(self, until: float) -> None:
         while (left := until - self.moment) > 1e-9:
             step = min(left, LONGEST_STEP)
-            self._angle, self._speed = self._body.step(self.torque + self._pushed + self._held(step), step)
+            self._angle, self._speed = self._body.step(
+                self.torque + self._pushed + self._compute_hand_torque(step), step
+            )
             self.moment += step
         self.moment = max(self.moment, until)
 
-    def _held(self, step: float) -> float:
+    def _compute_hand_torque(self, step: float) -> float:
         """Torque of the hand that holds the arm [N m]."""
         if self._hand is None:
             return 0.0
@@ -160,7 +162,7 @@ class Motor:
             self._tell(at, "torque", torque)
         self.torque = torque
 
-    def _off(self, at: float) -> None:
+    def _cut_power(self, at: float) -> None:
         self._deadline = math.inf
         self._arriving.clear()
         self._act(at, 0.0)

@@ -30,11 +30,11 @@ class Wire:
         self.place = os.ttyname(self._slave)
         self._noise, self._random = 0.0, random.Random(0)
 
-    def come(self) -> None:
+    def receive(self) -> None:
         """Take what has come, and answer."""
         with suppress(BlockingIOError):  # nothing has; or nobody reads
-            if answer := self._answer(self._damaged(os.read(self.descriptor, self.chunk))):
-                os.write(self.descriptor, self._damaged(answer))
+            if answer := self._answer(self._flip_bits(os.read(self.descriptor, self.chunk))):
+                os.write(self.descriptor, self._flip_bits(answer))
 
     def corrupt(self, probability: float) -> None:
         """Each bit is wrong with a probability."""
@@ -47,7 +47,7 @@ class Wire:
                 os.close(end)
         self.descriptor = self._slave = -1
 
-    def _damaged(self, data: bytes) -> bytes:
+    def _flip_bits(self, data: bytes) -> bytes:
         if not self._noise:
             return data
         flips = (sum((self._random.random() < self._noise) << bit for bit in range(8)) for _ in data)

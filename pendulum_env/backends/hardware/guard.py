@@ -113,15 +113,17 @@ class Guard:
         now = time.monotonic()
         passed = 0.0 if self._written is None else now - self._written
         if passed > self.limits.gap:
-            raise self._too_late(f"no command came for {1e3 * passed:.0f} ms", "gap", f"{1e3 * self.limits.gap:.0f} ms")
-        torque = self._allowed(torque, passed or 1.0 / self.config.rate)
+            raise self._trip_late(
+                f"no command came for {1e3 * passed:.0f} ms", "gap", f"{1e3 * self.limits.gap:.0f} ms"
+            )
+        torque = self._limit_torque(torque, passed or 1.0 / self.config.rate)
         sign = self.config.torque_sign
         try:
             sent = self.drive.write(sign * torque)
         except DriveError as error:
             raise self.trip(str(error)) from error
         self._written, self._waited, self.torque = now, time.monotonic() - now, sign * sent.torque
-        self._motion.commanded(self.torque)
+        self._motion.add_command(self.torque)
         return Sent(sent.time, self.torque)
 
     def read(self) -> tuple[float, float]:
@@ -144,8 +146,8 @@ class Guard:
             raise self.trip(str(error)) from error
         if self.powered:
             if moved is not None:
-                self._obeys(reading.time, moved)
-            if found := self._motion.measured(reading.time, self.encoder.position, took):
+                self._check_obedience(reading.time, moved)
+            if found := self._motion.check_measurement(reading.time, self.encoder.position, took):
                 raise self.trip(
                     f"the arm cannot have moved so under {self.torque:.3g} N m, {found}: check encoder, drive and "
                     f"their cables, whether somebody pushes the arm, and [plant] of {self.config.path.name}"
@@ -157,20 +159,20 @@ class Guard:
         if self.fault is not None:
             raise Fault(self.fault)
 
-    def late(self, behind: float, overruns: int) -> None:
+    def check_lateness(self, behind: float, overruns: int) -> None:
         """Tell how far the loop is behind its ticks [s], and how many of them it has missed in this run.
 
         Raises:
             Fault: if it is too late, or they are too many.
         """
         if behind > self.limits.behind:
-            raise self._too_late(
+            raise self._trip_late(
                 f"the loop is {1e3 * behind:.0f} ms behind", "behind", f"{1e3 * self.limits.behind:.0f} ms"
             )
         if overruns > self.limits.overruns:
-            raise self._too_late(f"{overruns} ticks were missed", "overruns", str(self.limits.overruns))
+            raise self._trip_late(f"{overruns} ticks were missed", "overruns", str(self.limits.overruns))
 
-    def _too_late(self, what: str, limit: str, allowed: str) -> Fault:
+    def _trip_late(self, what: str, limit: str, allowed: str) -> Fault:
         return self.trip(
             f"{what}, {allowed} are allowed (limits.{limit}); the drive took {1e3 * self._waited:.0f} ms to answer. "
             "The program was held up or is too slow for its rate: lower the rate, free the machine of other work, ask "
@@ -231,7 +233,7 @@ class Guard:
             except (OSError, ValueError) as error:  # ValueError: a name that is no Unicode, in an error's text
                 log.warning("%s: %s", path, error)  # a full disk must not keep the torque on
 
-    def _allowed(self, torque: float, passed: float) -> float:
+    def _limit_torque(self, torque: float, passed: float) -> float:
         """Torque within the clamp, the slew limit over the time that passed [s], and the soft limit of velocity."""
         limits, most, change = self.limits, self.config.max_torque, self.limits.slew * passed
         torque = min(max(torque, -most), most)
@@ -242,7 +244,7 @@ class Guard:
             torque *= max(0.0, (limits.hard_velocity - abs(velocity)) / room)
         return torque
 
-    def _obeys(self, now: float, moved: float) -> None:
+    def _check_obedience(self, now: float, moved: float) -> None:
         """The arm is not too fast, moves under a torque that overcomes gravity and friction, and not against it."""
         limits, velocity, strong = self.limits, self.encoder.velocity, abs(self.torque) >= self.limits.stall_torque
         if abs(velocity) > limits.hard_velocity:

@@ -145,11 +145,11 @@ class Ticks:
         while time.monotonic() < self.now:
             pass
 
-    def commanded(self, time: float, torque: float) -> None:
+    def add_command(self, time: float, torque: float) -> None:
         """A torque [N m] acts from a time [s] on."""
         self._commands.append((max(time, self._commands[-1][0]), torque))
 
-    def measured(self, time: float, position: float) -> None:
+    def add_measurement(self, time: float, position: float) -> None:
         """The arm was at a position [rad] at a time [s]."""
         if time > self._readings[-1][0]:
             self._readings.append((time, position))

@@ -69,7 +69,7 @@ class PlausibilityCheck:
         self._torques = [(-math.inf, 0.0, 0.0)]  # after which reading, and between what
         self._direction, self._start, self._wrong = 0, 0.0, 0
 
-    def commanded(self, torque: float) -> None:
+    def add_command(self, torque: float) -> None:
         """A torque [N m] was sent after the last reading."""
         since = self._times[-1] if self._times else -math.inf
         least = most = torque
@@ -77,7 +77,7 @@ class PlausibilityCheck:
             _, least, most = self._torques.pop()
         self._torques.append((since, min(least, torque), max(most, torque)))
 
-    def measured(self, time: float, position: float, took: float = 0.0) -> str:
+    def check_measurement(self, time: float, position: float, took: float = 0.0) -> str:
         """Return the problem of a reading as text; empty for a possible motion, or without a check.
 
         Args:
@@ -96,7 +96,7 @@ class PlausibilityCheck:
         if passed <= 0:
             return ""
         self._extend(time, position, passed, took)
-        found = next(filter(None, map(self._impossible, self.spans)), "")
+        found = next(filter(None, map(self._find_impossible, self.spans)), "")
         self._wrong = self._wrong + 1 if found else 0
         if len(self._times) > 2 * self.batch and self._times[self.batch] < time - self.kept:
             del self._times[: self.batch], self._marks[: self.batch]
@@ -109,7 +109,7 @@ class PlausibilityCheck:
         speed = abs(moved) / passed
         direction = int(math.copysign(1, moved)) if speed > self.slow + 2 * self._step / passed else 0
         same, self._direction = direction == self._direction, direction
-        least, most = self._acting(self._times[-1])
+        least, most = self._find_acting_torques(self._times[-1])
         rates = (
             least - self.gain * abs(least),
             most + self.gain * abs(most),
@@ -129,14 +129,14 @@ class PlausibilityCheck:
         self._times.append(time)
         self._marks.append(Mark(position, doubt, least, most, gravity, angle, forward, backward, held))
 
-    def _acting(self, since: float) -> tuple[float, float]:
+    def _find_acting_torques(self, since: float) -> tuple[float, float]:
         """Least and most of the torques that may act after the reading of a time [s]."""
         torques = self._torques
         while len(torques) > 2 and torques[2][0] + self._delay <= since:  # the next one has reached the drive by then
             del torques[0]
         return min(least for _, least, _ in torques), max(most for _, _, most in torques)
 
-    def _impossible(self, span: float) -> str:
+    def _find_impossible(self, span: float) -> str:
         """Return the problem of the motion over two spans [s] up to now as text."""
         times, marks = self._times, self._marks
         end = times[-1]

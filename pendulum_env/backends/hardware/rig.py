@@ -97,15 +97,15 @@ class Rig:
             with self._signals:
                 now, position = self.guard.read()
                 timing = Timing(now - ticks.now, ticks.overruns)
-                self.guard.late(*timing)
+                self.guard.check_lateness(*timing)
         except Fault as fault:
             return self._last._replace(torque=0.0, status=Status.FAULT, fault=str(fault))
         except BaseException:  # an interrupt, or a mistake in an adapter
             with self._signals:
                 self.guard.disable("disabled by an exception")
             raise
-        ticks.commanded(*sent)
-        ticks.measured(now, position)
+        ticks.add_command(*sent)
+        ticks.add_measurement(now, position)
         self._last = Sample(ticks.time, ticks.position, None, ticks.torque(), timing=timing)
         return self._last
 

@@ -99,7 +99,7 @@ class SerialDrive:
         asked: dict[int, float] = {}  # when, by the number of the request: an answer may come after the next one
         while (now := time.monotonic()) < until:
             asked[self._send(kind, *values)] = now
-            for state in self._answers(min(now + each, until)):
+            for state in self._read_answers(min(now + each, until)):
                 if state.sequence in asked:
                     return state, asked[state.sequence], time.monotonic()
         damaged = self._splitter.damaged
@@ -108,14 +108,14 @@ class SerialDrive:
 
     def _send(self, kind: int, *values: int) -> int:
         self._sequence = (self._sequence + 1) % 256
-        with self._opened() as port:
+        with self._get_port() as port:
             port.write(frames.pack(kind, self._sequence, *values))
         return self._sequence
 
-    def _answers(self, until: float) -> Iterator[frames.State]:
+    def _read_answers(self, until: float) -> Iterator[frames.State]:
         """States that arrive until a time [s]."""
         while time.monotonic() < until:
-            with self._opened() as port:
+            with self._get_port() as port:
                 data = port.read(1)
                 data += port.read(port.in_waiting) if data else b""
             for kind, *values in self._splitter.feed(data):
@@ -123,7 +123,7 @@ class SerialDrive:
                     yield frames.State(*values)
 
     @contextmanager
-    def _opened(self) -> Iterator[serial.Serial]:
+    def _get_port(self) -> Iterator[serial.Serial]:
         """The port, as long as it is there."""
         if self._port is None:
             raise DriveError("the serial port is not open")

@@ -38,7 +38,9 @@ def error_at(joint, step):
 def test_torque_of_all_joints_that_was_sampled_is_late_by_half_a_sample(six, plain):
     """A log of every fifth row, whose torque went on changing until the next."""
     every = slice(None, None, 5)
-    sparse = ArmRecording.of("sparse", plain.names, plain.time[every], plain.position[every], plain.torque[every])
+    sparse = ArmRecording.from_arrays(
+        "sparse", plain.names, plain.time[every], plain.position[every], plain.torque[every]
+    )
     base = arm_base(six)
     given = FitData((sparse,), terms=base).with_timing()
     (law,) = given.alignments
@@ -235,6 +237,6 @@ def test_a_joint_without_a_motor_hides_nothing_of_others(body, offset):
 def test_a_joint_that_hardly_moves_is_told(body):
     time = np.arange(0, 10, 1e-3)
     position = np.column_stack([np.sin(3 * time), 0.01 * (time > 5)])
-    recording = ArmRecording.of("half", body.joints, time, position, np.cos(3 * time)[:, None] * np.ones(2))
+    recording = ArmRecording.from_arrays("half", body.joints, time, position, np.cos(3 * time)[:, None] * np.ones(2))
     with pytest.raises(IdentificationError, match="joint 'elbow' is hardly ever clear of stick"):
         diagnose(recording, (), arm_base(body))

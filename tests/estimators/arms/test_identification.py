@@ -81,7 +81,7 @@ def test_a_joint_that_sticks_is_left_out_of_its_own_row_alone(body, truth):
     time = np.arange(0, 6, 1 / RATE)
     torque = Multisine.paper(3, (5.0, 2.5))
     position, velocity = still.simulate(torque, time)
-    recording = ArmRecording.of("stuck", body.joints, time, position, torque.held(time, 1 / RATE))
+    recording = ArmRecording.from_arrays("stuck", body.joints, time, position, torque.held(time, 1 / RATE))
     assert 0.3 < np.mean(velocity[:, 0] == 0) < 0.7
     found = identify(recording, arm_base(body), ("dynamic", "filtered_dynamic"))
     for one in found.schemes.values():
@@ -130,7 +130,7 @@ def test_an_arm_that_does_not_move_is_refused(body):
     time = np.arange(0, 3, 1 / RATE)
     torque = Multisine.paper(0, (5.0, 0.1))
     position = np.column_stack([np.sin(time), 0 * time])
-    recording = ArmRecording.of("half", body.joints, time, position, torque.held(time, 1 / RATE))
+    recording = ArmRecording.from_arrays("half", body.joints, time, position, torque.held(time, 1 / RATE))
     with pytest.raises(IdentificationError, match="joint 'elbow' never moves"):
         identify(recording, arm_base(body))
 
@@ -141,7 +141,7 @@ def test_a_parameter_that_the_motion_does_not_show_is_unknown(body, truth, tmp_p
     q, v, a = slow, np.gradient(slow, time, axis=0), np.gradient(np.gradient(slow, time, axis=0), time, axis=0)
     torque = body.torque(q, v, a) @ body.values + np.array(ARM.viscous) * v + np.array(ARM.coulomb) * np.sign(v)
     torque += 0.3 * np.random.default_rng(0).normal(size=q.shape)
-    run = ArmRecording.of("poor", body.joints, time, q, torque)
+    run = ArmRecording.from_arrays("poor", body.joints, time, q, torque)
     found = identify(run, arm_base(body), ("dynamic", "filtered_dynamic"))
     own = found["filtered_dynamic"]
     assert own.withheld == {"Iyy@shoulder", "Iyy@elbow", "mz@shoulder"}  # a slow pendulum is a spring against inertia

@@ -68,7 +68,9 @@ def test_an_empty_arm_carries_nothing(model):
 def test_a_joint_that_is_not_there_and_an_arm_at_rest_are_refused(model, body):
     with pytest.raises(ValueError, match="unknown joint 'wrist'"):
         find_payload(model, [run(1, True)], joint="wrist")
-    still = ArmRecording.of("still", body.joints, np.arange(0, 3, 1 / RATE), np.zeros((1500, 2)), np.zeros((1500, 2)))
+    still = ArmRecording.from_arrays(
+        "still", body.joints, np.arange(0, 3, 1 / RATE), np.zeros((1500, 2)), np.zeros((1500, 2))
+    )
     with pytest.raises(IdentificationError, match=r"still: .*motion"):
         find_payload(model, [still])
 

@@ -136,8 +136,8 @@ def test_a_cable_is_a_torque_by_angle_where_gravity_is_known_to_be_none(seed, se
 
 def test_known_parameters_are_released_and_bounds_stay():
     fixed = limit_term(Spring(), {"spring.stiffness": (0.1, 0.1), "spring.preload": (0.0, 1.0)})
-    assert fixed.of_angle("") == ("one",)
+    assert fixed.list_angle_functions("") == ("one",)
     stiffness, preload = release_term(fixed).columns
     assert not stiffness.is_known and (preload.least, preload.most) == (0.0, 1.0)
-    assert release_term(fixed).of_angle("") == ("line", "one")
+    assert release_term(fixed).list_angle_functions("") == ("line", "one")
     assert all(release_term(term) is term for term in BASE)

@@ -117,7 +117,7 @@ def test_a_table_leaves_to_an_offset_and_to_gravity_what_is_theirs():
 
 @pytest.mark.parametrize("power", [0.5, 2.0, 3.0])
 def test_a_power_of_the_speed_is_told_from_its_table(power):
-    table = FrictionBySpeed.over(Extent(0.0, 6.0, 8))()
+    table = FrictionBySpeed.with_extent(Extent(0.0, 6.0, 8))()
     curve = table.curve(np.zeros(len(table.columns)))
     nearest, *_ = find_likenesses(table, TableCurve(curve.x, 0.1 * curve.x**power - 0.2 + 0.3 * curve.x, curve.std))
     assert nearest.form == "power" and nearest.values == pytest.approx((power,), rel=0.02)
@@ -125,7 +125,7 @@ def test_a_power_of_the_speed_is_told_from_its_table(power):
 
 
 def test_a_line_looks_like_a_line_and_not_like_half_a_bump_and_noise_like_nothing():
-    table, wide = (TorqueByAngle.over(Extent(*extent))() for extent in ((-1.0, 0.5, 12), (-3.0, 3.0, 48)))
+    table, wide = (TorqueByAngle.with_extent(Extent(*extent))() for extent in ((-1.0, 0.5, 12), (-3.0, 3.0, 48)))
     curve = table.curve(np.zeros(len(table.columns)))
     assert [one.form for one in find_likenesses(table, curve._replace(value=0.3 - 2.0 * curve.x))] == ["line"]
     assert not find_likenesses(wide, wide.curve(np.random.default_rng(3).normal(size=len(wide.columns))))
@@ -136,6 +136,6 @@ def test_a_line_looks_like_a_line_and_not_like_half_a_bump_and_noise_like_nothin
     [(TorqueByAngle, (-1.0, 0.5, 6)), (TorqueByAngle, (-1.0, 0.5, 12)), (FrictionBySpeed, (0, 6, 4))],
 )
 def test_a_random_shape_of_few_pieces_hardly_ever_looks_like_a_formula(kind, extent):
-    table, rng = kind.over(Extent(*extent))(), np.random.default_rng(0)
+    table, rng = kind.with_extent(Extent(*extent))(), np.random.default_rng(0)
     curves = [table.curve(rng.normal(size=len(table.columns))) for _ in range(6)]
     assert sum(bool(find_likenesses(table, curve)) for curve in curves) <= 1

@@ -198,7 +198,7 @@ def test_an_effect_is_added_without_objection_only_where_it_hides(pressed, plain
 
 
 def test_errors_of_a_comparison_are_those_of_whole_recordings(plain):
-    wrong = MODEL.at({"gravity": 0.6})
+    wrong = MODEL.with_values({"gravity": 0.6})
     right, off = (compare(model, plain).joint.errors for model in (MODEL, wrong))
     assert right.in_loop < 2e-3 < 0.02 < off.in_loop
     assert right.in_loop <= right.in_loop_rms
@@ -295,7 +295,7 @@ def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):
     np.savetxt(path, rows, delimiter=",", header="time,position,goal", comments="")
     own = read_recording(path, drive=plain[0].drive)
     assert own.torque == pytest.approx(plain[0].torque, abs=1e-6) and not own.has_logged_torque
-    compared = compare(MODEL.at({"gravity": 0.5}), own)
+    compared = compare(MODEL.with_values({"gravity": 0.5}), own)
     assert not compared.is_torque_logged and not compared.regions and compared.joint.errors.in_loop > 0.02
     with pytest.raises(RecordingError, match="no column for torque"):
         read_recording(path)

@@ -167,11 +167,11 @@ def test_parameters_that_differ_from_those_that_were_given_are_reported():
 
 def test_a_given_model_is_compared_in_its_unit_and_without_its_unknown_parameters(tmp_path):
     model = Model.build(BASE, np.array([0.09, 1.6, 0.5, 0.9]))
-    env = DiagnoseOnline(gym.make(PENDULUM, rate=200), candidates="cogging", model=model.withholding({"viscous"}))
+    env = DiagnoseOnline(gym.make(PENDULUM, rate=200), candidates="cogging", model=model.withhold({"viscous"}))
     env.reset(seed=0)
     *_, info = played(env, 2400)
     assert "gravity" in info["diagnosis"].changed and "viscous" not in info["diagnosis"].changed
-    model.per(JointUnits("A")).save(tmp_path / "current.json")
+    model.convert_units(JointUnits("A")).save(tmp_path / "current.json")
     with pytest.raises(ValueError, match="per A, but the environment measures torque in N m"):
         DiagnoseOnline(gym.make(PENDULUM), model=tmp_path / "current.json")
 

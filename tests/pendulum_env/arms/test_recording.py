@@ -23,7 +23,7 @@ def table(path, **columns):
 
 
 def test_what_is_written_is_read(tmp_path):
-    recording = ArmRecording.of("run", JOINTS, TIME, POSITION, TORQUE)
+    recording = ArmRecording.from_arrays("run", JOINTS, TIME, POSITION, TORQUE)
     write_recording(recording, tmp_path / "run.csv")
     again = read_arm_recording(tmp_path / "run.csv", JOINTS)
     assert np.array_equal(again.position, POSITION) and np.array_equal(again.torque, TORQUE)
@@ -66,7 +66,7 @@ def test_columns_that_do_not_fit_the_robot_and_what_is_wrong_with_one_joint_are_
     with pytest.raises(RecordingError, match=why):
         read_arm_recording(table(tmp_path / "run.csv", **columns), JOINTS, held=("wrist",), columns=told)
     with pytest.raises(RecordingError, match="position of shape"):
-        ArmRecording.of("run", JOINTS, TIME, POSITION[:, :1], TORQUE)
+        ArmRecording.from_arrays("run", JOINTS, TIME, POSITION[:, :1], TORQUE)
 
 
 def test_what_is_noted_of_a_column_can_be_pasted_for_its_joint(tmp_path):

@@ -113,8 +113,10 @@ def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp
     assert {kind.at for kind in list_couplings(body)} == {"shoulder,elbow", "shoulder,-elbow"}
     assert {kind.id for kind in list_couplings(body)} <= offered
     links = Links(body)
-    assert [links.of_angle(joint) for joint in body.joints] == [("one",), ("sine", "cosine"), ()]
-    table = find_kind("torque_by_angle@torso", body).over(Extent(-0.3, 0.3, 6))().beside([links])
+    assert [links.list_angle_functions(joint) for joint in body.joints] == [("one",), ("sine", "cosine"), ()]
+    table = (
+        find_kind("torque_by_angle@torso", body).with_extent(Extent(-0.3, 0.3, 6))().without_known_functions([links])
+    )
     assert {column.unit for column in table.columns} == {"N"}
     curve = table.curve(np.arange(1.0, 7.0))
     assert np.trapezoid(curve.value, curve.x) == pytest.approx(0.0, abs=1e-3)  # a weight is the links'

@@ -202,9 +202,9 @@ def test_a_loop_that_is_held_up_is_a_fault_which_says_for_how_long_the_drive_did
 def test_a_loop_that_does_not_keep_its_rate_is_a_fault(make):
     for late, said in (((0.0, 11), "11 ticks were missed, 10"), ((0.11, 0), "the loop is 110 ms behind, 100 ms")):
         guard, _ = make(overruns=10, behind=0.1)
-        guard.late(0.09, 10)
+        guard.check_lateness(0.09, 10)
         with fault(guard, f"{said} are allowed .* lower the rate, .* real-time priority"):
-            guard.late(*late)
+            guard.check_lateness(*late)
 
 
 def test_a_fault_is_kept_until_it_is_cleared_and_the_first_one_counts(make, clock):

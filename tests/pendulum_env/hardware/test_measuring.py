@@ -59,9 +59,9 @@ def test_position_and_torque_are_referred_to_the_ticks():
     acted = []  # when each command came to act
     for k in range(count):
         acted.append(k * period + rng.uniform(0.0, 0.4e-3))
-        ticks.commanded(acted[-1], torques[k])
+        ticks.add_command(acted[-1], torques[k])
         late = (k + 1) * period + rng.exponential(0.2e-3)
-        ticks.measured(late, position(late))
+        ticks.add_measurement(late, position(late))
         ticks.wait()
         found.append((ticks.position, ticks.torque()))
     at = period * np.arange(1, count + 1)
@@ -77,12 +77,12 @@ def test_a_loop_that_was_held_up_catches_up():
     ticks = Ticks(1e-3, 0.0, 0.0)
     for k in range(1, 51):
         now = k * 1e-3
-        ticks.commanded(now - 1e-3, 1.0)
-        ticks.measured(now, 0.5 * 40.0 * now**2)
+        ticks.add_command(now - 1e-3, 1.0)
+        ticks.add_measurement(now, 0.5 * 40.0 * now**2)
         ticks.wait()
         assert ticks.torque() == pytest.approx(1.0)
     now = 70e-3
-    ticks.measured(now, 0.5 * 40.0 * now**2)
+    ticks.add_measurement(now, 0.5 * 40.0 * now**2)
     for k in range(51, 71):
         ticks.wait()
         assert ticks.position == pytest.approx(0.5 * 40.0 * (k * 1e-3) ** 2, abs=1e-9)

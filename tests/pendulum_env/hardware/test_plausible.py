@@ -27,10 +27,10 @@ def stopped(position, command, rate, plant=ROUGH, noise=None, took=lambda k: 0.0
     """Time after which the watch had something to say [s]; inf if it never had."""
     watch = PlausibilityCheck(plant, STEP, NOISE[rate] if noise is None else noise)
     position = [float(q) for q in position]
-    watch.measured(0.0, position[0])
+    watch.check_measurement(0.0, position[0])
     for k, torque in enumerate(command.tolist()):
-        watch.commanded(torque)
-        if watch.measured((k + 1) / rate, position[k + 1], took(k)):
+        watch.add_command(torque)
+        if watch.check_measurement((k + 1) / rate, position[k + 1], took(k)):
             return (k + 1) / rate
     return math.inf
 

@@ -89,7 +89,7 @@ def shaped(id: str, shape: str, value: float) -> dict:
 def covered(**changes: object) -> dict:
     """JSON of a model with a covariance, some of it replaced."""
     model = paper_plant()
-    data = model.correlated(list(model.estimates), np.eye(4)).json()
+    data = model.with_covariance(list(model.estimates), np.eye(4)).json()
     return data | {"covariance": data["covariance"] | changes}
 
 
@@ -160,17 +160,17 @@ def test_a_saved_model_keeps_the_covariance(tmp_path):
     covariance = np.diag([1e-4, 1e-2, 1e-3, 1e-2]) ** 2
     covariance[2, 3] = covariance[3, 2] = -0.8 * 1e-3 * 1e-2
     model = Model.build(BASE, [0.1, 2.0, 0.4, 0.9], np.sqrt(np.diag(covariance)))
-    model = model.correlated(["inertia", "gravity", "viscous", "coulomb"], covariance)
+    model = model.with_covariance(["inertia", "gravity", "viscous", "coulomb"], covariance)
     model.save(tmp_path / "model.json")
     np.testing.assert_allclose(Model.load(tmp_path / "model.json").covariance, covariance, rtol=1e-12)
-    assert model.at({"gravity": 1.9}).covariance is None  # nobody has told that of another model
+    assert model.with_values({"gravity": 1.9}).covariance is None  # nobody has told that of another model
 
 
 def test_a_model_at_other_values_has_them_in_estimates_and_terms():
     model = Model.build(BASE, [0.1, 2.0, 0.4, 0.9]).add(effect("stribeck")(0.5), 0.3)
-    other = model.at({"stribeck.stribeck_velocity": 0.8, "gravity": 1.0})
+    other = model.with_values({"stribeck.stribeck_velocity": 0.8, "gravity": 1.0})
     assert other.terms[-1].stribeck_velocity == other.estimates["stribeck.stribeck_velocity"].value == 0.8
     assert other.theta.tolist() == [0.1, 1.0, 0.4, 0.9, 0.3]
     for wrong in ({"gravty": 1.0}, {"inertia": 0.0}, {"gravity": np.nan}):
         with pytest.raises(ValueError, match=r"did you mean gravity|cannot be"):
-            model.at(wrong)
+            model.with_values(wrong)

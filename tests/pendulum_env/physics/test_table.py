@@ -26,13 +26,13 @@ from pendulum_env.physics.table import (
 from pendulum_env.plant import paper_plant
 
 KINDS = [
-    TorqueByAngle.over(Extent(-1.2, 2.1, 9, ("sine",))),
-    TorqueByAngle.over(Extent(-np.pi, np.pi, 12, ("sine",))),
-    FrictionByAngle.over(Extent(-0.3, 0.9, 5)),
-    FrictionByAngle.over(Extent(-np.pi, np.pi, 7)),
-    FrictionBySpeed.over(Extent(0.0, 7.0, 8)),
+    TorqueByAngle.with_extent(Extent(-1.2, 2.1, 9, ("sine",))),
+    TorqueByAngle.with_extent(Extent(-np.pi, np.pi, 12, ("sine",))),
+    FrictionByAngle.with_extent(Extent(-0.3, 0.9, 5)),
+    FrictionByAngle.with_extent(Extent(-np.pi, np.pi, 7)),
+    FrictionBySpeed.with_extent(Extent(0.0, 7.0, 8)),
 ]
-GAIN = GainByTime.over(Extent(0.0, 7.0, 5))  # which competes with effects, and no model keeps
+GAIN = GainByTime.with_extent(Extent(0.0, 7.0, 5))  # which competes with effects, and no model keeps
 SAID_ALREADY = {  # by the base model, of the table's argument
     "torque_by_angle": [np.sin],
     "friction_by_angle": [lambda q: 1.0],
@@ -143,10 +143,10 @@ def test_an_extent_that_makes_no_sense_is_one_sentence(kind, extent):
 
 
 def test_a_model_of_many_tables_and_their_covariance_can_be_read_again():
-    plant, kinds = paper_plant(), [kind.over(Extent(0.0, 2.0, 48)) for kind in TABLES.values()]
+    plant, kinds = paper_plant(), [kind.with_extent(Extent(0.0, 2.0, 48)) for kind in TABLES.values()]
     terms = (*plant.terms, *(kind() for kind in kinds))
     model = Model.build(terms, np.r_[plant.theta, np.zeros(sum(len(kind().columns) for kind in kinds))], 0.01)
-    model = model.correlated(list(model.estimates), model.assumed_covariance)
+    model = model.with_covariance(list(model.estimates), model.assumed_covariance)
     assert Model.from_json(json.loads(json.dumps(model.json()))) == model
 
 

@@ -181,12 +181,12 @@ def test_torque_that_was_asked_for_is_bounded_and_odd(goal, position, velocity, 
 )
 def test_drive_that_cannot_be_is_refused_with_the_reason(told, reason):
     with pytest.raises(ValueError, match=reason):
-        Drive.of(told)
+        Drive.from_settings(told)
 
 
 def test_drive_is_told_as_it_was_said():
-    drive = Drive.of({"preset": "xl330", "kp": 200, "gain": 0.13, "rate": 1000})
-    assert Drive.of(drive.told()) == drive
+    drive = Drive.from_settings({"preset": "xl330", "kp": 200, "gain": 0.13, "rate": 1000})
+    assert Drive.from_settings(drive.get_settings()) == drive
     assert issubclass(DriveError, ValueError)
 
 
@@ -202,7 +202,7 @@ def test_drive_is_told_as_it_was_said():
     ],
 )
 def test_a_preset_s_gain_is_that_of_the_servo_s_register(preset, kp, torque):
-    drive = Drive.of({"preset": preset, "kp": kp, **({} if preset == "mit" else {"gain": 0.5})})
+    drive = Drive.from_settings({"preset": preset, "kp": kp, **({} if preset == "mit" else {"gain": 0.5})})
     one = np.ones(1)
     supply = one * (drive.supply or 1.0)
     assert drive.torque(0.1 * one, 0 * one, 0 * one, supply, one) == pytest.approx(torque)

@@ -48,7 +48,7 @@ def test_plants_are_drawn_as_an_identified_model_knows_its_linear_parameters():
     covariance = np.diag(std**2)
     covariance[2, 3] = covariance[3, 2] = -0.9 * std[2] * std[3]
     model = Model.build((*BASE, Stribeck()), [0.09, 2.0, 0.35, 0.9, 0.001], [*std, 0.0005])
-    model = model.correlated(list(PAPER), covariance)
+    model = model.with_covariance(list(PAPER), covariance)
     env = RandomizePlantVector(gym.make_vec(PENDULUM, num_envs=20_000, model=model), "covariance")
     plant = env.reset(seed=5)[1]["plant"]
     drawn = np.stack([plant[column.name] for column in model.columns], axis=1)
