@@ -1,4 +1,4 @@
-"""Rigid bodies of an arm, from URDF or MJCF through Pinocchio: what the motion of n joints asks of their parameters.
+"""Rigid bodies of an arm from URDF or MJCF by Pinocchio: regressors of the motion of n joints.
 
     M(q) q'' + C(q, q') q' + g(q) = Y(q, q', q'') theta,    theta: ten numbers a link, and perhaps a rotor a joint
 
@@ -42,7 +42,7 @@ __all__ = ["BaseParameter", "Body", "BodyError", "LinkLoad", "read_body"]
 
 @dataclass(frozen=True)
 class BaseParameter:
-    """A combination of standard parameters that the torque shows."""
+    """Combination of standard parameters that the torque shows."""
 
     name: str  # of its first part, `Izz@shoulder`
     unit: str
@@ -50,7 +50,7 @@ class BaseParameter:
 
     @property
     def text(self) -> str:
-        """`Izz@shoulder + 0.2025 m@elbow`."""
+        """Return `Izz@shoulder + 0.2025 m@elbow`."""
         words = self.name
         for name, factor in self.parts[1:]:
             size = "" if np.isclose(abs(factor), 1.0) else f"{abs(factor):.4g} "
@@ -60,7 +60,7 @@ class BaseParameter:
 
 @dataclass(frozen=True, eq=False)
 class LinkLoad:
-    """A body fixed to a link.
+    """Body fixed to a link.
 
     Attributes:
         joint: in front of the link.
@@ -109,7 +109,7 @@ class Body(Mechanism):
 
     @cached_property
     def impossible_links(self) -> dict[str, str]:
-        """Links with an inertia that no body has, by the joint before each: what is wrong with it."""
+        """Return the fault of each link with an impossible inertia, by the joint before it."""
         found = {}
         for joint, link in zip(self.links, list(self.model.inertias)[1:], strict=True):
             if not link.mass > LIGHTEST:
@@ -122,12 +122,12 @@ class Body(Mechanism):
 
     @property
     def impossible_text(self) -> str:
-        """Sentence on all `impossible_links`; empty if there are none."""
+        """Return a sentence on all `impossible_links`; empty if there are none."""
         links = join_words([f"'{joint}' ({fault})" for joint, fault in self.impossible_links.items()])
         return f"no body has the inertia that the file gives behind joint {links}" if links else ""
 
     def refuse_impossible_links(self) -> None:
-        """Refuse to simulate links with an inertia that no body has.
+        """Refuse to simulate links with an impossible inertia.
 
         Raises:
             BodyError: with all of them.
@@ -139,30 +139,30 @@ class Body(Mechanism):
 
     @property
     def standard(self) -> tuple[str, ...]:
-        """Names of the S standard parameters."""
+        """Return the names of the S standard parameters."""
         links = [f"{name}@{joint}" for joint in self.links for name in STANDARD]
         return (*links, *(f"rotor@{joint}" for joint in self.joints if self.rotors))
 
     @property
     def standard_values(self) -> Array:
-        """Standard parameters as the file has them (S,)."""
+        """Return the standard parameters of the file (S,)."""
         links = np.concatenate([inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]])
         rotors = (self.ratios**2).T @ self.model.armature  # of joints that follow, too
         return np.concatenate([links, rotors]) if self.rotors else links
 
     @cached_property
     def values(self) -> Array:
-        """Base parameters as the file has them (P,)."""
+        """Return the base parameters of the file (P,)."""
         return np.asarray(self.combine @ self.standard_values)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the base parameters."""
+        """Return the names of the base parameters."""
         return tuple(parameter.name for parameter in self.base)
 
     @cached_property
     def base(self) -> tuple[BaseParameter, ...]:
-        """The base parameters, in words."""
+        """Return the base parameters with their combinations."""
         found = []
         for own, row in zip(self._independent, self.combine, strict=True):
             others = [k for k in np.flatnonzero(np.abs(row) > INDEPENDENT) if k != own]
@@ -172,7 +172,7 @@ class Body(Mechanism):
 
     @property
     def combined(self) -> dict[str, str]:
-        """Base parameters that combine several standard parameters."""
+        """Return the base parameters that combine several standard parameters."""
         return {own.name: own.text for own in self.base if len(own.parts) > 1}
 
     @property
@@ -185,18 +185,18 @@ class Body(Mechanism):
         return self._reduction[1]
 
     def link_columns(self, joint: str) -> Array:
-        """Return what each base parameter is of the standard parameters of the link behind a joint (P, 10)."""
+        """Return the base parameters as functions of the standard ones of the link behind a joint (P, 10)."""
         first = len(STANDARD) * self.links.index(joint)
         return self.combine[:, first : first + len(STANDARD)]
 
     def get_unit(self, name: str) -> str:
-        """Unit of a standard parameter."""
+        """Return the unit of a standard parameter."""
         quantity, _, joint = name.partition("@")
         return self.units(joint).unit("kg m^2") if quantity == "rotor" else UNITS.get(quantity, "kg m^2")
 
     @cached_property
     def _reduction(self) -> tuple[Index, Array]:
-        """Standard parameters that lead the base parameters (P,), and what each combines (P, S).
+        """Return the standard parameters that lead the base parameters (P,), and their combinations (P, S).
 
         QR of the torque regressor over random motion, its columns taken in an order of preference, and only those that
         are no combination of others before.
@@ -222,27 +222,27 @@ class Body(Mechanism):
     # ------------------------------------------------------------------------------------------------------- regressors
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
-        """Y(q, v, a) with torque = Y theta (N, n, P)."""
+        """Return Y(q, v, a) with torque = Y theta (N, n, P)."""
         return self._torque(q, v, a)[..., self._independent]
 
     def momentum(self, q: Array, v: Array) -> Array:
-        """Regressor of M(q) v (N, n, P)."""
+        """Return the regressor of M(q) v (N, n, P)."""
         return self._momentum(q, v)[..., self._independent]
 
     def exchange(self, q: Array, v: Array) -> Array:
-        """Regressor of dU/dq - dK/dq, what takes momentum away beside friction (N, n, P)."""
+        """Return the regressor of dU/dq - dK/dq, the loss of momentum beside friction (N, n, P)."""
         h = DIFFERENCE
         along = (self._momentum(q + h * v, v) - self._momentum(q - h * v, v)) / (2 * h)  # M' v
         still = np.zeros_like(v)
         return (self._torque(q, v, still) - along)[..., self._independent]  # C v + g - M' v
 
     def mass_matrix(self, q: Array, theta: Array) -> Array:
-        """M(q) at base parameters theta (P,), (N, n, n) [kg m^2]."""
+        """Return M(q) at base parameters theta (P,), (N, n, n) [kg m^2]."""
         columns = [self.momentum(q, np.broadcast_to(unit, q.shape)) @ theta for unit in np.eye(len(self.joints))]
         return np.stack(columns, axis=-1)
 
     def stored(self, q: Array, v: Array) -> Array:
-        """Regressor of the energy K + U, up to a constant (N, P)."""
+        """Return the regressor of the energy K + U, up to a constant (N, P)."""
         model, data, pin = self.model, self._data, import_pinocchio()
 
         def energies(q: Array, v: Array, a: Array) -> Array:
@@ -276,21 +276,21 @@ class Body(Mechanism):
         return links if count == len(self.joints) else np.einsum("kn,Nkp->Nnp", self.ratios, links)
 
     def _expand_motion(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """Motion of all links' joints, (N, links) each."""
+        """Return the motion of all links' joints, (N, links) each."""
         ratios = self.ratios.T
         return q @ ratios + self.offsets, v @ ratios, a @ ratios
 
     def _apply_to_samples(self, law: Callable[[Array, Array, Array], Array], q: Array, v: Array, a: Array) -> Array:
-        """A law of Pinocchio's, which knows one sample at a time, over N samples."""
+        """Apply a law of Pinocchio's, of one sample, to N samples."""
         return np.array([law(*sample) for sample in zip(q, v, a, strict=True)])
 
     def _append_rotors(self, links: Array, motion: Array) -> Array:
-        """Links' columns (N, n, 10 links) with those of rotors, each on its own joint alone, behind them."""
+        """Append the columns of rotors, each on its own joint alone, to those of links (N, n, 10 links)."""
         return np.concatenate([links, motion[:, :, None] * np.eye(len(self.joints))], axis=2) if self.rotors else links
 
     @property
     def position_limits(self) -> tuple[Array, Array]:
-        """Least and largest position of each joint (n,) [rad] or [m], infinite where the file has none."""
+        """Return the least and largest position of each joint (n,) [rad] or [m], infinite by default."""
         low, high = (
             self._select_joints(self.model.lowerPositionLimit),
             self._select_joints(self.model.upperPositionLimit),
@@ -300,12 +300,12 @@ class Body(Mechanism):
 
     @property
     def torque_limits(self) -> Array:
-        """Largest torque of each joint (n,) [N m] or [N], infinite where the file has none."""
+        """Return the largest torque of each joint (n,) [N m] or [N], infinite by default."""
         return _replace_unlimited(np.abs(self._select_joints(self.model.upperEffortLimit)))
 
     @property
     def velocity_limits(self) -> Array:
-        """Largest speed of each joint (n,) [rad/s] or [m/s], infinite where the file has none."""
+        """Return the largest speed of each joint (n,) [rad/s] or [m/s], infinite by default."""
         return _replace_unlimited(self._select_joints(self.model.upperVelocityLimit))
 
     def _select_joints(self, values: Array) -> Array:

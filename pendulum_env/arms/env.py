@@ -189,11 +189,11 @@ class PlanarArm(SimulatedArm):
 
     @property
     def urdf(self) -> str:
-        """The arm as URDF, for `read_body`."""
+        """Return the arm as URDF, for `read_body`."""
         return write_urdf(self.links, self.joints)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Picture (H, W, 3) of the arm and the torques at its joints; None in mode human."""
+        """Draw the arm and the torques at its joints (H, W, 3); None in mode human."""
         lengths = [link.length for link in self.links]
         angles = [link.angle for link in self.links]
         return self._renderer.draw(self._last, self.max_torque, self.overlay(), lengths, angles)

@@ -1,4 +1,4 @@
-"""Effects at joints: any effect of a pendulum's library at joint i, as a function of q_i, q'_i and tau_i.
+"""Effects at joints: any effect of a pendulum at joint i, as a function of q_i, q'_i and tau_i.
 
 Friction of an arm is decentralised, f_i(q'_i, tau_i) (the paper's (1)), and so is whatever else a joint does. A term
 at a joint is the pendulum's term under another name, `stribeck@elbow`; it meets the samples of its own joint only.
@@ -40,7 +40,7 @@ def can_sit(id: str, slides: bool = False) -> bool:
 
 
 def place_effect(effect: type[Term], joint: str, slides: bool = False) -> type[Term]:
-    """An effect as it is at one of several joints: the same law, with `@joint` behind its id and its parameters.
+    """Place an effect at one of several joints: the same law, with `@joint` behind its id and its parameters.
 
     Where the joint slides, the units are those of m and N. Nothing changes at the joint of a pendulum, without a name.
 
@@ -109,19 +109,19 @@ def _make_coupling(kind: type[Coupling], at: str, is_heavy: bool) -> type[Coupli
 
 
 def get_coupling(at: str, is_heavy: bool) -> type[Coupling]:
-    """The coupling of two joints, `elbow,wrist` or `elbow,-wrist`, with or without an inertia of its motor."""
+    """Return the coupling of two joints, `elbow,wrist` or `elbow,-wrist`, with or without an inertia of its motor."""
     return _make_coupling(Coupling, at, is_heavy)
 
 
 def list_couplings(body: Body) -> tuple[type[Coupling], ...]:
-    """Couplings of joints that follow each other, each way."""
+    """List the couplings of adjacent joints, in either direction."""
     turning = [can_sit(Coupling.id, slides) for slides in body.slides]
     pairs = [pair for pair, both in zip(pairwise(body.joints), pairwise(turning), strict=True) if all(both)]
     return tuple(choose_coupling(f"{first},{sign}{second}", body) for first, second in pairs for sign in ("", "-"))
 
 
 def choose_coupling(at: str, body: Body) -> type[Coupling]:
-    """The coupling of two joints of an arm; without inertia where a link's may be what its motor's would be."""
+    """Return the coupling of two joints, without inertia where a link's would be equivalent."""
     factors = np.array([list_loads(at).get(joint, 0.0) for joint in body.joints])
     q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(body.joints)))
     felt, links = np.outer(a @ factors, factors).ravel(), body.torque(q, v, a).reshape(a.size, -1)
@@ -130,7 +130,7 @@ def choose_coupling(at: str, body: Body) -> type[Coupling]:
 
 
 def place_term(term: Term, joint: str, slides: bool = False) -> Term:
-    """A term as it is at a joint."""
+    """Place a term at a joint."""
     return place_effect(type(term), joint, slides)(**term.nonlinear_values)
 
 
@@ -149,7 +149,7 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
 
 
 def friction(body: Mechanism) -> tuple[Term, ...]:
-    """Viscous and Coulomb friction at each joint."""
+    """Return viscous and Coulomb friction at each joint."""
     joints = zip(body.joints, body.slides, strict=True)
     return tuple(place_term(term, joint, slides) for joint, slides in joints for term in FRICTION)
 
@@ -160,12 +160,12 @@ def arm_base(body: Mechanism) -> tuple[Term, ...]:
 
 
 def arrange_terms(terms: Sequence[T], body: Mechanism) -> tuple[T | Links, ...]:
-    """Terms of a model: those given for a pendulum, and behind the links of an arm those at its joints."""
+    """Return the terms of a model: as given for a pendulum; for an arm, its links and the terms at its joints."""
     return (Links(body), *terms) if isinstance(body, Body) else tuple(terms)
 
 
 def find_body(terms: Sequence[object]) -> Mechanism:
-    """Joints of a model by its first term: the links of an arm have a body, others are at the joint of a pendulum."""
+    """Find the joints of a model by its first term: links have a body, others are at the joint of a pendulum."""
     return terms[0].mechanism if terms and isinstance(terms[0], Term) else PENDULUM
 
 
@@ -177,17 +177,17 @@ def find_links(terms: Sequence[object]) -> Body:
 
 
 def list_effects(body: Mechanism) -> dict[str, type[Term]]:
-    """Effects that may be missing at the joints of a body, by id."""
+    """Return the effects that may be missing at the joints of a body, by id."""
     return joint_effects() if isinstance(body, Body) else list_nameable()
 
 
 def joint_effects() -> dict[str, type[Term]]:
-    """Effects of the library that can sit at a joint of an arm, and the coupling of two, by id."""
+    """Return the library effects that can be at a joint of an arm, and the coupling of two, by id."""
     return {id: effect for id, effect in list_nameable().items() if can_sit(id)} | {Coupling.id: Coupling}
 
 
 def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Term]]:
-    """Effects at each joint where they make sense; a coupling at each pair of joints that follows each other.
+    """Place effects at each joint where they are possible; a coupling at each pair of adjacent joints.
 
     Those that are at a joint already stay there.
     """
@@ -203,7 +203,7 @@ def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Ter
 
 
 def find_kind(text: str, body: Mechanism) -> type[Term]:
-    """The effect that `stribeck`, at an arm `stribeck@elbow` or `coupling@elbow,-wrist`, names, or a table.
+    """Find the effect or table of `stribeck`, at an arm `stribeck@elbow` or `coupling@elbow,-wrist`.
 
     Raises:
         ValueError: if there is no such effect or joint; the message names the nearest.
@@ -226,7 +226,7 @@ def find_kind(text: str, body: Mechanism) -> type[Term]:
 def find_kinds(
     names: Iterable[str], body: Mechanism, known: Mapping[str, type[Term]] | None = None
 ) -> list[type[Term]]:
-    """Effects by name: `stribeck` at each joint where it makes sense, `stribeck@elbow` at that one.
+    """Find effects by name: `stribeck` at each joint where it is possible, `stribeck@elbow` at that one.
 
     Args:
         names: of effects.
@@ -248,7 +248,7 @@ def parse_effect(
     known: Mapping[str, type[Term]] | None = None,
     sliding: Collection[str] = (),
 ) -> tuple[type[Term], str]:
-    """Effect and joint of `stribeck@elbow`, of those that are known: by default all effects that can be at a joint.
+    """Parse effect and joint of `stribeck@elbow`, by default of all effects that can be at a joint.
 
     Raises:
         ValueError: if there is no such effect or joint, the message names the nearest; or if that joint slides and the
@@ -275,7 +275,7 @@ def _refuse_sliding(id: str, joints: Iterable[str], sliding: Collection[str]) ->
 
 @dataclass(frozen=True)
 class Links(Term):
-    """The rigid body of an arm: one column for each base parameter, which the motion of all joints makes."""
+    """Rigid body of an arm: one column for each base parameter, a function of the motion of all joints."""
 
     body: Body
 
@@ -285,21 +285,21 @@ class Links(Term):
 
     @cached_property
     def columns(self) -> tuple[Column, ...]:  # of which there are many
-        """Base parameters; `Body` has their regressors."""
+        """Return the base parameters; `Body` has their regressors."""
         return tuple(Column(parameter.name, parameter.unit) for parameter in self.body.base)
 
     @property
     def mechanism(self) -> Body:
-        """The body."""
+        """Return the body."""
         return self.body
 
     @property
     def nonlinear_values(self) -> dict[str, float]:
-        """It has none."""
+        """Return none."""
         return {}
 
     def list_angle_functions(self, at: str) -> tuple[str, ...]:
-        """Weight, where it loads a joint alike wherever the others are, as the first one whose axis lies level."""
+        """Return the function of a joint's weight, if it is independent of the other joints."""
         joint = self.body.joints.index(at)
         one, other = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, DRAWS, len(self.body.joints)))
         other[:, joint] = one[:, joint]

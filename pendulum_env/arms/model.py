@@ -1,4 +1,4 @@
-"""A model of an arm: a rigid body, terms at its joints, and the values of their parameters."""
+"""Model of an arm: a rigid body, terms at its joints, and the values of their parameters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HINT = "identify or diagnose the arm to have one"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ArmModel(Model):
-    """A model whose first term are the links of an arm, with base parameters; the others are at its joints.
+    """Model with the links of an arm as its first term; the other terms are at its joints.
 
     Estimates are named as in `viscous@elbow`, nonlinear parameters as in `stribeck.stribeck_velocity@elbow`.
     What takes the motion of one joint, `torque` and `simulate`, is of no use here.
@@ -35,11 +35,11 @@ class ArmModel(Model):
 
     @property
     def body(self) -> Body:
-        """The links."""
+        """Return the links."""
         return find_links(self.terms)
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON; base parameters also say what they combine."""
+        """Return a plain dictionary for JSON, with the combinations of base parameters."""
         return {
             "schema": ARM_SCHEMA,
             "robot": self.body.name,
@@ -72,7 +72,7 @@ class ArmModel(Model):
 
     @classmethod
     def from_json_of_body(cls, content: JSON, body: Body) -> ArmModel:
-        """Model of a body from a dictionary that `json` made; raises a UserError, as `load` does."""
+        """Make a model of a body from a dictionary that `json` made; raises a UserError, as `load` does."""
         if not isinstance(content, dict) or content.get("schema") != ARM_SCHEMA:
             raise ModelError(f"is no model of an arm; {HINT}")
         data = convert(content, _ArmModelFile)
@@ -126,7 +126,7 @@ class _ArmModelFile(_ArmFile, kw_only=True):
 
 
 def make_arm_model(model: Model) -> Model:
-    """A model as that of an arm, if links are the first of its terms."""
+    """Convert a model to that of an arm, if its first term are links."""
     if not isinstance(model.body, Body):
         return model
     return ArmModel(model.terms, model.estimates, correlation=model.correlation)
@@ -139,7 +139,7 @@ def load_model(path: str | Path, body: Mechanism) -> Model:
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """How a model was made: which joints of the robot move, where others are held, and so on; how logs were read."""
+    """Options by which a model was made: joints that move or are held, robot, and log format."""
 
     joints: tuple[str, ...] | None = None
     held: Mapping[str, float] = field(default_factory=dict)
@@ -149,7 +149,7 @@ class ModelOptions:
 
     @classmethod
     def read_from_model(cls, path: str | Path) -> ModelOptions:
-        """Read it from the file of a model; empty if the file is no model."""
+        """Read the options from the file of a model; empty if the file is no model."""
         try:
             data = convert(read_json(path, HINT), _ArmFile)
         except FileError:
@@ -159,7 +159,7 @@ class ModelOptions:
 
 
 def _build_term(k: int, data: _ArmModelFile, body: Body) -> Term:
-    """Make term k of a model file."""
+    """Build term k of a model file."""
     item = data.terms[k]
     places = list(list_loads(item.joint)) if item.id == Coupling.id else [item.joint]
     for place in places:

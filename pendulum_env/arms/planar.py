@@ -56,7 +56,7 @@ TWO_LINK = (Link(1.2, 0.45, 0.2, 0.02), Link(0.8, 0.35, 0.15, 0.008))
 
 
 def name_joints(count: int) -> tuple[str, ...]:
-    """`shoulder`, `elbow`, `wrist`, then numbers."""
+    """Return `shoulder`, `elbow`, `wrist`, then numbers."""
     return tuple(("shoulder", "elbow", "wrist")[k] if k < 3 else f"joint{k + 1}" for k in range(count))
 
 
@@ -66,7 +66,7 @@ def make_joint_models(
     effects: Effects = (),
     sliding: Collection[str] = (),
 ) -> tuple[Model, ...]:
-    """Friction of each joint, and the effects hidden there.
+    """Make the friction of each joint, with the effects hidden there.
 
     Args:
         friction: viscous [N m s/rad] and dry [N m], of each joint.
@@ -106,14 +106,14 @@ class JointBalances:
         return np.array([now for line, own in zip(self._lines, torque, strict=True) for now in line.push(own)])
 
     def torques(self, position: Array, velocity: Array, torque: Array) -> tuple[Array, Array]:
-        """Torque that is left for acceleration and dry friction, and how large the latter may be (n,) [N m]."""
+        """Return the torque left for acceleration and dry friction, and the size of the latter (n,) [N m]."""
         samples = self._samples(position, velocity, torque)
         pairs = [(own.net(x), max(float(own.dry(x)), 0.0)) for own, x in zip(self._balances, samples, strict=True)]
         net, dry = np.array(pairs, dtype=float).T
         return net, dry
 
     def advance(self, position: Array, velocity: Array, torque: Array, mean: Array) -> None:
-        """Go on by a step from there, the joints moving at mean velocities (n,) meanwhile."""
+        """Advance by a step, the joints moving at mean velocities (n,) meanwhile."""
         for k, x in enumerate(self._samples(position, velocity, torque)):
             if x.memory:
                 self._memory[k] = self._balances[k].advance(x, mean[k], self._h)
@@ -126,7 +126,7 @@ class JointBalances:
 
 
 class PlanarBodies:
-    """The simulated arm: advance it with `advance`; positions and velocities are those of the joints."""
+    """Simulated planar arm: advance it with `advance`; positions and velocities are those of the joints."""
 
     at_rest = 1e-3  # [rad/s]; a slower joint may be one that friction holds, not quite stopped by the solver
     iterations = 20  # of pymunk's solver, which converges by a constant factor
@@ -219,7 +219,7 @@ class PlanarBodies:
 
 
 def write_urdf(links: Sequence[Link], names: Sequence[str]) -> str:
-    """The arm as URDF, with its joints' names and friction; angles are counted as in the simulation."""
+    """Write the arm as URDF, with its joints' names and friction; angles are as in the simulation."""
     from xml.sax.saxutils import quoteattr  # it brings all of urllib
 
     bodies, joints = ['<link name="base"/>'], []
@@ -241,6 +241,6 @@ def write_urdf(links: Sequence[Link], names: Sequence[str]) -> str:
 
 
 def _locate_point(link: Link, along: float, aside: float) -> str:
-    """A point of a link from its joint, where all joints are at zero: x to the right, z up [m]."""
+    """Return a point of a link from its joint, all joints at zero: x to the right, z up [m]."""
     s, c = np.sin(link.angle), np.cos(link.angle)
     return f"{along * s + aside * c:.9g} 0 {aside * s - along * c:.9g}"

@@ -1,4 +1,4 @@
-"""An arm that moves in a vertical plane, as the planar simulator has it: its links from a robot's file."""
+"""Arm that moves in a vertical plane: the links of a robot's file for the planar simulator."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ ALIKE = 1e-6  # of directions, and of lengths as shares of the arm's
 
 
 def get_friction(body: Body, shares: Array | None = None) -> list[tuple[float, float]]:
-    """Viscous [N m s/rad] and dry [N m] friction of each joint by the file, or shares of the paper's if it has none."""
+    """Return viscous [N m s/rad] and dry [N m] friction of each joint from the file, or shares of the paper's."""
     model, places = body.model, [body.links.index(joint) for joint in body.joints]
     usual = np.outer(np.ones(len(places)) if shares is None else shares, [PAPER["viscous"], PAPER["coulomb"]])
     given = [(float(model.damping[k]), float(model.upperDryFrictionLimit[k])) for k in places]
@@ -22,7 +22,7 @@ def get_friction(body: Body, shares: Array | None = None) -> list[tuple[float, f
 
 
 def find_planar_links(body: Body) -> tuple[Link, ...]:
-    """Links of a chain whose joints all turn about one horizontal direction.
+    """Find the links of a chain whose joints all turn about one horizontal direction.
 
     Friction is the file's (`<dynamics damping="..." friction="..."/>` of URDF); a joint without any has the paper's.
 

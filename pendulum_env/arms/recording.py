@@ -1,4 +1,4 @@
-"""Recordings of an arm: those of a pendulum with a column a joint."""
+"""Recordings of an arm: as those of a pendulum, with one column per joint."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ STILL = 0.01  # [rad] or [m], within which a joint is held
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ArmRecording(Recording):
-    """N samples of n joints: a recording whose positions and torques have a column a joint, (N, n) [rad] and [N m].
+    """N samples of n joints: a recording with positions and torques (N, n) [rad] and [N m].
 
     Joints that slide have positions in m and forces in N where others have rad and N m.
 
@@ -68,7 +68,7 @@ class ArmRecording(Recording):
 
     @cached_property
     def joints(self) -> tuple[Recording, ...]:
-        """Each joint alone, with the same meaning of a held torque."""
+        """Return each joint alone, with the same meaning of a held torque."""
         series: dict[str, Any] = {name: values for name in OF_JOINTS if (values := getattr(self, name)) is not None}
         of_each: list[dict[str, Any]] = [
             {name: np.ascontiguousarray(own[:, k]) for name, own in series.items()} for k in range(len(self.names))
@@ -79,12 +79,12 @@ class ArmRecording(Recording):
 
     @property
     def is_free(self) -> bool:
-        """Never: the mass of links is not scaled by one inertia."""
+        """Return False: the mass of links is not scaled by one inertia."""
         return False
 
     @property
     def columns(self) -> dict[str, Array]:
-        """Time, and `position_<joint>` and so on of what there is, (N,) each."""
+        """Return time, and `position_<joint>` and so on where recorded, (N,) each."""
         own = {
             f"{what}_{at}": getattr(one, what)
             for what in OF_JOINTS
@@ -95,7 +95,7 @@ class ArmRecording(Recording):
 
     @property
     def summary(self) -> str:
-        """Length, rate, number of samples and joints."""
+        """Return length, rate, number of samples and joints."""
         return f"{super().summary}, {len(self.names)} joint{'s' * (len(self.names) > 1)}"
 
 
@@ -105,7 +105,7 @@ def get_payload(recording: Recording) -> LinkLoad | None:
 
 
 def add_payload(recording: Recording, load: LinkLoad) -> Recording:
-    """Return a recording of an arm with a known payload, in addition to what it is known to carry at the same link."""
+    """Return a recording of an arm with a known payload, in addition to one already known at the same link."""
     before = get_payload(recording)
     if before is not None:
         load = LinkLoad(load.joint, before.standard + load.standard)
@@ -182,7 +182,7 @@ def read_logged(body: Mechanism, source: Readable, format: Source, name: str | N
 def find_logged_joints(
     source: Readable, joints: Sequence[str], columns: Mapping[str, str] | None = None
 ) -> tuple[str, ...]:
-    """Names of the joints that a file or table has columns of; all joints if columns bear numbers.
+    """Find the joints with columns in a file or table; all joints if columns bear numbers.
 
     A joint without a column of torque whose position stays within `STILL` is no such joint either.
 
@@ -249,7 +249,7 @@ def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str,
 
 
 def _note_of_joint(joint: str, note: Note) -> Note:
-    """A note on columns of one joint, by their names in the file."""
+    """Return a note on columns of one joint, by their names in the file."""
     quantities = (f"{own}_{joint}" if own in OF_JOINTS else own for own in note.quantities)
     named = {q: text for q, text in note.columns.items() if text != UNUSED}
     columns = {f"{q}_{joint}" if q in OF_JOINTS else q: text for q, text in named.items()}
@@ -258,7 +258,7 @@ def _note_of_joint(joint: str, note: Note) -> Note:
 
 
 def _read_held_position(label: str, look: Preview, text: str) -> Array:
-    """Positions (M,) of a joint that is held, as a column has them."""
+    """Read the positions (M,) of a joint that is held from its column."""
     try:
         column = parse_column("position", text, look.headers)
     except ColumnError as error:
@@ -271,7 +271,7 @@ def _read_held_position(label: str, look: Preview, text: str) -> Array:
 
 
 def _replace_joint_names(joint: str, text: str) -> str:
-    """A text about columns of one joint, ready to paste."""
+    """Write a text about columns of one joint, ready to paste."""
     text = re.sub(",(velocity|reference)=unused|, '(velocity|reference)': 'unused'", "", text)
     text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda found: f"{found[1]}_{joint} is", text)
     return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})(=|': )", lambda found: f"{found[1]}_{joint}{found[2]}", text)
@@ -301,7 +301,7 @@ def _name_columns(
     held: Collection[str],
     given: dict[str, str],
 ) -> dict[str, str]:
-    """The column of `position_<joint>` and `torque_<joint>` of every joint, as the user or its name tells."""
+    """Name the column of `position_<joint>` and `torque_<joint>` of every joint, from the user or from its name."""
     wanted = [f"{quantity}_{joint}" for quantity in OF_JOINTS for joint in (*joints, *held)]
     for name in given:
         try:
@@ -338,5 +338,5 @@ def _name_columns(
 
 
 def strip_units(headers: Sequence[str]) -> dict[str, str]:
-    """Headers by their names alone: `position_lift` of `position_lift [mm]`."""
+    """Strip the units from headers: `position_lift` of `position_lift [mm]`."""
     return {re.split(r"[\[(]", header)[0].strip(): header for header in headers}

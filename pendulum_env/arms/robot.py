@@ -1,4 +1,4 @@
-"""Robots in files, URDF or MJCF, as they come: which joints move, which are held, and which follow others.
+"""Robots in files, URDF or MJCF: joints that move, are held, or follow others.
 
 Joints that are held are gone, their links part of those before. Those that mimic others, as the fingers of a gripper,
 stay links of their own: with joints at q, all links' joints are at R q + r.
@@ -30,11 +30,11 @@ ENDLESS = "1e30"  # of a limit that there is none
 
 
 class BodyError(UserError):
-    """A robot that cannot be identified; the message is one sentence with the file, what is wrong and what to do."""
+    """Robot that cannot be identified; the message has the file, the fault and the remedy."""
 
 
 def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> JSON:
-    """Fields of a `Body` as a file has it; arguments and errors are those of `read_body`."""
+    """Read the fields of a `Body` from a file; arguments and errors are those of `read_body`."""
     try:
         check_size(path)
         return _read_fields(Path(path), joints, held, bolted)
@@ -43,7 +43,7 @@ def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str
 
 
 def find_movable_joints(path: str | Path, bolted: bool = False) -> tuple[str, ...]:
-    """Names of the joints of a file that move by themselves, in its order; arguments and errors as of `read_body`."""
+    """Find the joints of a file that move by themselves, in its order; arguments and errors as of `read_body`."""
     try:
         check_size(path)
         return tuple(_parse(Path(path)).find_free(bolted, {}))
@@ -61,7 +61,7 @@ class _File:
     leads: Mapping[str, _Mimic]
 
     def find_free(self, bolted: bool, held: Container[str]) -> list[str]:
-        """Joints that mimic none and are no base; a base that floats is refused unless it is held or bolted down."""
+        """Find joints that neither mimic nor are a base; refuse a floating base unless it is held or bolted down."""
         free = [joint for joint, tie in self.leads.items() if tie.joint == joint]
         bases = [joint for joint in free if _find_joint_kind(self.model, joint) == "FreeFlyer"]
         for joint in bases:
@@ -169,7 +169,7 @@ def _bound(tree: ElementTree.Element) -> None:
 
 
 def import_pinocchio() -> ModuleType:
-    """Pinocchio, imported where it is needed.
+    """Import Pinocchio where it is needed.
 
     Raises:
         BodyError: if it is not installed.
@@ -194,7 +194,7 @@ class _Mimic:
 
 
 def _find_leader(joint: str, ties: Mapping[str, _Mimic], robot: Sequence[str]) -> _Mimic:
-    """The joint that leads another, perhaps by others between: itself, if it follows none."""
+    """Find the joint that leads another, perhaps by others between: itself, if it follows none."""
     tie, passed = _Mimic(joint, 1.0, 0.0), set[str]()
     while tie.joint in ties:
         if tie.joint in passed:
@@ -208,7 +208,7 @@ def _find_leader(joint: str, ties: Mapping[str, _Mimic], robot: Sequence[str]) -
 
 
 def _lock_joints(model: Any, held: Mapping[str, float]) -> Any:
-    """The model with joints fixed where they are held, their links part of those before."""
+    """Return the model with the held joints fixed, their links part of those before."""
     pin = import_pinocchio()
     q = pin.neutral(model)
     for joint, position in held.items():
@@ -228,7 +228,7 @@ def _find_joint_kind(model: Any, joint: str) -> str:
 
 
 def _read_mimics(tree: ElementTree.Element) -> dict[str, _Mimic]:
-    """Joints that follow others; links that hang on two joints are refused."""
+    """Read the joints that follow others; links that hang on two joints are refused."""
     children = [child.get("link") for child in tree.iterfind("joint/child")]
     for link, times in Counter(children).items():
         if times > 1:
@@ -261,7 +261,7 @@ def _parse_numbers(text: str, what: str, count: int | None = None) -> list[float
 
 
 def _refuse_others(model: Any) -> None:
-    """Refuse what is no arm of joints that turn or slide."""
+    """Refuse a tree of joints of other types, without joints, or without gravity."""
     if model.njoints < 2:
         raise BodyError("has no joint that moves")
     if model.njoints - 1 > MOST:

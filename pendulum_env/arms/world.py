@@ -1,4 +1,4 @@
-"""Any arm of a file in MuJoCo (extra `export`): to be simulated, or written for other programs.
+"""Any arm of a file in MuJoCo (extra `export`), to simulate it or to write it for other programs.
 
 Links are bodies on hinges and slides in a tree; joints that follow others are tied by equality constraints. Viscous
 friction is MuJoCo's damping and implicit, dry friction its `frictionloss`, as stiff as `constrained_body` has it; all
@@ -23,7 +23,7 @@ TIED = (0.999, 0.9999, 1e-4, 0.5, 2.0)  # impedance of what ties a follower to i
 
 
 def build_specification(body: Body, standard: Array, friction: Mapping[str, tuple[float, float]]) -> Any:
-    """An arm as MuJoCo's `MjSpec`.
+    """Build an arm as MuJoCo's `MjSpec`.
 
     Args:
         body: its links.
@@ -76,7 +76,7 @@ def build_specification(body: Body, standard: Array, friction: Mapping[str, tupl
 
 
 class SpatialBodies:
-    """A simulated arm: advance it with `advance`; positions and velocities are those of the joints that lead."""
+    """Simulated arm: advance it with `advance`; positions and velocities are those of the leading joints."""
 
     longest_step = 2.5e-4  # [s]
 
@@ -134,7 +134,7 @@ class SpatialBodies:
 
 
 def import_mujoco() -> Any:
-    """MuJoCo, imported where it is needed.
+    """Import MuJoCo where it is needed.
 
     Raises:
         BodyError: if it is not installed.

@@ -101,7 +101,7 @@ class SymbolicStep:
     after: Mapping[str, Any]
 
     def compile(self, quickly: bool) -> Recurrence:
-        """The program, see `recurrence`."""
+        """Compile the program, see `compile_recurrence`."""
         states = {
             label: self.before.get(label, make_symbols(label, *np.shape(box(value))))
             for label, value in self.after.items()
@@ -111,7 +111,7 @@ class SymbolicStep:
 
 
 class Machine:
-    """A recurrence that is taken one step at a time, each lane of a batch a system of its own.
+    """Recurrence that is taken one step at a time; each lane of a batch is a system of its own.
 
     Attributes:
         given: what is given, by label, each (..., B): to be filled in place before a step.
@@ -140,7 +140,7 @@ class Machine:
 
 
 def _allocate_rows(parts: Mapping[str, Any], lanes: int) -> tuple[Array, dict[str, Array]]:
-    """Room for the values of some parts in a row (N, B), and the room of each (..., B)."""
+    """Allocate the values of some parts in a row (N, B), and a view of each (..., B)."""
     rows = np.zeros((len(_flatten_parts(parts)), lanes))
     places, first = {}, 0
     for label, part in parts.items():
@@ -171,7 +171,7 @@ def compile_recurrence(
 
 
 def _write_lines(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Place, ...]]:
-    """Expressions as lines, each an operation on earlier ones, and the places of the results."""
+    """Write expressions as lines, each an operation on earlier ones, and the places of the results."""
     order, same = merge_equal(results)
     place = {symbol: k for k, symbol in enumerate(order)}
 
@@ -215,7 +215,7 @@ def _compile_program(
     lines: Sequence[Line],
     results: Sequence[Place],
 ) -> ir.Module:
-    """Three loops: over steps, over variants, and over the lanes of a batch, which LLVM takes several at a time."""
+    """Compile three loops: over steps, variants, and lanes of a batch, which LLVM vectorises."""
     module = ir.Module()
     program = ir.Function(module, ir.FunctionType(ir.VoidType(), 4 * [WHOLE] + 4 * [POINTER]), "run")
     steps, every, variants, lanes, *arrays = program.args
@@ -272,7 +272,7 @@ def _build_loop(builder: ir.IRBuilder, count: Any) -> Iterator[Any]:
 
 @dataclass(frozen=True)
 class _Instructions:
-    """Expressions as instructions, in the values that their names have."""
+    """Instructions of expressions, in the values that their names have."""
 
     module: ir.Module
     builder: ir.IRBuilder
@@ -311,7 +311,7 @@ class _Instructions:
         return write.call(self._function(CALLS[op], len(numbers)), numbers)
 
     def _sine(self, x: Any, shift: float) -> Any:
-        """sin(x + shift pi) by its series about the nearest multiple of pi, which LLVM takes several at a time."""
+        """Return sin(x + shift pi) by its series about the nearest multiple of pi, which LLVM vectorises."""
         write, whole = self.builder, self._function("llvm.rint.f64", 1)
         turns = write.call(whole, [write.fadd(write.fmul(x, DOUBLE(1 / math.pi)), DOUBLE(shift))])
         rest = x

@@ -1,4 +1,4 @@
-"""Checks of a user's own effect before it joins the library: its texts, its columns, and its laws."""
+"""Checks of a user's effect before it joins the library: its texts, columns and laws."""
 
 import re
 from collections.abc import Callable, Iterable
@@ -132,7 +132,7 @@ def _check_torque(term: Term) -> None:
 
 
 def _split_torque(column: Column, x: Samples) -> Array:
-    """Mass, force and dry friction of a column (3, N)."""
+    """Return mass, force and dry friction of a column (3, N)."""
     return np.array([np.broadcast_to(getattr(column, law)(x), x.time.shape) for law in LAWS[:3]], dtype=float)
 
 
@@ -148,7 +148,7 @@ def _check_all(values: object, kind: type, of: str) -> None:
 
 
 def _call_user_function(of: str, function: Callable[[], T]) -> T:
-    """Result of a function of the user's.
+    """Call a function of the user's; any error becomes a UserError.
 
     Raises:
         UserError: with what the function raises, and where it is.

@@ -73,7 +73,7 @@ def _get_full_name(kind: type[Term]) -> tuple[str, str]:
 
 @cache
 def load_installed() -> tuple[type[Term], ...]:
-    """Effects that installed packages offer."""
+    """Load the effects of installed packages."""
     found = []
     for point in entry_points(group=ENTRY_POINTS):
         try:
@@ -93,22 +93,22 @@ def load_installed() -> tuple[type[Term], ...]:
 
 
 def effects() -> dict[str, type[Term]]:
-    """All known effects by id, built-in ones first."""
+    """Return all known effects by id, built-in ones first."""
     return {effect.id: effect for effect in (*BUILT_IN, *load_installed(), *_registered.values())}
 
 
 def list_nameable() -> dict[str, type[Term]]:
-    """Effects that a diagnosis may name, by id: those of the library, and those that act by what else was measured."""
+    """Return the effects that a diagnosis may name, by id: the library, and those of other measured quantities."""
     return effects() | MEASURED
 
 
 def list_addable() -> dict[str, type[Term]]:
-    """All that can be added to a model, by id: effects that may be named, and functions that are kept as tables."""
+    """Return all that can be added to a model, by id: nameable effects and tables."""
     return list_nameable() | TABLES
 
 
 def effect(id: str) -> type[Term]:
-    """Effect of that id.
+    """Find the effect of an id.
 
     Raises:
         ValueError: if there is none; the message names the nearest and all that exist.
@@ -117,11 +117,11 @@ def effect(id: str) -> type[Term]:
 
 
 def find_addition(id: str) -> type[Term]:
-    """Effect or table of that id; raises ValueError like `effect`."""
+    """Find the effect or table of an id; raises ValueError like `effect`."""
     return find("effect", id, list_addable())
 
 
 def find_term(id: str) -> type[Term]:
-    """Base term, effect or table of that id; raises ValueError like `effect`."""
+    """Find the base term, effect or table of an id; raises ValueError like `effect`."""
     base = {item.id: type(item) for item in (*BASE, actuation.BackEmf())}
     return base[id] if id in base else find_addition(id)

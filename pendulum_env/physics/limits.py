@@ -18,11 +18,11 @@ Bounds = Mapping[str, tuple[float | None, float | None]]  # as a user gives them
 
 
 class LimitsError(UserError):
-    """Limits that make no sense; the message says which and why."""
+    """Limits that contradict each other or their parameter."""
 
 
 def make_limits(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[float, float]]:
-    """Limits from known values and from bounds.
+    """Make limits from known values and from bounds.
 
     Raises:
         LimitsError: if a parameter is named twice, or its limits leave nothing.
@@ -47,7 +47,7 @@ def make_limits(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[f
 
 
 def _refuse_other_values(given: Any, argument: str, example: str, is_pair: bool = False) -> Mapping[str, Any]:
-    """Refuse arguments that are no mapping of names to numbers, or to pairs of numbers or None."""
+    """Refuse arguments that do not map names to numbers, or to pairs of numbers or None."""
 
     def is_right(value: Any) -> bool:
         if not is_pair:
@@ -86,7 +86,7 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
 
 
 def limit_kind(kind: type[Term], limits: Limits) -> type[Term]:
-    """A kind of term whose parameters stay within limits; the same kind if none are its own.
+    """Derive a kind of term with limited parameters; the same kind if no limit concerns it.
 
     A parameter whose limits are one value is known: fits keep it, and it has no standard error. Of a kind that has
     limits already, new ones of the same parameters take their place.
@@ -99,18 +99,18 @@ def limit_kind(kind: type[Term], limits: Limits) -> type[Term]:
 
 
 def collect_limits(terms: Iterable[Term]) -> dict[str, tuple[float, float]]:
-    """Limits that a user set to parameters of terms, by name; a known value is both."""
+    """Collect the limits that a user set to parameters of terms, by name; a known value is both."""
     held = (getattr(type(term), "bare", (type(term), ()))[1] for term in terms)
     return {name: (low, high) for own in held for name, low, high in own}
 
 
 def write_limits(limits: Limits) -> dict[str, list[float | None]]:
-    """Limits for JSON: `[low, high]`, null for none."""
+    """Write limits for JSON: `[low, high]`, null for none."""
     return {name: [end if np.isfinite(end) else None for end in ends] for name, ends in limits.items()}
 
 
 def read_limits(content: Mapping[str, tuple[float | None, float | None]]) -> dict[str, tuple[float, float]]:
-    """Limits as `write_limits` wrote them.
+    """Read limits as `write_limits` wrote them.
 
     Raises:
         LimitsError: if they leave no value.
@@ -119,13 +119,13 @@ def read_limits(content: Mapping[str, tuple[float | None, float | None]]) -> dic
 
 
 def limit_term(term: Term, limits: Limits) -> Term:
-    """A term with its parameters within limits, its nonlinear parameters moved there."""
+    """Limit the parameters of a term, and move its nonlinear parameters within."""
     kind = limit_kind(type(term), limits)
     return term if kind is type(term) else clip_term(kind(**term.nonlinear_values))
 
 
 def release_term(term: Term) -> Term:
-    """A term whose known parameters are free; its bounds stay."""
+    """Free the known parameters of a term; its bounds stay."""
     kind, held = getattr(type(term), "bare", (type(term), ()))
     bounded = {name: (low, high) for name, low, high in held if low < high}
     return term if len(bounded) == len(held) else limit_kind(kind, bounded)(**term.nonlinear_values)

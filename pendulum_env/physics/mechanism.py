@@ -11,7 +11,7 @@ from pendulum_env.units import TURNING, JointUnits
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """Joints that turn or slide. A pendulum has one joint, with an empty name; `pendulum_env.arms.Body` has links, too.
+    """Joints that turn or slide: one without a name for a pendulum; `pendulum_env.arms.Body` also has links.
 
     Attributes:
         joints: names of the n joints that move by themselves, from the base on.
@@ -31,7 +31,7 @@ class Mechanism:
 
     @property
     def combined(self) -> dict[str, str]:
-        """Combinations of parameters that a parameter stands for, by its name; none of a pendulum."""
+        """Return the parameters that each parameter combines, by its name; empty for a pendulum."""
         return {}
 
     def units(self, joint: str, recorded: JointUnits = TURNING) -> JointUnits:

@@ -35,7 +35,7 @@ ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_
 
 
 class ModelError(UserError):
-    """A model or model file that makes no sense; the message says where and what to do."""
+    """Model or model file that is invalid; the message has the place and the remedy."""
 
 
 SIGNIFICANT = 3.0  # standard errors by which a parameter differs from zero
@@ -59,7 +59,7 @@ class Estimate:
 
     @classmethod
     def from_bounds(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
-        """An estimate that was kept within bounds; where they leave one value, it is known."""
+        """Make an estimate kept within bounds; equal bounds make a known value."""
         at_bound = least < most and value in (least, most)
         return cls(value, 0.0 if at_bound or least == most else std, unit, at_bound)
 
@@ -94,13 +94,13 @@ class Estimate:
         return self.value
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON; what is biased or unknown says so."""
+        """Return a plain dictionary for JSON; flags mark a biased or unknown value."""
         data: JSON = {"value": self.value, "std": self.std, "unit": self.unit}
         return data | {key: True for key, so in (("biased", self.is_biased), ("unknown", self.is_unknown)) if so}
 
 
 def shorten_name(name: str) -> str:
-    """Name of a parameter for a reader: `dead_time` for `dead_time.dead_time`."""
+    """Shorten the name of a parameter for a reader: `dead_time` for `dead_time.dead_time`."""
     id, _, rest = name.partition(".")
     part, at, joint = rest.partition("@")
     return f"{id}{at}{joint}" if part == id else name
@@ -135,7 +135,7 @@ class Model(Mapping[str, Estimate]):
 
     @classmethod
     def build(cls, terms: Sequence[Term], theta: ArrayLike, std: ArrayLike = 0.0, **nonlinear_std: float) -> Self:
-        """Model from linear parameters theta (P,) and their standard errors, in the order of the terms' columns.
+        """Build a model from linear parameters theta (P,) and their standard errors, in the order of the columns.
 
         Args:
             terms: ordered terms.
@@ -160,7 +160,7 @@ class Model(Mapping[str, Estimate]):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the regressor in order."""
+        """Return the columns of the regressor in order."""
         return tuple(column for term in self.terms for column in term.columns)
 
     def __getitem__(self, name: str) -> Estimate:
@@ -179,18 +179,18 @@ class Model(Mapping[str, Estimate]):
 
     @property
     def theta(self) -> Array:
-        """Linear parameters (P,) in the order of the columns."""
+        """Return the linear parameters (P,) in the order of the columns."""
         return np.array([self.estimates[column.name].value for column in self.columns])
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Ids of the terms beyond the base."""
+        """Return the ids of the terms beyond the base."""
         base = {term.id for term in BASE}
         return tuple(term.id for term in self.terms if term.id not in base)
 
     @property
     def tables(self) -> dict[str, tuple[Table, TableCurve]]:
-        """Functions that are kept as tables, by id, with what they are."""
+        """Return the tables of the model by id, with their quantity and range."""
         tables = [term for term in self.terms if isinstance(term, Table)]
         names, covariance, found = list(self.estimates), self.assumed_covariance if tables else np.empty((0, 0)), {}
         for term in tables:
@@ -201,7 +201,7 @@ class Model(Mapping[str, Estimate]):
 
     @property
     def readable(self) -> dict[str, Estimate]:
-        """The estimates for a reader: in the place of a table's coefficients, under its id, where it is largest."""
+        """Return the estimates for a reader: a table's coefficients become its largest value, under its id."""
         tables = self.tables
         entries = {column.name for term, _ in tables.values() for column in term.columns}
         shown = {name: own for name, own in self.estimates.items() if name not in entries}
@@ -215,7 +215,7 @@ class Model(Mapping[str, Estimate]):
 
     @property
     def covariance(self) -> Array | None:
-        """Covariance (P + S, P + S) of the estimates in their order; None if their correlation is unknown."""
+        """Return the covariance (P + S, P + S) of the estimates in order; None if their correlation is unknown."""
         if not self.correlation:
             return None
         std = np.array([estimate.std for estimate in self.estimates.values()])
@@ -243,7 +243,7 @@ class Model(Mapping[str, Estimate]):
         return _derive_all(self)
 
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Model:
-        """Model with one more term, its linear parameters at `theta`; fit it to recordings to get real values.
+        """Return the model with one more term, its linear parameters at `theta`; fit it to recordings next.
 
         Raises:
             ModelError: if the model has a term of that id already.
@@ -258,11 +258,11 @@ class Model(Mapping[str, Estimate]):
 
     @property
     def body(self) -> Mechanism:
-        """Joints that it is of: the one of a pendulum, or those of an arm."""
+        """Return the mechanism: the joint of a pendulum, or the joints of an arm."""
         return self.terms[0].mechanism if self.terms else PENDULUM
 
     def with_values(self, values: Mapping[str, float]) -> Model:
-        """Return a copy with some parameters, by name, at other values.
+        """Return the model with some parameters, by name, at other values.
 
         Raises:
             ModelError: if a parameter is unknown, or a value is none that it can have.
@@ -290,7 +290,7 @@ class Model(Mapping[str, Estimate]):
         return replace(self, estimates=named, torque_unit=units.torque_unit, slides=units.slides)
 
     def get_parameters(self, id: str) -> dict[str, Estimate]:
-        """Parameters of one of the terms, by name."""
+        """Return the parameters of one of the terms, by name."""
         (term,) = (own for own in self.terms if own.id == id)
         names = [column.name for column in term.columns] + [
             term.get_full_name(parameter.name) for parameter in term.free
@@ -315,13 +315,13 @@ class Model(Mapping[str, Estimate]):
     withholding = withhold
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
-        """Torque that the model needs for a motion [N m]; samples in stick have no answer, mask them."""
+        """Return the torque that the model needs for a motion [N m]; undefined in stick, mask these samples."""
         linear = sum(c * column.torque(x, acceleration) for c, column in zip(self.theta, self.columns, strict=True))
         return linear + sum(column.torque(x, acceleration) for term in self.terms for column in term.fixed)
 
     @property
     def has_known_inertia(self) -> bool:
-        """True if the inertia is positive, and not marked as unknown; False without one, True of an arm."""
+        """Return whether the inertia is positive and not marked as unknown; True for an arm."""
         own = self.estimates.get("inertia")
         if own is None:
             return any(term.kind == "inertial" for term in self.terms)  # the links of an arm
@@ -358,7 +358,7 @@ class Model(Mapping[str, Estimate]):
         return notebook.render_html(self)
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a plain dictionary for JSON."""
         data: JSON = {
             "schema": SCHEMA,
             "terms": [term.id for term in self.terms],
@@ -382,7 +382,7 @@ class Model(Mapping[str, Estimate]):
 
     @classmethod
     def from_json(cls, data: JSON) -> Model:
-        """Model from a dictionary that `json` made.
+        """Make a model from a dictionary that `json` made.
 
         Raises:
             ModelError: if a term is unknown, or a parameter is missing or no number that a pendulum could have.
@@ -484,7 +484,7 @@ def read_log_format(content: Mapping[str, Any] | None) -> Mapping[str, Any]:
 
 
 def _build_model(data: _ModelFile) -> Model:
-    """Make a model of the content of a file."""
+    """Build a model from the content of a file."""
     limits = read_limits(data.limits or {})
     terms = tuple(limit_term(_build_term(id, data), limits) for id in data.terms)
     if len({term.id for term in terms}) != len(terms):
@@ -511,7 +511,7 @@ def _build_model(data: _ModelFile) -> Model:
 
 
 def _derive_all(model: Model) -> dict[str, Estimate]:
-    """Compute what the terms of a model derive from its parameters, by name."""
+    """Compute the derived quantities of a model, by name."""
     names, values = list(model.estimates), np.array([estimate.value for estimate in model.estimates.values()])
     covariance = model.assumed_covariance
     found, first = {}, 0
@@ -544,14 +544,14 @@ def _derive_all(model: Model) -> dict[str, Estimate]:
 
 
 def _derive_quantities(term: Term, values: Array) -> dict[str, tuple[float, str]]:
-    """Compute what a term derives from its parameters (P + S,), linear ones first."""
+    """Compute derived quantities of a term from its parameters (P + S,), linear ones first."""
     count = len(term.columns)
     nonlinear = {parameter.name: float(value) for parameter, value in zip(term.free, values[count:], strict=True)}
     return replace(term, **nonlinear).derived(values[:count])
 
 
 def _build_term(id: str, data: _ModelFile) -> Term:
-    """Make the term of an id in a model file, with its nonlinear parameters, or its extent."""
+    """Build the term of an id in a model file, with its nonlinear parameters, or its extent."""
     kind = library.find_term(id)
     if issubclass(kind, Table):
         tables = data.tables or {}
@@ -576,7 +576,7 @@ def _build_term(id: str, data: _ModelFile) -> Term:
 
 
 def _read_covariance(data: _Covariance, known: Sequence[str]) -> tuple[list[str], Array]:
-    """Take the known parameters and their covariance out of a model file, which may tell more."""
+    """Read the known parameters and their covariance from a model file, which may hold more."""
     names = data.parameters
     if missing := [name for name in known if name not in names]:
         raise ModelError(f"'covariance' does not tell of {', '.join(missing)}: add it, or leave the whole key out")
@@ -590,7 +590,7 @@ def _read_covariance(data: _Covariance, known: Sequence[str]) -> tuple[list[str]
 
 
 def _check_unit(text: str | None, key: str) -> str:
-    """Check a unit in a file; it is written into reports and programs, and may hold no words of theirs."""
+    """Check a unit in a file: reports and programs print it."""
     if text is None or re.fullmatch(r"[\w /^().%°µ·²-]{1,20}", text) is None:
         raise ModelError(f"'{key}' is {quote_value(text)}: expected a unit, such as N m or A")
     return text

@@ -6,7 +6,7 @@ from pendulum_env.physics.model import Model, shorten_name
 
 
 def tabulate_parameters(model: Model) -> TextTable:
-    """Parameters with standard errors, also as people call them."""
+    """Tabulate parameters with standard errors."""
     named = {**model.readable, **model.derived}
     rows = [(shorten_name(name), e.text, e.unit) for name, e in ((name, own.shown) for name, own in named.items())]
     return TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))
@@ -14,7 +14,7 @@ def tabulate_parameters(model: Model) -> TextTable:
 
 @render_html.register
 def show_model(model: Model) -> str:
-    """A model: its torque balance and its parameters."""
+    """Show the torque balance and the parameters of a model."""
     law = " + ".join(term.law for term in model.terms)
     title = f"Model with {join_words([term.id for term in model.terms])}"
     return make_card(title, make_paragraph(f"torque = {law}"), make_table(tabulate_parameters(model)))

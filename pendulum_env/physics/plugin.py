@@ -18,7 +18,7 @@ _loaded: dict[Path, tuple[type[Term], ...]] = {}
 
 
 class PluginError(UserError):
-    """A file of effects that cannot be used; the message says where and why."""
+    """File of effects that cannot be used; the message has the place and the reason."""
 
 
 def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
@@ -47,7 +47,7 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
 
 
 def list_plugins() -> tuple[Path, ...]:
-    """Files whose effects this process knows: what a process that it starts has to load, too."""
+    """List the loaded files of effects, which a process that this one starts has to load, too."""
     return tuple(_loaded)
 
 
@@ -73,7 +73,7 @@ def _run(file: Path, path: str | Path) -> None:
 
 @contextmanager
 def _translate_errors(file: Path, path: str | Path) -> Iterator[None]:
-    """Turn whatever a user's file does wrong, sys.exit included, into one sentence."""
+    """Translate any error of a user's file, sys.exit included, into one sentence."""
     try:
         yield
     except (KeyboardInterrupt, PluginError):
@@ -88,6 +88,6 @@ def _make_plugin_error(error: BaseException, file: Path, path: str | Path) -> Pl
 
 
 def _find_lines(error: BaseException, file: Path) -> list[int | None]:
-    """Lines of a file that an error, and its cause after it, came through."""
+    """Find the lines of a file that an error, and its cause after it, came through."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
     return lines + (_find_lines(error.__cause__, file) if error.__cause__ is not None else [])

@@ -51,7 +51,7 @@ class Cogging(Term):
 
     @property
     def _orders(self) -> list[tuple[str, float]]:
-        """Orders N that there are, with what the names of their parameters end with."""
+        """Return the orders N with the ends of their parameters' names."""
         more = [(f"_{k}", getattr(self, f"order_{k}")) for k in range(2, 6)]
         return [("", self.order), *((end, n) for end, n in more if not isinstance(n, float | np.ndarray) or np.any(n))]
 
@@ -66,7 +66,7 @@ class Cogging(Term):
 
 
 def _make_wave(end: str, n: float) -> tuple[Column, Column]:
-    """Sine and cosine of cogging with n periods in a turn, whose names have an end."""
+    """Make sine and cosine of cogging with n periods in a turn; `end` completes their names."""
     return (
         Column(
             f"cogging.sin{end}",
@@ -119,7 +119,7 @@ class Spring(Term):
 
 
 def _make_power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
-    """Column of the n-th power of the angle, and its potential."""
+    """Make the column of the n-th power of the angle, with its potential."""
     return Column(
         name,
         unit,
@@ -174,7 +174,7 @@ class HardStop(Term):
         )
 
     def _loss(self, x: Samples) -> Array:
-        """Part of the push that is not elastic [rad]: it takes away at most all of it."""
+        """Return the inelastic part of the push [rad], at most all of it."""
         depth = self._depth(x)
         inwards = np.sign(depth) * x.velocity
         lost = (self.hysteresis * np.abs(depth) + self.damping_time * (depth != 0)) * inwards

@@ -38,7 +38,7 @@ class EncoderEccentricity(Term):
         return self._column("sin", np.sin, np.cos), self._column("cos", np.cos, lambda q: -np.sin(q))
 
     def _column(self, name: str, f: Function, slope: Function) -> Column:
-        """-(I d^2/dt^2 + mgl cos q + b d/dt) f(q), with f'' = -f."""
+        """Make the column -(I d^2/dt^2 + mgl cos q + b d/dt) f(q), with f'' = -f."""
 
         def force(x: Samples) -> Array:
             inertia, gravity = self._loaded(x)
@@ -50,5 +50,5 @@ class EncoderEccentricity(Term):
         )
 
     def _loaded(self, x: Samples) -> tuple[ArrayLike, ArrayLike]:
-        """Inertia [kg m^2] and gravity [N m] with what is known to hang on the joint."""
+        """Return inertia [kg m^2] and gravity [N m] with the known load on the joint."""
         return self.inertia + x.load.inertia, self.gravity + x.load.gravity

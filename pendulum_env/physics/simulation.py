@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.symbols import find_longest, label, make_symbol, may_be_true, repeat
+from pendulum_env.physics.symbols import find_longest, set_label, make_symbol, may_be_true, repeat
 from pendulum_env.physics.term import (
     LOAD,
     UNLOADED,
@@ -48,7 +48,7 @@ class Trajectory(NamedTuple):
 
 
 class Balance:
-    """Torque balance of a batch of pendulums: the columns with their coefficients, sorted by how they enter."""
+    """Torque balance of a batch of pendulums: columns with their coefficients, sorted by their part in the equation."""
 
     def __init__(self, terms: Sequence[Term], theta: Array, loaded: bool = False) -> None:
         """Take the terms and theta (P,) or one column for each pendulum (P, B), in the order of the terms' columns.
@@ -76,11 +76,11 @@ class Balance:
         return bool(self._remembering)
 
     def start(self, x: Samples) -> dict[str, Memory]:
-        """State variables of all terms that have any, for a joint that has been as in `x` for long."""
+        """Return the states of all terms, for a joint that has been as in `x` for long."""
         return {term.id: term.start(x) for term in self._remembering}
 
     def advance(self, x: Samples, velocity: Array, duration: ArrayLike) -> Mapping[str, Memory]:
-        """State variables of all terms `duration` [s] later, the joint moving on from `x` at a velocity (B,)."""
+        """Return the states of all terms after `duration` [s], the joint moving on from `x` at a velocity (B,)."""
         if not self._remembering:
             return x.memory
         x = replace(x, velocity=velocity)
@@ -94,22 +94,22 @@ class Balance:
         return total
 
     def net(self, x: Samples) -> ArrayLike:
-        """Torque left for acceleration and dry friction [N m]."""
+        """Return the torque left for acceleration and dry friction [N m]."""
         return x.torque - self._sum(self._force, x)
 
     def mass(self, x: Samples) -> ArrayLike:
-        """Moment of inertia [kg m^2], kept positive: a fit may propose otherwise."""
+        """Return the moment of inertia [kg m^2], kept positive against a bad fit."""
         return np.maximum(self._sum(self._mass, x), LEAST) if self._steady_mass is None else self._steady_mass
 
     def dry(self, x: Samples) -> ArrayLike:
-        """Magnitude of dry friction [N m]; a term with memory may take some of it over, and a fit a little too much."""
+        """Return the magnitude of dry friction [N m], kept positive; a term with memory may replace some of it."""
         return self._sum(self._dry, x) if self._steady_dry is None else self._steady_dry
 
     def evaluate_at(self, x: Samples, stage: str) -> tuple[Any, Any]:
-        """`net` and `dry` at a stage of a step, in symbols by names that tell a reader."""
-        label(x.position, f"position_at_{stage}")
-        label(x.velocity, f"velocity_at_{stage}")
-        return label(self.net(x), f"net_at_{stage}"), label(self.dry(x), f"dry_at_{stage}")
+        """Return `net` and `dry` at a stage of a step; symbols get names for the reader."""
+        set_label(x.position, f"position_at_{stage}")
+        set_label(x.velocity, f"velocity_at_{stage}")
+        return set_label(self.net(x), f"net_at_{stage}"), set_label(self.dry(x), f"dry_at_{stage}")
 
 
 def _sum_constant(parts: list[tuple[ArrayLike, Law]]) -> bool:
@@ -117,7 +117,7 @@ def _sum_constant(parts: list[tuple[ArrayLike, Law]]) -> bool:
 
 
 def _oppose_motion(net: ArrayLike, dry: ArrayLike, direction: Array) -> ArrayLike:
-    """Torque that accelerates: friction opposes the direction of motion, or holds a joint at rest if it can."""
+    """Return the accelerating torque: friction opposes the motion, or holds a joint at rest if it can."""
     moving = net - dry * direction
     if not may_be_true(direction == 0):
         return moving
@@ -126,7 +126,7 @@ def _oppose_motion(net: ArrayLike, dry: ArrayLike, direction: Array) -> ArrayLik
 
 
 def count_substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int:
-    """Integration steps that a period takes."""
+    """Return the number of integration steps in a period."""
     return max(1, int(np.ceil(find_longest(period) / longest_step - 1e-9)))
 
 
@@ -141,12 +141,12 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
     start = _oppose_motion(*balance.evaluate_at(x, "start"), direction)
     if may_be_true(direction == 0):
         direction = np.where(direction == 0, np.sign(start), direction)
-    inertia = label(balance.mass(x), "inertia_at_start")
+    inertia = set_label(balance.mass(x), "inertia_at_start")
     middle_v = v + 0.5 * h * start / inertia
     middle_v = np.where(middle_v * direction < 0, 0.0, middle_v)
     half_way = balance.advance(x, 0.5 * (v + middle_v), 0.5 * h)
     middle = Samples(x.time + 0.5 * h, q + 0.5 * h * v, middle_v, x.torque, half_way, x.load)
-    inertia = label(balance.mass(middle), "inertia_at_middle")
+    inertia = set_label(balance.mass(middle), "inertia_at_middle")
     net, dry = balance.evaluate_at(middle, "middle")
     a = (net - dry * direction) / inertia
     if may_be_true(direction == 0):
@@ -169,12 +169,12 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
 
 
 def clip_state(values: Array) -> Array:
-    """Values held within +-`UNBOUNDED`; what is no number becomes one."""
+    """Clip values to +-`UNBOUNDED`; NaN is replaced, too."""
     return np.fmin(np.fmax(values, -UNBOUNDED), UNBOUNDED)
 
 
 def delay_torque(torque: Array, before: Array, periods: float) -> Array:
-    """Held command (N, B) that arrives `periods` late; `before` holds what was commanded before it, oldest first."""
+    """Return the held command (N, B) that arrives `periods` late; `before` is older, oldest first."""
     whole = int(np.floor(periods))
     share = periods - whole
     missing = max(0, whole + 1 - len(before))
@@ -185,7 +185,7 @@ def delay_torque(torque: Array, before: Array, periods: float) -> Array:
 
 
 class CommandLine:
-    """The way of a command to the joint, one period at a time: terms of the model may delay it."""
+    """Path of a command to the joint, one period at a time: terms of the model may delay it."""
 
     def __init__(self, terms: Sequence[Term], period: float, substeps: int) -> None:
         """Nothing has been commanded before."""
@@ -201,7 +201,7 @@ class CommandLine:
             self._history = [*max(0, needed - len(self._history)) * self._history[:1], *self._history[-needed:]]
 
     def push(self, torque: ArrayLike) -> Iterable[Any]:
-        """Torque that acts in each substep of the period over which `torque`, () or (B,), is commanded."""
+        """Return the torque in each substep of the period over which `torque`, () or (B,), is commanded."""
         if self._periods == 0:
             return itertools.repeat(torque, self._substeps)
         now = np.asarray(torque, dtype=float)
@@ -287,13 +287,13 @@ def simulate(
 
 
 def _apply_command(x: Samples, given: Array) -> Samples:
-    """Samples under the command of a step, and under the load torque if there is one, (1 or 2, B)."""
+    """Return samples under the command of a step, and under the load torque if there is one, (1 or 2, B)."""
     command, *outside = given
     return replace(x, torque=command, load=x.load._replace(torque=outside[0]) if outside else x.load)
 
 
 def _spread_commands(terms: Sequence[Term], torque: Array, before: Array | None, count: int, h: ArrayLike) -> Array:
-    """Torque (N count, B) of each step of length h [s], as late as the terms make the command."""
+    """Return the torque (N count, B) of each step of length h [s], delayed as by the terms."""
     commands = np.repeat(torque, count, axis=0)
     delay = sum(term.delay for term in terms)
     if delay <= 0:
@@ -309,7 +309,7 @@ def stack_rows(x: Samples) -> list[Any]:
 
 
 def unstack_rows(state: Array, like: Samples) -> Samples:
-    """The samples that such rows are of, under the torque of others."""
+    """Return the samples of such rows, under the torque of other samples."""
     row = iter(state)
     t, q, v = next(row), next(row), next(row)
     memory = {id: tuple(next(row) for _ in memory) for id, memory in like.memory.items()}
@@ -317,14 +317,14 @@ def unstack_rows(state: Array, like: Samples) -> Samples:
 
 
 class PreparedStep(NamedTuple):
-    """A step of a model, compiled, or None if a law of it is no formula, and the values of its nonlinear parameters."""
+    """Compiled step of a model, None if a law is no formula, with the values of its nonlinear parameters."""
 
     step: Recurrence | None
     nonlinear: Sequence[ArrayLike]
 
 
 def prepare_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = LONGEST_STEP) -> PreparedStep:
-    """Make ready to simulate some terms, with steps no longer than that [s].
+    """Prepare to simulate terms, with steps of at most `longest` [s].
 
     It is written down each time, as a law may depend on more than the terms hold; what is the same is compiled once.
     """
@@ -344,7 +344,7 @@ def prepare_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike
 
 
 def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[Balance, Samples, dict[str, ArrayLike]]:
-    """The balance of some terms, what it depends on, and the values of their nonlinear parameters by name.
+    """Write the balance of terms in symbols, with its arguments and its nonlinear parameters by name.
 
     Raises:
         Exception: of any kind, if a law is no formula.

@@ -21,7 +21,7 @@ BINARY = ("add", "subtract", "multiply", "divide", "power", "maximum", "minimum"
 COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 LOGICAL = ("logical_and", "logical_or")
 WHERE, NAME = "where", "name"
-UFUNCS = {make_symbol: make_symbol for make_symbol in (*UNARY, *BINARY, *COMPARISONS, *LOGICAL)} | {
+UFUNCS = {name: name for name in (*UNARY, *BINARY, *COMPARISONS, *LOGICAL)} | {
     "fmax": "maximum",
     "fmin": "minimum",
     "bitwise_and": "logical_and",
@@ -68,7 +68,7 @@ class Symbol(NDArrayOperatorsMixin):
 
     @property
     def largest(self) -> float:
-        """Largest value, where it is known."""
+        """Return the largest value, where it is known."""
         if self.most is None:
             raise TypeError("a largest value has no written form")
         return self.most
@@ -92,22 +92,22 @@ FUNCTIONS: dict[Any, Any] = {
 
 
 def may_be_true(condition: Any) -> bool:
-    """Return whether a condition may be true; a symbolic condition may, since both branches are evaluated."""
+    """Return whether a condition may be true; a symbolic one may, since both branches are evaluated."""
     return isinstance(condition, Symbol) or bool(condition.any() if isinstance(condition, np.ndarray) else condition)
 
 
 def find_longest(duration: Any) -> float:
-    """The longest of some durations, or a bound of it."""
+    """Return the longest of some durations, or its bound."""
     return duration.largest if isinstance(duration, Symbol) else float(np.max(duration))
 
 
 def make_symbol(text: str, most: float | None = None) -> Symbol:
-    """A value that is given, and the largest it may be."""
+    """Make the symbol of a given value, with its largest value if known."""
     return Symbol(NAME, label=text, most=most)
 
 
 def make_symbols(text: str, *shape: int) -> Any:
-    """An array of values that are given, whose operators and products are those of NumPy; a name without a shape."""
+    """Make an array of given values, with NumPy's operators; a symbol without a shape."""
     if not shape:
         return make_symbol(text)
     given = np.empty(shape, dtype=object)
@@ -117,16 +117,16 @@ def make_symbols(text: str, *shape: int) -> Any:
 
 
 def box(value: Any) -> Any:
-    """A symbol as an array of none of its dimensions, so that NumPy broadcasts it; anything else as it is."""
+    """Box a symbol into an array of no dimensions, so that NumPy broadcasts it; return other values as they are."""
     if not isinstance(value, Symbol):
         return value
-    box = np.empty((), dtype=object)
-    box[()] = value
-    return box
+    boxed = np.empty((), dtype=object)
+    boxed[()] = value
+    return boxed
 
 
 def make_operation(op: str, *inputs: Any) -> Operand:
-    """An operation, unless it comes to nothing."""
+    """Make an operation, simplified if it can be."""
     operands = tuple(x if isinstance(x, Symbol) else float(x) for x in inputs)
     if op == "add" and all(map(_is_condition, operands)):  # of truth values, as of NumPy's
         return Symbol("logical_or", operands)
@@ -171,8 +171,8 @@ def _is_condition(operand: Operand) -> bool:
     return isinstance(operand, Symbol) and operand.is_condition
 
 
-def label(value: Any, label: str) -> Any:
-    """The value, with a name for the reader if it is computed and has none."""
+def set_label(value: Any, label: str) -> Any:
+    """Label a computed value for the reader, if it has no name yet."""
     if isinstance(value, Symbol) and not value.label:
         value.label = label
     return value
@@ -199,7 +199,7 @@ def repeat(step: Callable[[Any, Any], Sequence[Any]], inputs: Array, states: Arr
 
 
 def sort_symbols(results: Sequence[Operand]) -> Iterator[Symbol]:
-    """All symbols that the results need, each after those it needs itself."""
+    """Sort all symbols that the results need, each after its inputs."""
     seen: set[Symbol] = set()
     waiting = [x for x in reversed(results) if isinstance(x, Symbol)]
     while waiting:
@@ -215,7 +215,7 @@ def sort_symbols(results: Sequence[Operand]) -> Iterator[Symbol]:
 
 
 def merge_equal(results: Sequence[Operand]) -> tuple[list[Symbol], dict[Symbol, Symbol]]:
-    """The symbols in order, each computed once, and for every symbol the one that stands for it."""
+    """Merge equal symbols: return them in order, and the representative of each."""
     known: dict[object, Symbol] = {}
     same: dict[Symbol, Symbol] = {}
     order = []

@@ -35,7 +35,7 @@ OF_ANGLE: dict[str, Callable[[Array], Array]] = {
 
 
 class Extent(NamedTuple):
-    """Range of a table, in rad, rad/s or s, and in how many pieces; angles from -pi to pi go on round the turn.
+    """Range of a table, in rad, rad/s or s, and its number of pieces; -pi to pi is periodic.
 
     A torque by angle leaves the functions named `beside` to terms that have them already.
     """
@@ -77,7 +77,7 @@ def read_table(kind: type[Table], data: Any, key: str) -> Table:
 
 
 class TableCurve(NamedTuple):
-    """A table as a function: arguments, values and their standard errors, (N,) each."""
+    """Table as a function: arguments, values and their standard errors, (N,) each."""
 
     x: Array
     value: Array
@@ -110,19 +110,19 @@ class Table(Term):
 
     @classmethod
     def laws(cls) -> Sequence[Callable[[Array], Array]]:
-        """Functions of the argument that the model has already, to which the table is orthogonal."""
+        """Return the functions of the argument that the model has already, to which the table is orthogonal."""
         return ()
 
     @classmethod
     def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
-        """The column of one coefficient."""
+        """Make the column of one coefficient."""
         if cls.is_gain:
             return Column(name, cls.unit, force=lambda x: x.torque * law(x), of_torque=True)
         return Column(name, cls.unit, dry=law) if cls.is_dry else Column(name, cls.unit, force=law)
 
     @classmethod
     def warp(cls, argument: ArrayLike) -> ArrayLike:
-        """The argument on the scale on which knots are evenly apart."""
+        """Map the argument to the scale with equidistant knots."""
         return argument
 
     @property
@@ -131,11 +131,11 @@ class Table(Term):
 
     @classmethod
     def basis(cls, argument: ArrayLike) -> list[ArrayLike]:
-        """Values of the function that each coefficient multiplies."""
+        """Return the basis functions of the coefficients at an argument."""
         return [_sum(cls, argument, row) for row in _compute_weights(cls)]  # type: ignore[arg-type]
 
     def curve(self, theta: Array, covariance: Array | None = None) -> TableCurve:
-        """The function that linear parameters (P,) make, with standard errors by their covariance (P, P)."""
+        """Evaluate the function of linear parameters (P,), with standard errors from their covariance (P, P)."""
         x = np.linspace(self.extent.low, self.extent.high, 241)
         phi = np.column_stack([np.broadcast_to(own, x.shape) for own in self.basis(x)])
         variance = np.zeros(len(x)) if covariance is None else np.einsum("np,pq,nq->n", phi, covariance, phi)
@@ -143,7 +143,7 @@ class Table(Term):
 
 
 def _sum(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -> ArrayLike:
-    """Cubic B-splines at an argument, by the number of the knot they are centred at, weighted."""
+    """Sum cubic B-splines at an argument; `weights` by the number of the knot at their centre."""
     low, high, pieces, _ = kind.extent
     if kind.extent.is_turn:
         inside: Any = 2.0 * np.arctan(np.tan(0.5 * argument))
@@ -161,7 +161,7 @@ def _sum(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -
 
 
 def _evaluate_spline(apart: Any) -> Any:
-    """The cubic B-spline so many knots apart from its centre."""
+    """Evaluate the cubic B-spline `apart` knots from its centre."""
     near, far = np.maximum(1.0 - apart, 0.0), np.maximum(2.0 - apart, 0.0)
     return (far * far * far - 4.0 * (near * near * near)) / 6.0
 

@@ -42,7 +42,7 @@ OLD_TEXTS = {  # attributes of classes for an earlier release, read for one more
 
 
 class KnownLoad(NamedTuple):
-    """A load of known size on the joint; scalars, or one for each of N samples or pendulums. See `LOAD`."""
+    """Known load on the joint; scalars, or one for each of N samples or pendulums. See `LOAD`."""
 
     inertia: ArrayLike = 0.0  # [kg m^2] about the axis
     gravity: ArrayLike = 0.0  # [N m], torque that holds it out level
@@ -52,11 +52,11 @@ class KnownLoad(NamedTuple):
         return may_be_true(self.inertia) or may_be_true(self.gravity) or may_be_true(self.torque)
 
     def get_torque(self, time: Array) -> Array:
-        """Torque at every sample (N,) [N m]."""
+        """Return its torque at every sample (N,) [N m]."""
         return np.broadcast_to(np.asarray(self.torque, dtype=float), time.shape)
 
     def select(self, index: Any) -> KnownLoad:
-        """Select samples of what changes from sample to sample."""
+        """Select samples of the parts that change from sample to sample."""
         return KnownLoad(*(own if np.ndim(own) == 0 else np.asarray(own)[index] for own in self))
 
 
@@ -82,12 +82,12 @@ Law = Callable[[Samples], ArrayLike]
 
 
 def zero(x: Samples) -> ArrayLike:
-    """Contribute nothing: the default of a column's parts."""
+    """Return zero: the default of a column's parts."""
     return 0.0
 
 
 def one(x: Samples) -> ArrayLike:
-    """Contribute the same everywhere: a scalar, so that a step of one pendulum stays cheap."""
+    """Return one, as a scalar, so that a step of one pendulum stays cheap."""
     return 1.0
 
 
@@ -131,15 +131,15 @@ class Column:
         return self.least == self.most
 
     def clamp(self, value: float) -> float:
-        """The value within the limits that is nearest to this one."""
+        """Return the nearest value within the limits."""
         return min(max(value, self.least), self.most)
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
-        """Torque per unit of the parameter; at rest sgn is taken as 0, so mask samples in stick."""
+        """Return the torque per unit of the parameter; sgn 0 is taken as 0, so mask samples in stick."""
         return self.mass(x) * acceleration + self.force(x) + self.dry(x) * np.sign(x.velocity)
 
     def power(self, x: Samples) -> ArrayLike:
-        """Power per unit of the parameter that does not go into stored energy: q' loss + dry |q'|."""
+        """Return the dissipated power per unit of the parameter: q' loss + dry |q'|."""
         lossy = self.force if self.potential is None else self.loss
         return lossy(x) * x.velocity + self.dry(x) * np.abs(x.velocity)
 
@@ -158,7 +158,7 @@ LOAD = Column(
 
 @dataclass(frozen=True)
 class NonlinearParameter:
-    """A parameter that enters nonlinearly: it is searched for, not solved for."""
+    """Parameter that enters nonlinearly: it is searched for, not solved for."""
 
     name: str
     unit: str
@@ -214,17 +214,17 @@ class Term:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the linear parameters."""
+        """Return the columns of the linear parameters."""
         return ()
 
     @property
     def mechanism(self) -> Mechanism:
-        """Joints of a model that begins with this term."""
+        """Return the joints of a model that begins with this term."""
         return PENDULUM
 
     @property
     def fixed(self) -> tuple[Column, ...]:
-        """Columns whose coefficient is one: laws without a linear parameter of their own."""
+        """Return columns with coefficient one: laws without a linear parameter of their own."""
         return ()
 
     @classmethod
@@ -233,7 +233,7 @@ class Term:
         return cls.advance is not Term.advance or cls.trace is not Term.trace
 
     def list_angle_functions(self, at: str) -> tuple[str, ...]:
-        """Functions of the angle of a joint alone that it may be there, by name: `one`, `line`, `sine` or `cosine`.
+        """List the functions of the angle of a joint that it contains: `one`, `line`, `sine` or `cosine`.
 
         One whose parameter is known is none: the rest of that function belongs to whatever else explains it.
         """
@@ -241,7 +241,7 @@ class Term:
 
     @property
     def fault(self) -> str:
-        """Objection to a combination of nonlinear parameters that are each within their limits; empty if none."""
+        """Return the objection to a combination of nonlinear parameters within their limits; empty if none."""
         return ""
 
     def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
@@ -255,40 +255,40 @@ class Term:
 
     @property
     def delay(self) -> float:
-        """Time by which the torque command reaches the joint late [s]."""
+        """Return the delay of the torque command [s]."""
         return 0.0
 
     @property
     def lead(self) -> float:
-        """Time T by which what was commanded runs ahead of the torque that acts, command = (1 + T d/dt) torque [s]."""
+        """Return the time T [s] of command = (1 + T d/dt) torque."""
         return 0.0
 
     def start(self, x: Samples) -> Memory:
-        """State variables of a joint that has been as in `x` for long; empty for a term without memory."""
+        """Return the states of a joint that has been as in `x` for long; empty for a term without memory."""
         return ()
 
     def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
-        """State variables `duration` [s] later, position and velocity moving on as in `x`, the command held."""
+        """Return the states after `duration` [s], position and velocity moving on as in `x`, the command held."""
         return memory
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        """State variables along N recorded samples; see `traces`."""
+        """Return the states along N recorded samples; see `trace_variants`."""
         return trace_variants([self], [x], [command], [period])[0][0]
 
     @property
     def nonlinear_values(self) -> dict[str, float]:
-        """Values of the nonlinear parameters by name."""
+        """Return the values of the nonlinear parameters by name."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     @classmethod
     def get_full_name(cls, part: str) -> str:
-        """Full name of one of its nonlinear parameters, `stribeck.stribeck_velocity` or that `@elbow`."""
+        """Return the full name of a nonlinear parameter, `stribeck.stribeck_velocity` or that `@elbow`."""
         effect, at, joint = cls.id.partition("@")
         return f"{effect}.{part}{at}{joint}"
 
     @classmethod
     def name_memory(cls, memory: Memory) -> dict[str, Memory]:
-        """State variables by id, as samples carry them; a law that was written for one joint has its own name there."""
+        """Return the states by id, as samples carry them; at an arm also by the id of a single joint."""
         return {cls.id.partition("@")[0]: memory, cls.id: memory}
 
     @property
@@ -303,7 +303,7 @@ class Term:
 
     @property
     def free(self) -> tuple[NonlinearParameter, ...]:
-        """Nonlinear parameters that are to be found: those that are not at their nominal value."""
+        """Return the nonlinear parameters to be found: those that are not at their nominal value."""
         return tuple(p for p in self.nonlinear_parameters if np.any(getattr(self, p.name) != p.nominal))
 
 
@@ -325,7 +325,7 @@ def _read_old_names(kind: type[Term]) -> None:
 
 
 def derive_kind(kind: type[T], factory: Callable[..., type[T]], *arguments: Any, **members: Any) -> type[T]:
-    """A kind of term like another but for some members: what `factory(kind, *arguments)` makes of it.
+    """Derive a kind of term with some other members: `factory(kind, *arguments)` makes it again.
 
     No module has it by its name; another process makes it again, and finds the same one if the factory remembers it.
     """
@@ -344,7 +344,7 @@ def _rebuild_term(
 
 
 def write_symbols(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
-    """A term in symbols, and the values of its free nonlinear parameters by symbol."""
+    """Write a term in symbols, and the values of its free nonlinear parameters by symbol."""
     values: dict[str, ArrayLike] = {f"{place}.{p.name}": term.nonlinear_values[p.name] for p in term.free}
     symbols: dict[str, Any] = {p.name: make_symbol(f"{place}.{p.name}") for p in term.free}
     nominal: dict[str, Any] = {p.name: p.nominal for p in term.nonlinear_parameters}  # rows of a batch agree
@@ -352,17 +352,17 @@ def write_symbols(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike
 
 
 def list_loads(at: str) -> dict[str, float]:
-    """Joints that a term loads, by where it is, each with the factor by which it turns with the joint and loads it."""
+    """List the joints that a term loads, each with the ratio between its motion and the term's."""
     return {joint.removeprefix("-"): -1.0 if joint.startswith("-") else 1.0 for joint in at.split(",")}
 
 
 def round_up(duration: ArrayLike) -> float:
-    """Bound of a duration [s] in whole milliseconds, so that programs that differ in it alone are the same."""
+    """Round a duration [s] up to whole milliseconds, so that similar programs are compiled once."""
     return float(np.ceil(1e3 * np.max(duration) - 1e-6) / 1e3)
 
 
 def _step_memory(term: Term, given: Sequence[Any], memory: Sequence[Any], period: Any) -> list[Any]:
-    """State variables of a term after a period [s], unless nothing moves; in symbols or arrays."""
+    """Return the states of a term after a period [s], unless nothing moves; in symbols or arrays."""
     *sample, at_rest = given
     moved = term.advance(tuple(memory), Samples(*sample), period)
     return [np.where(at_rest, old, new) for old, new in zip(memory, moved, strict=True)]
@@ -389,7 +389,7 @@ def _compile_advance(term: Term, count: int, period: Array) -> tuple[Recurrence,
 def trace_variants(
     variants: Sequence[Term], runs: Sequence[Samples], commands: Sequence[Array], periods: Sequence[float]
 ) -> list[list[Memory]]:
-    """State variables of V variants of one effect, driven along the recorded motion of several recordings.
+    """Trace the states of V variants of one effect along the recorded motion of several recordings.
 
     All variants and all recordings advance together: nonlinear parameters are stacked into arrays (V, 1), and blocks of
     the recordings run side by side, each led in from a little before, long enough to forget how it began.

@@ -12,12 +12,12 @@ from pendulum_env.units import TURNING, JointUnits
 
 
 def list_ids(terms: Sequence[Term]) -> frozenset[str]:
-    """Ids of some terms."""
+    """List the ids of terms."""
     return frozenset(term.id for term in terms)
 
 
 def list_forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
-    """Ids of some terms, each with the names of its free nonlinear parameters."""
+    """List the ids of terms, each with the names of its free nonlinear parameters."""
     return frozenset((term.id, *(parameter.name for parameter in term.free if not parameter.follows)) for term in terms)
 
 
@@ -27,7 +27,7 @@ def has_link(terms: Sequence[Term]) -> bool:
 
 
 def find_link(terms: Sequence[Term]) -> Term:
-    """The first term that has a link."""
+    """Find the first term that has a link."""
     return next(term for term in terms if term.link)
 
 
@@ -47,7 +47,7 @@ def is_hidden(term: Term) -> bool:
 
 
 def set_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike]) -> tuple[Term, ...]:
-    """Terms with some nonlinear parameters, by full name, at other values; of a batch that agrees, at one number."""
+    """Set nonlinear parameters of terms by full name; equal values of a batch become one number."""
     changed = []
     for term in terms:
         names = {parameter.name: term.get_full_name(parameter.name) for parameter in term.nonlinear_parameters}
@@ -58,17 +58,17 @@ def set_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike])
 
 
 def find_untested_ends(term: Term, low: float, high: float, units: JointUnits = TURNING) -> dict[str, Quantity]:
-    """Ends `low` and `high` of a motion [rad] beyond which a term may act; empty if none."""
+    """Return the ends `low` and `high` of a motion [rad] beyond which a term may act; empty if none."""
     ends = zip(("low", "high"), (low, high), term.open_ends, strict=True)
     unit = units.unit("rad")
     return {name: Quantity(value, unit=unit) for name, value, is_open in ends if is_open}
 
 
 def count_term_parameters(term: Term) -> int:
-    """Number of parameters of a term."""
+    """Count the parameters of a term."""
     return len(term.columns) + sum(not parameter.follows for parameter in term.free)
 
 
 def count_parameters(terms: Sequence[Term]) -> int:
-    """Number of parameters of a model."""
+    """Count the parameters of terms."""
     return sum(count_term_parameters(term) for term in terms)

@@ -49,6 +49,7 @@ class PayloadChange(Term):
         )
 
     def _after(self, x: Samples) -> Array:
+        """Return whether the change has happened."""
         return np.where(x.time >= self.moment, 1.0, 0.0)
 
 

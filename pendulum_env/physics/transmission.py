@@ -41,7 +41,7 @@ class Transmission(Term):
 
     @property
     def play(self) -> float:
-        """Angle on either side over which no torque passes [rad]."""
+        """Return the angle on either side over which no torque passes [rad]."""
         return 0.0
 
     @property
@@ -54,7 +54,7 @@ class Transmission(Term):
         return (Column(self.id, "kg m^2", mass=lambda x: -np.ones_like(x.velocity), force=force, least=0.0),)
 
     def _pull(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
-        """Acceleration that the transmission gives the link [rad/s^2]."""
+        """Return the acceleration of the link by the transmission [rad/s^2]."""
         extension = twist - np.minimum(np.maximum(twist, -self.play), self.play)
         return stiffness * extension + damping * speed * (extension != 0)
 
@@ -69,7 +69,7 @@ class Transmission(Term):
         return self._hang(x, self.resonance**2)
 
     def _hang(self, x: Samples, stiffness: ArrayLike) -> Memory:
-        """Link at the extension that carries its weight, moving with the motor."""
+        """Return the link at the extension that carries its weight, moving with the motor."""
         weight = self.gravity * np.sin(x.position)
         return x.position - weight / stiffness - self.play * np.sign(weight), x.velocity + 0.0 * weight
 
@@ -148,7 +148,7 @@ class Backlash(Transmission):
 
 @cache
 def _make_central_differences() -> Recurrence:
-    """Motion of a link behind a spring, from its last two positions to the next."""
+    """Make the step of a link behind a spring, from its last two positions to the next."""
     from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
 
     given: list[Any] = ["stiffness", "damping", "gravity", "period"]

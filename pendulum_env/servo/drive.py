@@ -1,4 +1,4 @@
-"""The drive of a servo: what its controller and motor do to the joint, from a goal and from the joint's own motion.
+"""Drive of a servo: its controller and motor, from the goal and the motion of the joint to the torque.
 
     u = kp (goal - q) - kd q' + ki int (goal - q) dt        position control
     u = kp (goal - q') + ki int (goal - q') dt              velocity control
@@ -28,12 +28,12 @@ UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what
 
 
 class DriveError(UserError):
-    """A drive that makes no sense; the message says what is wrong and what to do."""
+    """Drive with invalid settings; the message has the fault and the remedy."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A controller with the motor behind it.
+    """Controller with the motor behind it.
 
     Attributes:
         control: what the goal is of, an angle [rad] or a speed [rad/s].
@@ -87,17 +87,17 @@ class Drive:
 
     @property
     def most(self) -> float:
-        """Largest output."""
+        """Return the largest output."""
         return min(self.limit, 1.0) if self.output == "duty" else self.limit
 
     def torque(self, goal: Array, position: Array, velocity: Array, supply: Array, on: Array) -> Array:
-        """Torque that was asked for along a measured motion, in its `unit` (N,); the integral is left out."""
+        """Return the torque asked for along a measured motion, in its `unit` (N,), without the integral."""
         error = goal - (velocity if self.acts_on_speed else position)
         output = self.kp * error - (0.0 if self.acts_on_speed else self.kd * velocity)
         return np.asarray(on * self.scale(supply) * np.clip(output, -self.most, self.most))
 
     def scale(self, supply: Array) -> Array:
-        """Torque, in its `unit`, that each unit of the output makes under some supply [V]."""
+        """Return the torque, in its `unit`, per unit of the output at a supply [V]."""
         volts = supply if self.output == "duty" else np.ones_like(supply)
         return volts if self.gain is None else volts * self.gain
 
@@ -108,7 +108,7 @@ class Drive:
 
     @classmethod
     def from_settings(cls, given: Mapping[str, Any]) -> Self:
-        """A drive as a study says it: a preset, in whose units gains are, or plain numbers.
+        """Make a drive from the settings of a study: a preset with gains in its units, or plain numbers.
 
         Raises:
             DriveError: if the preset is unknown, or numbers are out of their range.
@@ -127,14 +127,14 @@ class Drive:
         return cls(**values)
 
     def get_settings(self) -> dict[str, str | float]:
-        """Return the settings that differ from the defaults, from which `of` makes the same drive."""
+        """Return the settings that differ from the defaults, from which `from_settings` makes the same drive."""
         usual = vars(Drive())
         values = {name: getattr(self, name) for name in usual if name == "kp" or getattr(self, name) != usual[name]}
         return {name: value if isinstance(value, str) else float(value) for name, value in values.items()}
 
 
 class Preset(NamedTuple):
-    """A family of servos: what is not as usual of all of them, and what one unit of kp in their registers is."""
+    """Family of servos: settings they share, and the unit of kp in their registers."""
 
     base: Mapping[str, Any]
     kp: float = 1.0

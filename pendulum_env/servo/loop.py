@@ -65,7 +65,7 @@ class ControllerState(NamedTuple):
 
 
 class ServoInputs(NamedTuple):
-    """Inputs of a servo over a step: goal, scale of its output, whether it is on, due to look, warmth, load."""
+    """Inputs of a servo over a step: goal, scale of its output, on or off, due to update, temperature, load."""
 
     goal: Any
     scale: Any
@@ -125,7 +125,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
 
 
 def compute_gains(drive: Drive, step: float) -> tuple[float, ...]:
-    """Gains of a servo, its filter's share of a new speed, the share of the last one in that, and its turn [s].
+    """Return gains of a servo, the filter's share of a new speed, the last one's share in it, and its period [s].
 
     An encoder tells the speed by the difference of two positions, which is that of half a turn ago.
     """
@@ -136,7 +136,7 @@ def compute_gains(drive: Drive, step: float) -> tuple[float, ...]:
 
 
 def _flatten_state(x: Samples, state: ControllerState, integrates: bool) -> list[Any]:
-    """All that changes from step to step."""
+    """Flatten all that changes from step to step."""
     return [
         *stack_rows(x),
         state.held,
@@ -148,14 +148,14 @@ def _flatten_state(x: Samples, state: ControllerState, integrates: bool) -> list
 
 
 def _compute_taps(terms: Sequence[Term], servos: Servos, shape: tuple[int, int]) -> Array:
-    """Weights (T, V, B) of the outputs of the last T steps."""
+    """Compute the weights (T, V, B) of the outputs of the last T steps."""
     late = sum((np.asarray(term.delay, dtype=float) for term in terms), np.zeros(1)).reshape(-1, 1)
     steps = (late + np.array([drive.delay for drive in servos.drives])) / servos.step
     return compute_taps(np.broadcast_to(steps, shape))
 
 
 def compute_taps(steps: Array) -> Array:
-    """Weights (T, ...) of the outputs of the last T steps, the newest first: what is late lies between two of them."""
+    """Compute the weights (T, ...) of the outputs of the last T steps, the newest first, by linear interpolation."""
     whole = np.floor(steps + 1e-9)
     share = np.maximum(steps - whole, 0.0)
     count = 2 ** math.ceil(math.log2(int(whole.max()) + 1 + bool(share.any())))  # few programs for many delays
@@ -193,7 +193,7 @@ def step_servo(
 def compute_control(
     x: Samples, state: ControllerState, given: ServoInputs, gains: Mapping[str, Any], taps: Sequence[Any], speed: bool
 ) -> tuple[Any, ControllerState]:
-    """Torque that a motor is asked for over a step, and what its controller remembers; in symbols or arrays."""
+    """Return the torque that a motor is asked for over a step, and the controller's state; symbols or arrays."""
     looks = given.due > 0
     measured = x.velocity - gains["old"] * (x.velocity - state.velocity)
     seen = np.where(looks, state.speed + gains["seen"] * (measured - state.speed), state.speed)
@@ -214,7 +214,7 @@ def compute_control(
 def _compile_step(
     terms: Sequence[Term], speed: bool, taps: int, loaded: bool, integrates: bool, longest: float
 ) -> PreparedStep:
-    """A step of servos, compiled."""
+    """Compile a step of servos."""
     from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
 
     h: Any = make_symbol("h", most=round_up(longest))

@@ -16,7 +16,7 @@ from pendulum_env.formatting import join_words
 from pendulum_env.physics import Estimate, Model, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.simulation import Balance, step, write_balance
-from pendulum_env.physics.symbols import NAME, Operand, Symbol, label, make_symbol, sort_symbols
+from pendulum_env.physics.symbols import NAME, Operand, Symbol, set_label, make_symbol, sort_symbols
 from pendulum_env.physics.term import ROOM, Memory
 from pendulum_env.recording.vocabulary import SI
 from pendulum_env.servo.drive import UNIT, Drive
@@ -236,7 +236,7 @@ class _Parts:
             kept |= needed
         state = tuple(text for text in after if text in kept)
         for text in state:
-            label(after[text], f"{text}_after")
+            set_label(after[text], f"{text}_after")
         used = [parameter.name for parameter in self.parameters] + [*state]
         if twice := [x for x in used if used.count(x) > 1 or re.fullmatch(r"t\d+|\w+_at_\w+|\w+_after", x)]:
             raise ExportError(f"'{twice[0]}' cannot be the name of a parameter in a program: rename it in its effect")
