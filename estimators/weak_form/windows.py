@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 import scipy
@@ -38,6 +39,7 @@ from pendulum_env.physics import Column, KnownLoad, Samples, Term
 from pendulum_env.physics.term import LOAD, trace_variants
 from pendulum_env.recording import Recording
 
+Averages: TypeAlias = scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator
 DENSEST = 4  # entries of a matrix of averages per sample, above which averages are made by sliding the window
 
 
@@ -56,18 +58,15 @@ class WindowAverages:
     samples: Samples
     moving: Mask
     acceleration: Array
-    narrow: scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator
-    wider: scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator
+    narrow: Averages
+    wider: Averages
 
     @classmethod
     def joined(cls, parts: Sequence[WindowAverages]) -> WindowAverages:
         """Join the averages of several recordings."""
         if len(parts) == 1:
             return parts[0]
-        narrow, wider = (
-            scipy.sparse.csr_array(scipy.sparse.block_diag(every, "csr"))
-            for every in zip(*((own.narrow, own.wider) for own in parts), strict=True)
-        )
+        narrow, wider = (_join_diagonally(every) for every in zip(*((p.narrow, p.wider) for p in parts), strict=True))
         moving, acceleration = (
             np.concatenate(own) for own in zip(*((p.moving, p.acceleration) for p in parts), strict=True)
         )
@@ -109,7 +108,20 @@ class WindowAverages:
         return np.asarray(sum(parts, np.zeros((self.narrow.shape[0], len(perturbations)))))
 
 
-def _average_series(averages: scipy.sparse.csr_array, series: ArrayLike) -> Array:
+def _join_diagonally(parts: Sequence[Averages]) -> Averages:
+    """Join averages of several recordings, of which each concerns the samples of its own."""
+    if all(scipy.sparse.issparse(own) for own in parts):
+        return scipy.sparse.csr_array(scipy.sparse.block_diag(parts, "csr"))
+    rows, columns = (sum(own.shape[axis] for own in parts) for axis in (0, 1))
+    ends = np.cumsum([own.shape[1] for own in parts])[:-1]
+
+    def average(series: Array) -> Array:
+        return np.concatenate([own @ piece for own, piece in zip(parts, np.split(np.ravel(series), ends), strict=True)])
+
+    return scipy.sparse.linalg.LinearOperator((rows, columns), matvec=average, dtype=np.float64)
+
+
+def _average_series(averages: Averages, series: ArrayLike) -> Array:
     """Average a series, or a constant (R,)."""
     return np.asarray(averages @ np.broadcast_to(np.asarray(series, dtype=float), averages.shape[1:]))
 
@@ -220,7 +232,7 @@ class Windows:
         """Return windows about every sample that is clear of stick."""
         return replace(self, centers=np.flatnonzero(self.is_clear), scale=None)
 
-    def _averages(self, kernel: Array) -> scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator:
+    def _averages(self, kernel: Array) -> Averages:
         count, length = len(self.centers), len(kernel)
         first = self.centers - length // 2
         scale = np.ones(count) if self.scale is None else self.scale[self.centers]

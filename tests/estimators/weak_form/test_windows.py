@@ -12,7 +12,7 @@ from estimators.data.split import with_contacts
 from estimators.regression.equations import IdentificationError
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
 from estimators.weak_form.torque_windows import TorqueWindows, choose_half_width, join_windows, prepare
-from estimators.weak_form.windows import cut
+from estimators.weak_form.windows import WindowAverages, cut
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
 from tests.cases import TRUTH, WALLS, recorded, recording, told
@@ -140,6 +140,15 @@ def test_windows_of_several_recordings_share_equations_but_no_cluster():
 def coarse() -> SimulatedRecording:
     (run,) = simulate([(Plant(), Experiment(rate=500, seconds=8, counts=4096))])
     return run
+
+
+def test_averages_of_joined_recordings_are_those_of_each_however_dense_its_windows(sticky_runs):
+    one, other = prepare([told(run) for run in sticky_runs[:2]]).windows
+    for parts in ((one, other), (one.at_every_sample(), other), (one.at_every_sample(), other.at_every_sample())):
+        series = [np.sin(3 * w.recording.time) for w in parts]
+        joined = WindowAverages.joined([w.averages for w in parts])
+        apart = [w.average(own) for w, own in zip(parts, series, strict=True)]
+        np.testing.assert_allclose(joined.narrow @ np.concatenate(series), np.concatenate(apart), atol=1e-12)
 
 
 @pytest.mark.parametrize("derive", [np.gradient, lambda q: np.diff(q, prepend=q[0])], ids=["central", "backward"])
