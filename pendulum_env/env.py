@@ -36,7 +36,7 @@ Action = NDArray[np.float32]
 
 
 class DirectDrivePendulum(gym.Env[Observation, Action]):
-    """A direct-drive pendulum with a torque input, seen through its encoder: a plant, no task.
+    """Direct-drive pendulum with a torque input, seen through its encoder: a plant, no task.
 
     Its reward is always 0, and an episode ends only with a recording that is replayed (truncated) or a fault of a rig's
     drive (terminated). To train an agent, make `pendulum_env/ExcitationDesign-v0`, whose reward is what a motion
@@ -245,7 +245,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         return observation, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Picture (H, W, 3) of the arm, its torque and what the estimators have found; None in mode human."""
+        """Draw the arm, its torque and the estimates (H, W, 3); None in mode human."""
         return self._renderer.draw(self._last, self.max_torque, self.overlay())
 
     def close(self) -> None:

@@ -26,19 +26,19 @@ USUAL_SPEED = 4.0  # [rad/s] of a joint that is designed to move, where nobody s
 
 
 class Excitation(Protocol):
-    """A torque command over time, bounded by its amplitude."""
+    """Torque command over time, bounded by its amplitude."""
 
     @property
     def amplitude(self) -> float:
         """Bound of |torque| [N m]."""
 
     def signal(self, time: ArrayLike) -> Array:
-        """Torque at a time or at times (N,), in the same shape [N m]."""
+        """Return the torque at a time or at times (N,), in the same shape [N m]."""
 
 
 @dataclass(frozen=True)
 class TwoTone:
-    """The paper's excitation 3 sin(12.07 t + r1) + 3 sin(2.25 t + r2): a fast tone for inertia, a slow one for gravity.
+    """Excitation of the paper, 3 sin(12.07 t + r1) + 3 sin(2.25 t + r2): fast for inertia, slow for gravity.
 
     The paper prints the sines without t; the frequencies only make sense with it. r1 and r2 are random phases.
     """
@@ -48,18 +48,18 @@ class TwoTone:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
-        """Random phases."""
+        """Draw random phases."""
         return cls(amplitude, tuple(rng.uniform(0, 2 * np.pi, 2).tolist()))
 
     def signal(self, time: ArrayLike) -> Array:
-        """Torque [N m]."""
+        """Return the torque [N m]."""
         t = np.asarray(time, dtype=float)
         return 0.5 * self.amplitude * (np.sin(12.07 * t + self.phases[0]) + np.sin(2.25 * t + self.phases[1]))
 
 
 @dataclass(frozen=True)
 class Multisine:
-    """Sines at multiples of one base frequency: moderate motion with a flat spectrum, over and over."""
+    """Sines at multiples of one base frequency: a periodic signal with a flat spectrum."""
 
     amplitude: Torque
     base: Frequency  # [Hz]
@@ -68,17 +68,17 @@ class Multisine:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
-        """Ten harmonics of 0.1 Hz up to 4 Hz, with random phases."""
+        """Draw ten harmonics of 0.1 Hz up to 4 Hz, with random phases."""
         return cls.draw_band(rng, amplitude, 0.1, np.arange(2, 41), 10)
 
     @classmethod
     def draw_band(cls, rng: np.random.Generator, amplitude: float, base: float, harmonics: Index, count: int) -> Self:
-        """Some of the harmonics of a base frequency [Hz], with random phases."""
+        """Draw some of the harmonics of a base frequency [Hz], with random phases."""
         chosen = np.sort(rng.choice(harmonics, count, replace=False))
         return cls(amplitude, base, tuple(chosen.tolist()), tuple(rng.uniform(0, 2 * np.pi, count).tolist()))
 
     def signal(self, time: ArrayLike) -> Array:
-        """Torque [N m]."""
+        """Return the torque [N m]."""
         return self.amplitude / self._compute_peak() * self._sum(2 * np.pi * self.base * np.asarray(time, dtype=float))
 
     def _sum(self, angle: Array) -> Array:
@@ -95,7 +95,7 @@ class Multisine:
 
 @dataclass(frozen=True)
 class Chirp:
-    """A sweep of frequency: slow full turns first, fast wagging last, and from the start again after its duration."""
+    """Sweep of frequency, repeated after its duration: slow full turns first, fast small motion last."""
 
     amplitude: Torque
     low: Frequency  # [Hz]
@@ -110,7 +110,7 @@ class Chirp:
         return cls(amplitude, float(low), float(high), seconds, float(phase))
 
     def signal(self, time: ArrayLike) -> Array:
-        """Torque [N m]."""
+        """Return the torque [N m]."""
         t = np.mod(np.asarray(time, dtype=float), self.seconds)
         cycles = self.low * t + (self.high - self.low) * t**2 / (2 * self.seconds)
         return np.asarray(self.amplitude * np.sin(2 * np.pi * cycles + self.phase))
@@ -118,20 +118,20 @@ class Chirp:
 
 @dataclass(frozen=True)
 class Levels:
-    """Torque held at given levels between given times, and from the start again after the last one."""
+    """Torque held at given levels between given times, repeated after the last one."""
 
     amplitude: Torque
     edges: tuple[Annotated[float, Meta(ge=1e-6, le=1e6)], ...]  # end of each level [s], increasing
     levels: tuple[Annotated[float, Meta(ge=-MOST_TORQUE, le=MOST_TORQUE)], ...]  # [N m]
 
     def signal(self, time: ArrayLike) -> Array:
-        """Torque [N m]."""
+        """Return the torque [N m]."""
         t = np.mod(np.asarray(time, dtype=float), self.edges[-1])
         return np.asarray(np.array(self.levels)[np.searchsorted(self.edges, t, side="right")])
 
     @classmethod
     def draw_binary(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
-        """Pseudo-random signs: full power at every frequency below their clock of about 0.2 s."""
+        """Draw pseudo-random signs: a flat spectrum below their clock of about 0.2 s."""
         clock = float(rng.uniform(0.12, 0.25))  # [s]
         count = int(seconds / clock) + 1
         levels = amplitude * rng.choice([-1.0, 1.0], count)
@@ -141,7 +141,7 @@ class Levels:
     def draw_steps(
         cls, rng: np.random.Generator, seconds: float, amplitude: float, shortest: float = 0.2, longest: float = 1.2
     ) -> Self:
-        """Random levels held for random times [s]: the arm settles, starts from rest and overshoots."""
+        """Draw random levels held for random times [s]: the arm settles, starts from rest and overshoots."""
         edges = np.cumsum(rng.uniform(shortest, longest, int(seconds / shortest) + 1))
         edges = edges[: int(np.searchsorted(edges, seconds)) + 1]
         return cls(amplitude, tuple(edges.tolist()), tuple(rng.uniform(-amplitude, amplitude, len(edges)).tolist()))
@@ -151,7 +151,7 @@ STILL = Levels(0.0, (1.0,), (0.0,))  # no torque
 
 
 class Kind(NamedTuple):
-    """A kind of excitation."""
+    """Kind of excitation."""
 
     usual: float  # [N m], the amplitude it has unless another is asked for
     draw: Callable[[np.random.Generator, float, float], Excitation]  # for so many seconds, of an amplitude
@@ -191,7 +191,7 @@ def excitation(
 
 
 def draw_family(rng: np.random.Generator, seconds: float, amplitude: float) -> list[Excitation]:
-    """Signals that differ in what they make a pendulum do, of a third to all of an amplitude, to choose one from.
+    """Draw signals of different kinds, of a third to all of an amplitude, to choose one from.
 
     Slow ones creep through large angles and reverse seldom, medium and fast ones accelerate, a chirp does both one
     after the other, steps overshoot from rest, and long holds let the arm come to rest at many angles.
@@ -221,14 +221,14 @@ class _Kind(Struct):
 
 
 def encode_signal(signal: Excitation) -> JSON:
-    """Plain dictionary for JSON of a signal that `SIGNALS` knows."""
+    """Return a plain dictionary for JSON of a signal that `SIGNALS` knows."""
     kind = next(name for name, kind in SIGNALS.items() if isinstance(signal, kind))
     values = asdict(signal).items()  # type: ignore[call-overload]  # all that SIGNALS knows are records
     return {"kind": kind, **{name: list(v) if isinstance(v, tuple) else v for name, v in values}}
 
 
 def decode_signal(data: JSON, key: str = "") -> Excitation:
-    """Signal from a dictionary that `signal_json` made.
+    """Return the signal of a dictionary that `encode_signal` made.
 
     Args:
         data: the dictionary.

@@ -1,4 +1,4 @@
-"""Writing files: refused before the work that fills them starts, and never left half written; none is waited for."""
+"""Write files: checked before the work starts, and never left half written."""
 
 import errno
 import os
@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 
 def check_output(path: str | Path) -> Path:
-    """The path, if a file can be written there.
+    """Return the path, if a file can be written there.
 
     Raises:
         OSError: if its folder is missing or not writable, or if it is a folder itself; the message says which.
@@ -41,7 +41,7 @@ def write_whole(path: str | Path, content: str | bytes, *, private: bool = False
 
 @contextmanager
 def replace_file(path: str | Path, *, private: bool = False) -> Iterator[BinaryIO]:
-    """A file to write to, which takes its name only when all of it is on the disk.
+    """Open a file that takes its name only when all of it is on the disk.
 
     Until then it lies beside its place under a hidden name, which goes away if anything is raised. Links are followed,
     but for one of the hidden name, which somebody else would have put there; a device or pipe, such as /dev/null, is
@@ -78,7 +78,7 @@ def open_nonblocking(path: str, flags: int) -> int:
 
 
 def sync_file(file: BinaryIO | FileIO) -> None:
-    """Wait until what was written is on the disk: some disks say only then that they are full.
+    """Wait until the content is on the disk: some disks report only then that they are full.
 
     Raises:
         OSError: if it does not get there.

@@ -1,4 +1,4 @@
-"""Two filters that SciPy has as well, in a package that takes longer to import than a command may take to start."""
+"""Two filters of SciPy's, without the import time of scipy.signal."""
 
 from math import factorial
 
@@ -9,7 +9,7 @@ from pendulum_env._typing import Array
 
 
 def filter_lag(series: Array, keep: float, before: float = 0.0) -> Array:
-    """First-order lag y[k] = a y[k-1] + (1 - a) x[k] of a series (N,) or (N, P), with a = `keep` and y[-1] = `before`.
+    """Filter by a lag y[k] = a y[k-1] + (1 - a) x[k] of a series (N,) or (N, P), with a = `keep` and y[-1] = `before`.
 
     The same as `scipy.signal.lfilter([1 - a], [1, -a], x, axis=0)`: the recursion is a bidiagonal system.
     """
@@ -21,7 +21,7 @@ def filter_lag(series: Array, keep: float, before: float = 0.0) -> Array:
 
 
 def filter_savitzky_golay(series: Array, length: int, degree: int, derivative: int = 0, period: float = 1.0) -> Array:
-    """Derivative of a series (N,) from a polynomial fitted to the `length` samples around each, an odd number.
+    """Return the derivative of a series (N,) from a polynomial fit to the `length` samples around each (odd).
 
     Within half a length of an end, the polynomial of the `length` samples there counts: `scipy.signal.savgol_filter`.
 

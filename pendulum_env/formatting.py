@@ -1,4 +1,4 @@
-"""Numbers, names and lists as a reader wants them, on the command line, in the report and in notebooks alike."""
+"""Format numbers, names and lists for the command line, the report and notebooks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class TextTable(NamedTuple):
-    """Rows of words under headers; the first column and those named in `left` are flush left, the others right."""
+    """Rows of text under headers; the first column and those named in `left` are flush left, the others right."""
 
     headers: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -20,17 +20,17 @@ class TextTable(NamedTuple):
 
 
 def capitalise(text: str) -> str:
-    """Text with its first letter in upper case, the rest as it is."""
+    """Capitalise the first letter of a text."""
     return text[:1].upper() + text[1:]
 
 
 def join_words(items: Sequence[str], last: str = "and") -> str:
-    """Items as in a sentence: `a`, `a and b`, `a, b and c`."""
+    """Join items as in a sentence: `a`, `a and b`, `a, b and c`."""
     return f" {last} ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
 
 
 def format_estimate(value: float, std: float) -> str:
-    """Value and standard error to two digits of the error: `0.08951 ± 0.00012`; without an error, four digits."""
+    """Format value and standard error to two digits of the error, `0.08951 ± 0.00012`; four digits without one."""
     if not 1e-9 * abs(value) < std < math.inf:  # else rounding of a value that is known
         return f"{value:.4g}"
     digits = min(12, max(0, 1 - math.floor(math.log10(std))))
@@ -38,13 +38,13 @@ def format_estimate(value: float, std: float) -> str:
 
 
 def draw_bar(share: float, width: int = 12) -> str:
-    """Bar of up to `width` blocks; what is not nothing shows at least one."""
+    """Draw a bar of up to `width` blocks; a positive share has at least one."""
     filled = round(width * min(1.0, max(0.0, share)))
     return "█" * max(1 if share > 0 else 0, filled)
 
 
 def format_number(value: float, digits: int = 3, padded: bool = False) -> str:
-    """Value to some significant digits, trailing zeros shown if `padded`, without a computer's exponents."""
+    """Format a value to some significant digits, `padded` with zeros, with powers of ten."""
     if not np.isfinite(value):
         return "–"
     plain = f"{value:#.{digits}g}".rstrip(".") if padded else f"{value:.{digits}g}"
@@ -56,23 +56,23 @@ def format_number(value: float, digits: int = 3, padded: bool = False) -> str:
 
 
 def format_unit(text: str) -> str:
-    """Unit as printed; empty for a pure number."""
+    """Format a unit for print; empty for a pure number."""
     return "" if text == "1" else text.replace("^2", "²").replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def typeset(text: str) -> str:
-    """Text of an estimate with minus signs in place of hyphens."""
+    """Replace the hyphens of an estimate by minus signs."""
     return text.replace("-", "−")
 
 
 def split_estimate(text: str) -> tuple[str, str]:
-    """Value and standard error of an estimate, for two lines of a table; the error is empty where there is none."""
+    """Split an estimate into value and standard error, for two lines of a table; the error may be empty."""
     value, _, error = typeset(text).partition(" ± ")
     return value, error and f"± {error}"
 
 
 def format_percent(share: float) -> str:
-    """Share in per cent."""
+    """Format a share in per cent."""
     return f"{100 * share:.3g} %" if share >= 0.001 or share == 0 else "< 0.1 %"
 
 

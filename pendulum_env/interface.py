@@ -20,7 +20,7 @@ WHOLE = ("substeps", "num_envs")  # numbers that count something
 
 
 def make_spaces(max_torque: float) -> tuple[gym.spaces.Box[np.float32], gym.spaces.Box[np.float32]]:
-    """Space of an observation, cos q, sin q, q' [rad/s], and of an action, a torque [N m]."""
+    """Make the spaces of an observation, cos q, sin q, q' [rad/s], and of an action, a torque [N m]."""
     high = np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32)
     return (
         gym.spaces.Box(-high, high, dtype=np.float32),
@@ -65,12 +65,12 @@ def read_start(options: Mapping[str, Any], shape: tuple[int, ...]) -> list[Array
 
 
 def note_identifier(env: Any) -> None:
-    """Note that somebody takes in what an environment measures, for whom its reward does not matter."""
+    """Mark the environment as used for identification, which ignores the reward."""
     env.unwrapped.identified = True
 
 
 def warn_learner(env: gym.Env[Any, Any], steps: int) -> None:
-    """Warn who seems to train on a plant, which pays nothing: after many steps of an episode, without an identifier."""
+    """Warn of training on a plant: its reward is 0, and no estimator uses its measurements."""
     if steps == ENDLESS and env.spec is not None and not getattr(env, "identified", False):
         gym.logger.warn(
             f"{steps} steps in one episode: this environment is a plant, its reward is 0 and its episodes do not end. "

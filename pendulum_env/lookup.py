@@ -1,4 +1,4 @@
-"""Finding things by name, with an answer that helps when there is nothing of that name."""
+"""Find things by name; an error names the nearest."""
 
 import difflib
 import functools
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class UnknownName(UserError, KeyError):
-    """There is nothing of that name."""
+    """Name that is unknown."""
 
     __str__ = Exception.__str__  # a KeyError would quote the sentence
 

@@ -1,4 +1,4 @@
-"""HTML by which results show themselves in a notebook: cards of words, tables and small curves.
+"""HTML of results in a notebook: cards of text, tables and small curves.
 
 A cell has no style sheet of its own and may be light or dark, so that everything is styled in place, in the text's own
 colour and three colours that are seen on either. Whatever goes in is escaped, names of recordings and effects included.
@@ -27,14 +27,14 @@ SMALL = "font-size:.88em;opacity:.8"
 
 
 class Html(str):
-    """Markup that may go into markup as it is."""
+    """Markup, which is not escaped."""
 
     __slots__ = ()
 
 
 @singledispatch
 def render_html(result: object) -> str:
-    """A result as HTML; each kind of result is registered where it is known how to show it.
+    """Render a result as HTML; each kind of result is registered by the code that shows it.
 
     The narrator of the workbench registers the results of the libraries; it is loaded, by name, when first needed.
     """
@@ -47,7 +47,7 @@ def render_html(result: object) -> str:
 
 @singledispatch
 def summarise(result: object) -> str:
-    """A result in one sentence, registered as `shown`."""
+    """Summarise a result in one sentence; registered as `render_html`."""
     import_module(NARRATOR)
     narrate = summarise.dispatch(type(result))
     if narrate is summarise.dispatch(object):
@@ -61,45 +61,45 @@ def escape_markup(content: object) -> Html:
 
 
 def make_element(tag: str, style: str, *content: object) -> Html:
-    """An element with its content, escaped unless it is markup."""
+    """Make an element with its content, escaped unless it is markup."""
     return Html(f'<{tag} style="{style}">{"".join(map(escape_markup, content))}</{tag}>')
 
 
 def make_card(title: str, *parts: Html) -> str:
-    """A result as one block: its title and what there is to show."""
+    """Make a card of a result: its title and its parts."""
     first = make_element("div", "font-weight:600;font-size:1.12em;margin-bottom:.3em", title)
     return make_element("div", "max-width:62em;line-height:1.45;overflow-x:auto", first, *parts)
 
 
 def make_heading(text: str) -> Html:
-    """Title of a part."""
+    """Make the title of a part."""
     return make_element("div", "font-weight:600;margin:.7em 0 .15em", text)
 
 
 def make_paragraph(text: str) -> Html:
-    """A sentence or several."""
+    """Make a paragraph."""
     return make_element("div", "margin:.15em 0", text)
 
 
 def make_note(text: str) -> Html:
-    """A remark in small print."""
+    """Make a remark in small print."""
     return make_element("div", f"margin:.15em 0;{SMALL}", text)
 
 
 def make_bullets(lines: Iterable[str]) -> Html:
-    """A list; nothing if there are no lines."""
+    """Make a list; empty without lines."""
     entries = [make_element("li", "margin:.1em 0", line) for line in lines]
     return make_element("ul", "margin:.2em 0;padding-left:1.3em", *entries) if entries else Html()
 
 
 def make_details(title: str, *parts: Html) -> Html:
-    """Render a part that is collapsed at first."""
+    """Make a part that is collapsed at first."""
     summary = make_element("summary", "cursor:pointer;margin:.5em 0 .2em", title)
     return make_element("details", "", summary, *parts)
 
 
 def make_table(content: TextTable) -> Html:
-    """Rows of words under their headers; blocks are drawn as bars."""
+    """Make a table of text; blocks are drawn as bars."""
     left = [k == 0 or header in content.left for k, header in enumerate(content.headers)]
 
     def row(tag: str, style: str, cells: Sequence[str]) -> Html:
@@ -120,7 +120,7 @@ def make_table(content: TextTable) -> Html:
 
 
 class PlotCurve(NamedTuple):
-    """Values (N,) over what all curves of a plot share, and how they are drawn."""
+    """Values (N,) of a curve, and its style."""
 
     values: Array
     color: str
@@ -128,7 +128,7 @@ class PlotCurve(NamedTuple):
 
 
 def make_legend(entries: Iterable[tuple[str, PlotCurve]]) -> Html:
-    """Names of curves, each in its colour."""
+    """Make the legend of curves, each name in its colour."""
     line = "display:inline-block;width:1.6em;margin:0 .4em .25em 0;border-top:2px"
     keys = []
     for name, curve in entries:
@@ -144,7 +144,7 @@ def make_plot(
     noise: Array | None = None,
     span: tuple[float, float] | None = None,
 ) -> Html:
-    """Small plot of curves over x, between the lowest and the highest value, which are printed.
+    """Make a small plot of curves over x, between the lowest and the highest value, which are printed.
 
     Args:
         label: what is seen, with its unit.

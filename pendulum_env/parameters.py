@@ -68,11 +68,11 @@ class PlantParameters:
         self._start, self._events, self.now = self.now, events, dict(self.now)
 
     def restart(self, which: Mask) -> None:
-        """Begin an episode of those plants (B,)."""
+        """Begin an episode of some plants (B,)."""
         self.now = {name: np.where(which, self._start[name], value) for name, value in self.now.items()}
 
     def change(self, values: Values | Sequence[float] | Array, which: Mask | None = None) -> None:
-        """Change some parameters until the next reset, of all plants or of those (B,).
+        """Change some parameters until the next reset, of all plants or of some (B,).
 
         Raises:
             UserError: if a parameter is unknown or impossible.
@@ -89,22 +89,22 @@ class PlantParameters:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Terms with the nonlinear parameters of now."""
+        """Return the terms with the current nonlinear parameters."""
         return set_nonlinear_values(self.model.terms, self.now)
 
     @property
     def theta(self) -> Array:
-        """Linear parameters now (P,) or (P, B), in the order of the model's columns."""
+        """Return the current linear parameters (P,) or (P, B), in the order of the model's columns."""
         return np.array([self.now[name] for name in self._linear])
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Ids of the terms beyond the base."""
+        """Return the ids of the terms beyond the base."""
         return self.model.effects
 
     @property
     def current_model(self) -> Model:
-        """The plant as it is now; of a batch, that which the environment was made with."""
+        """Return the current plant; of a batch, the model that the environment was made with."""
         if self._batch:
             return self.model
         changed = {name: float(value) for name, value in self.now.items() if value != self.model.estimates[name].value}
@@ -112,7 +112,7 @@ class PlantParameters:
 
     @property
     def info(self) -> dict[str, Any]:
-        """Parameters now, as an info holds them: numbers, or arrays (B,) with Gymnasium's masks."""
+        """Return the current parameters for an info: numbers, or arrays (B,) with Gymnasium's masks."""
         if not self._batch:
             return {name: float(value) for name, value in self.now.items()}
         everyone = np.ones(self._batch, dtype=bool)
@@ -123,7 +123,7 @@ class PlantParameters:
             self.now[name] = value if which is None else np.where(which, value, self.now[name])
 
     def _plan_changes(self, schedule: Schedule) -> dict[int, dict[str, Array]]:
-        """Changes by the step after which they are due."""
+        """Map steps to the changes due after them."""
         planned: dict[int, dict[str, Array]] = {}
         try:
             times = sorted(((float(time), values) for time, values in schedule.items()), key=lambda event: event[0])
@@ -137,7 +137,7 @@ class PlantParameters:
         return planned
 
     def _check_values(self, given: Values | Sequence[float] | Array) -> dict[str, Array]:
-        """Arrays () or (B,) of parameters that the plant has and could have."""
+        """Return arrays () or (B,) of given parameters; refuse unknown names and impossible values."""
         values = dict(given) if isinstance(given, Mapping) else self._name_values(given)
         values = {name: value for name, value in values.items() if not name.startswith("_")}  # masks of an info
         checked = {}
@@ -182,7 +182,7 @@ class PlantParameters:
 
 
 class PlantAttribute(Generic[T]):
-    """A read-only attribute of an environment with a property of its plant."""
+    """Read-only attribute of an environment with a property of its plant."""
 
     def __init__(self, read: Callable[[PlantParameters], T]) -> None:
         """Take what reads it."""

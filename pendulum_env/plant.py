@@ -33,7 +33,7 @@ TYPICAL: dict[str, float] = {  # sizes of effects that a good rig might show, by
 
 
 def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
-    """The paper's pendulum, some of its four parameters replaced.
+    """Return the paper's pendulum, with some of its four parameters replaced.
 
     Raises:
         ValueError: if a parameter is unknown or impossible.
@@ -47,7 +47,7 @@ def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
 
 
 def get_typical_values(kind: type[Term]) -> dict[str, float]:
-    """Parameters of an effect, of a size that a rig might show: linear ones first, names without the effect's id."""
+    """Return typical parameters of an effect: linear ones first, names without the effect's id."""
     return list_sizes(kind())
 
 
@@ -58,7 +58,7 @@ def list_sizes(term: Term) -> dict[str, float]:
 
 
 def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
-    """Parameters of an effect, of about the size that a rig might show: linear ones first, then free nonlinear ones."""
+    """Draw parameters of an effect around typical values: linear ones first, then free nonlinear ones."""
     values = get_typical_values(kind)
     nonlinear = {
         parameter.name: float(rng.integers(5, 25))
@@ -72,7 +72,7 @@ def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
 
 
 def hide(plant: Model, text: str) -> Model:
-    """Plant with one more effect, given as text.
+    """Return the plant with one more effect, given as text.
 
     `stribeck` is of typical size, `stribeck=0.4,0.3` sets its parameters in order, `cogging:order=14,sin=0.2` by name;
     those not given stay typical, and `pendulum-ident effects` lists them in order. A stop at infinity is none:
@@ -136,7 +136,7 @@ def check_linear(name: str, value: float) -> None:
 
 
 def read_parameters(text: str) -> dict[str, float]:
-    """Numbers by name from `inertia=0.09,gravity=2`.
+    """Read numbers by name from `inertia=0.09,gravity=2`.
 
     Raises:
         ValueError: if a part is not of the form name=number.
@@ -194,7 +194,7 @@ def make_plant(
     effects: Effects = (),
     model: Model | str | Path | None = None,
 ) -> Model:
-    """Plant of an environment.
+    """Make the plant of an environment.
 
     Args:
         theta: parameters that differ from the paper's, by name, or all four in the order inertia, gravity, viscous,
@@ -220,7 +220,7 @@ def make_plant(
 
 
 def _name_values(theta: Sequence[float]) -> dict[str, float]:
-    """The four parameters, in order."""
+    """Name the four parameters, in order."""
     try:
         values = [float(value) for value in theta]
     except (TypeError, ValueError):

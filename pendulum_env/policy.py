@@ -27,7 +27,7 @@ class Policy(Protocol):
         episode_start: Any = None,
         deterministic: bool = False,
     ) -> tuple[Any, State]:
-        """Actions for observations, and the state to come back with; one pendulum, or a batch (B, ...)."""
+        """Return actions for observations, and the next state; of one pendulum, or of a batch (B, ...)."""
 
 
 @runtime_checkable
@@ -35,11 +35,11 @@ class Controller(Protocol):
     """Interface of controllers, which compute the torque of a pendulum or an arm from measurements in `info`."""
 
     def torque(self, info: Mapping[str, Any]) -> float | Array:
-        """Torque for the period that begins now [N m], of an arm (n,); `info` is the environment's, time 0 at first."""
+        """Return the torque for the period that begins now [N m], of an arm (n,); `info` is the environment's."""
 
 
 class OpenLoop:
-    """A signal as a policy: the torque of each step, whatever is observed; it begins anew with each episode."""
+    """Signal as a policy: the torque of each step, without feedback; it restarts with each episode."""
 
     def __init__(self, excitation: Excitation, rate: float) -> None:
         """Take the signal and the steps per second [Hz]."""
@@ -48,7 +48,7 @@ class OpenLoop:
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = False
     ) -> tuple[NDArray[np.float32], State]:
-        """Torque of the step, (1,) or (B, 1) [N m]; the state counts the steps of each episode."""
+        """Return the torque of the step, (1,) or (B, 1) [N m]; the state counts the steps of each episode."""
         batch = np.shape(observation)[:-1]
         steps = np.zeros(batch) if state is None else np.asarray(state[0])
         if episode_start is not None:
@@ -60,7 +60,7 @@ class OpenLoop:
 def iterate_steps(
     env: gym.Env[Any, Any], policy: Policy | Controller, seed: int | None = None, options: dict[str, Any] | None = None
 ) -> Iterator[tuple[tuple[float, Any, Any] | None, dict[str, Any]]]:
-    """Run a policy or a controller to the end of the episode, as long as somebody asks for the next step.
+    """Run a policy or a controller until the episode ends or the caller stops asking.
 
     Args:
         env: whose `info` carries `time`, `position` and `torque`.
@@ -130,7 +130,7 @@ def measure(
     watch: Callable[[dict[str, Any]], None] | None = None,
     until: Callable[[dict[str, Any]], bool] | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Time (N,) [s], position [rad] and torque [N m] of a run of `transitions`, (N,) each, or of an arm (N, n)."""
+    """Return time (N,) [s], position [rad] and torque [N m] of a run of `iterate_steps`, (N,) each, or (N, n)."""
     rows: list[tuple[float, Any, Any]] = []
     for row, info in run:
         if row is not None:

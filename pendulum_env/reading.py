@@ -1,4 +1,4 @@
-"""Read JSON, TOML and NPZ, and check what stands in them.
+"""Read JSON, TOML and NPZ files, and check their content.
 
 `convert` makes a struct or a dataclass of what stands in them. Every fault is one sentence with the file and, where
 there is one, the key.
@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 
 def quote_value(value: object, most: int = SHOWN) -> str:
-    """A value as a sentence quotes it, up to so many characters; what it holds in turn is left out."""
+    """Quote a value in a sentence, in up to `most` characters, without its inner values."""
     if type(value).__module__ != "builtins" and "\n" in repr(value):  # of an array, or a result
         return f"<{type(value).__name__}>"
     brief = reprlib.Repr()
@@ -98,7 +98,7 @@ def read_own(path: str | os.PathLike[str]) -> bytes:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The text that somebody typed into a regular file, each line ended by a line feed.
+    """Read a text file; each line ends with a line feed.
 
     Raises:
         FileError: as `read_bytes`, or if it is not UTF-8.
@@ -151,7 +151,7 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def format_toml(table: Mapping[str, Any]) -> list[str]:
-    """Lines of a table in TOML, tables in it on one line each: the counterpart of `read_toml`."""
+    """Format a table as lines of TOML, tables in it on one line each: the counterpart of `read_toml`."""
     return [f"{name} = {_format_value(value)}" for name, value in table.items()]
 
 

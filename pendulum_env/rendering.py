@@ -1,4 +1,4 @@
-"""A picture of a pendulum or of several links in a row: torques as arcs about the pivots, and lines of text."""
+"""Picture of a pendulum or of several links in a row: torques as arcs about the pivots, and lines of text."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ PAPER, INK, ARM, TORQUE = (250, 249, 246), (40, 44, 52), (52, 101, 164), (204, 9
 
 
 class Renderer:
-    """Draws with pygame, which is imported when first needed."""
+    """Renderer by pygame, which is imported when first needed."""
 
     def __init__(self, mode: str | None) -> None:
         """Nothing is opened before the first picture, and nothing at all in mode None.
@@ -52,7 +52,7 @@ class Renderer:
         lengths: Sequence[float] = (1.0,),
         angles: Sequence[float] = (0.0,),
     ) -> NDArray[np.uint8] | None:
-        """Picture (H, W, 3) in mode rgb_array; in mode human the window shows it, 50 times a second.
+        """Draw a picture (H, W, 3) in mode rgb_array, or show it 50 times a second in mode human.
 
         Text stands at the bottom, and the links are as long as the room above it allows.
 

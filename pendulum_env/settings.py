@@ -1,4 +1,4 @@
-"""Arguments in messages, written for the user: as arguments of a call in Python, or as options of a program."""
+"""Arguments in messages, formatted for the user: as arguments of a call in Python, or as options of a program."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,7 @@ Writer = Callable[[str, object], str]
 
 
 class Blank(str):
-    """A value that the reader has to fill in."""
+    """Value that the reader has to fill in."""
 
     __slots__ = ()
 

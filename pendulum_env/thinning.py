@@ -8,7 +8,7 @@ POINTS = 2400  # of one curve, at most; more than a screen is wide
 
 
 def thin(series: Array, most: int = POINTS) -> Index:
-    """Indices of about `most` samples of a series (N,) that keep every peak: the extremes of equal stretches."""
+    """Return indices of about `most` samples of a series (N,) that keep every peak: extremes of equal parts."""
     if len(series) <= most:
         return np.arange(len(series))
     parts = np.array_split(np.arange(len(series)), most // 2)

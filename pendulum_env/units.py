@@ -42,7 +42,7 @@ def show_angles(unit: str) -> Iterator[None]:
 
 
 def to_shown_unit(value: T, unit: str, is_parameter: bool = False) -> tuple[T, str]:
-    """Return a value and its unit as they are shown: an angle or a speed in degrees, if `show_angles` says so.
+    """Convert a value and its unit to those shown: degrees for an angle or a speed, if `show_angles` asks for them.
 
     Args:
         value: number or array, in its unit.

@@ -37,7 +37,7 @@ AT_REST = np.array([1.0, 0.0, 0.0], dtype=np.float32)  # observed, hanging down
 
 
 class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
-    """B direct-drive pendulums that advance together; made by `gymnasium.make_vec`.
+    """Batch of B direct-drive pendulums that advance together; made by `gymnasium.make_vec`.
 
     Actions (B, 1) and observations (B, 3) are those of `DirectDrivePendulum`. `info` is in the layout of Gymnasium's
     `SyncVectorEnv`: arrays (B,), each with a mask; `info["plant"]` holds an array (B,) for each parameter. The
@@ -185,7 +185,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self._x = replace(x, time=self.steps / self.rate)
 
     def _restart(self, which: Mask) -> None:
-        """Put those pendulums (B,) at rest, hanging down, with the parameters that an episode begins with."""
+        """Put some pendulums (B,) at rest, hanging down, with the parameters of an episode's start."""
         self.plant.restart(which)
         self._update_plant()
         x, still = self._x, begin(self._balance, *np.zeros((2, self.num_envs)))
@@ -204,7 +204,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self.steps = np.where(which, 0, self.steps)
 
     def _show(self, torque: Array, clipped: Bools) -> tuple[Batch, dict[str, Any]]:
-        """Observation and info of the pendulums as they are, after `torque` (B,), of which some were `clipped`."""
+        """Return observation and info of the pendulums, after `torque` (B,), of which some were `clipped`."""
         assert self._x is not None
         position = self.sensor.position(self._x.position)
         velocity: ArrayLike | None = self.sensor.velocity(self._x.velocity)

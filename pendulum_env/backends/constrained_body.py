@@ -26,7 +26,7 @@ STEPS = 2.0  # time constant of the friction, in steps; MuJoCo's own lower bound
 
 
 class ConstrainedBody:
-    """A pendulum in MuJoCo, as the engine of a simulator."""
+    """Pendulum in MuJoCo, as the engine of a simulator."""
 
     def __init__(self, balance: Balance, longest: float) -> None:
         """Take the torques that act on it; steps may be of any length.

@@ -29,7 +29,7 @@ class Push(NamedTuple):
 
 
 def make_half_steps(balance: Balance, longest: float) -> CompiledSteps | InterpretedSteps:
-    """The half steps of a balance, none of which is longer than that [s]."""
+    """Make the half steps of a balance, none longer than `longest` [s]."""
     try:
         return CompiledSteps(balance, longest)
     except Exception:  # a user's law may do anything that NumPy does
@@ -37,7 +37,7 @@ def make_half_steps(balance: Balance, longest: float) -> CompiledSteps | Interpr
 
 
 class InterpretedSteps:
-    """The two halves of a step by NumPy, with the state variables of the terms; they share their arguments."""
+    """Two halves of a step by NumPy, with the states of the terms; both have the same arguments."""
 
     memory: Any  # state variables of the terms
 
@@ -56,7 +56,7 @@ class InterpretedSteps:
         return Push(*map(float, push))
 
     def complete(self, time: float, position: float, velocity: float, torque: float, h: float) -> None:
-        """The state variables go on from the middle of a step of h [s], as given, at a mean velocity."""
+        """Advance the states from the middle of a step of h [s] to its end, at the mean velocity."""
         x = self._samples(time, position, velocity, torque)
         self.memory = self._balance.advance(x, x.velocity, 0.5 * h)
 
@@ -78,7 +78,7 @@ class CompiledSteps:
 
     @property
     def memory(self) -> Any:
-        """State variables of the terms."""
+        """Return the states of the terms."""
         return self._until.given["memory"].copy()
 
     @memory.setter
@@ -90,13 +90,13 @@ class CompiledSteps:
         self._until.given["memory"][:, 0] = _flatten_samples(x)
 
     def push(self, *state: float) -> Push:
-        """See `Interpreted`."""
+        """Compute the impulse, see `InterpretedSteps`."""
         self._until.given["state"][:, 0] = state
         self._until.step()
         return Push._make(self._until.now["push"][:, 0].tolist())
 
     def complete(self, *state: float) -> None:
-        """See `Interpreted`."""
+        """Advance the states, see `InterpretedSteps`."""
         self._after.given["state"][:, 0], self._after.given["memory"][:] = state, self._until.now["memory"]
         self._after.step()
         self._until.given["memory"][:] = self._after.now["memory"]

@@ -67,7 +67,7 @@ class Traits:
 
 
 class Backend(Protocol):
-    """A pendulum with a torque input; `open, enable, exchange ..., disable, close`, where close never raises.
+    """Pendulum with a torque input; `open, enable, exchange ..., disable, close`, where close never raises.
 
     A backend that is no machine needs no more than `enable` and `exchange`.
 
@@ -109,7 +109,7 @@ class Setup:
 
     @property
     def period(self) -> float:
-        """Between samples [s]."""
+        """Return the time between samples [s]."""
         return 1.0 / self.rate
 
 

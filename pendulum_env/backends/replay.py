@@ -5,7 +5,7 @@ from pendulum_env.recording import Recording, read_recording
 
 
 class Replay(Backend):
-    """A recording as a backend: torque, position and, where there is one, velocity are those it holds."""
+    """Recording as a backend, with its torque, position and, if recorded, velocity."""
 
     def __init__(self, setup: Setup) -> None:
         """Take the recording of the setup.
@@ -25,7 +25,7 @@ class Replay(Backend):
         return self._sample()
 
     def exchange(self, torque: float) -> Sample:
-        """Next sample, whatever the torque; at the last one the run has ended."""
+        """Return the next sample, whatever the torque; at the last one the run has ended."""
         self._index = min(self._index + 1, len(self.recording) - 1)
         return self._sample()
 

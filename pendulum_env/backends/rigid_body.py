@@ -17,7 +17,7 @@ from pendulum_env.physics.simulation import UNBOUNDED, Balance
 
 
 class RigidBody:
-    """A pendulum in pymunk, as the engine of a simulator."""
+    """Pendulum in pymunk, as the engine of a simulator."""
 
     at_rest = 1e-12  # [rad/s], what rounding leaves of a velocity that the motor has stopped
 
@@ -47,7 +47,7 @@ class RigidBody:
             self._build()
 
     def _build(self) -> None:
-        """A body that is balanced about its pivot: gravity comes from the model's term, as every other torque."""
+        """Build a body balanced about its pivot: the model's terms make gravity and all other torques."""
         self._space = pymunk.Space()
         self._space.iterations = 1  # one motor, and a pivot that carries nothing
         self._body = pymunk.Body(1.0, self._inertia)

@@ -30,22 +30,22 @@ class Sensor:
             )
 
     def position(self, position: ArrayLike) -> Array:
-        """Angle as the encoder reads it [rad]."""
+        """Return the angle that the encoder reads [rad]."""
         return read_encoder(position, self.counts)
 
     def velocity(self, velocity: ArrayLike) -> ArrayLike | None:
-        """Velocity as it is measured [rad/s], if it is."""
+        """Return the measured velocity [rad/s], if there is one."""
         return velocity if self.ideal_velocity else None
 
     def torque(self, torque: ArrayLike, rng: np.random.Generator) -> ArrayLike:
-        """Torque as it is measured [N m]."""
+        """Return the measured torque [N m]."""
         if self.torque_noise == 0:
             return torque
         return torque + self.torque_noise * rng.standard_normal(np.shape(torque))
 
 
 def read_encoder(position: ArrayLike, counts: int) -> Array:
-    """Angle [rad] as an encoder with that many counts per turn reports it; 0 counts report it exactly."""
+    """Return the angle [rad] that an encoder with `counts` per turn reads; 0 counts read it exactly."""
     if counts == 0:
         return np.asarray(position)
     count = 2 * math.pi / counts

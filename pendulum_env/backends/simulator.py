@@ -33,7 +33,7 @@ def begin(balance: Balance, position: ArrayLike, velocity: ArrayLike) -> Samples
 
 
 class Simulator(Backend):
-    """An engine as a backend."""
+    """Engine as a backend."""
 
     def __init__(self, setup: Setup, make: Callable[[Balance, float], Engine]) -> None:
         """Take the plant, sampling and sensor of the setup, and what makes the engine for steps so long at most."""

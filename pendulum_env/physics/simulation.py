@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.symbols import find_longest, set_label, make_symbol, may_be_true, repeat
+from pendulum_env.physics.symbols import find_longest, make_symbol, may_be_true, repeat, set_label
 from pendulum_env.physics.term import (
     LOAD,
     UNLOADED,

@@ -40,18 +40,18 @@ class Spread:
         self._root = np.diag(nominal.theta * [widths.get(name, 0.0) for name in self.names])
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Parameters of `count` plants (P, count)."""
+        """Draw parameters of `count` plants (P, count)."""
         shape = len(self.names), count
         unit = rng.uniform(-1.0, 1.0, shape) if self._uniform else rng.standard_normal(shape)
         return np.clip(self._nominal + self._root @ unit, self._least, self._most)
 
     def draw_by_name(self, rng: np.random.Generator, count: int) -> dict[str, Array]:
-        """Parameters by name, (count,) each."""
+        """Draw parameters by name, (count,) each."""
         return dict(zip(self.names, self.draw(rng, count), strict=True))
 
 
 def _compute_covariance_root(nominal: Model, names: list[str], spread: str) -> Array:
-    """A root (P, P) of the covariance of the linear parameters."""
+    """Return a root (P, P) of the covariance of the linear parameters."""
     if spread != COVARIANCE:
         raise ValueError(f"plants cannot be drawn by '{spread}': give shares of parameters, or '{COVARIANCE}'")
     inertia = nominal.estimates["inertia"]
@@ -66,7 +66,7 @@ def _compute_covariance_root(nominal: Model, names: list[str], spread: str) -> A
 
 
 def _merge_options(options: Mapping[str, Any] | None, drawn: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of a reset with drawn parameters, before which those that a user gives go."""
+    """Merge the options of a reset with drawn parameters; the user's take precedence."""
     given = (options or {}).get("theta", {})
     return {**(options or {}), "theta": {**drawn, **given} if isinstance(given, Mapping) else given}
 

@@ -18,7 +18,7 @@ TIMING = ("jitter", "overruns")  # of a rig, beside them: readers of recordings 
 
 
 class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Append every measurement to a CSV recording, as it comes: a killed process loses at most the last second.
+    """Append every measurement to a CSV recording; a killed process loses at most the last second.
 
     Each row holds the torque that acts from its time on, as recordings do, so it is written one step later than it is
     measured, and the last sample of an episode, after which no torque is known to act, is left out. A rig's recording
@@ -53,7 +53,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         self._lost: OSError | None = None  # what the disk refused in this episode
 
     def get_file(self, episode: int) -> Path:
-        """File of an episode, counted from 1."""
+        """Return the file of an episode, counted from 1."""
         return self.path if episode == 1 else self.path.with_stem(f"{self.path.stem}-{episode}")
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:

@@ -16,7 +16,7 @@ from pendulum_env.formatting import join_words
 from pendulum_env.physics import Estimate, Model, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.simulation import Balance, step, write_balance
-from pendulum_env.physics.symbols import NAME, Operand, Symbol, set_label, make_symbol, sort_symbols
+from pendulum_env.physics.symbols import NAME, Operand, Symbol, make_symbol, set_label, sort_symbols
 from pendulum_env.physics.term import ROOM, Memory
 from pendulum_env.recording.vocabulary import SI
 from pendulum_env.servo.drive import UNIT, Drive

@@ -26,7 +26,7 @@ TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which
 
 
 class Emulated(NamedTuple):
-    """A motor, and how it is reached."""
+    """Motor and its connection."""
 
     motor: Motor
     wire: Wire
@@ -119,7 +119,7 @@ def _is_in_foreground(terminal: int) -> bool:
 
 
 def _cause_mishap(rig: Emulated, words: list[str]) -> str:
-    """Let something go wrong; returns what to say."""
+    """Cause a mishap; return its description."""
     try:
         find("mishap", words[0], MISHAPS)(rig, "".join(words[1:2]))
     except ValueError as error:
@@ -141,7 +141,7 @@ def _find_plant_ranges(plant: Model) -> dict[str, Any]:
 
 
 def _refuse_overwrite(path: Path) -> None:
-    """Refuse to overwrite what describes a real rig."""
+    """Refuse to overwrite the files of a real rig."""
     with suppress(FileError):  # no text, or no file at all
         if not path.exists() or read_text(path).startswith(MARK):
             return

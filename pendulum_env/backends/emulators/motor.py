@@ -26,7 +26,7 @@ MISREADINGS: dict[str, Callable[[float, float], float]] = {  # angle that it tel
 
 
 class Motor:
-    """A motor with the arm, as its drive sees it; every method first lets the plant move on to now.
+    """Motor with the arm, as its drive sees it; every method first advances the plant to now.
 
     The watchdog is that of real drives, in hardware: it acts at its time even if this process was not running then.
     The log has a line `TIME EVENT VALUE` for each event, monotonic time: every `command` with its torque, `torque` when
@@ -56,7 +56,7 @@ class Motor:
         self._log = -1 if log is None else os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
 
     def advance(self) -> None:
-        """Let the plant move on to now."""
+        """Advance the plant to now."""
         now = time.monotonic()
         if self._deadline <= now:
             self._run(self._deadline)
@@ -66,12 +66,12 @@ class Motor:
         self._run(now)
 
     def fail(self) -> None:
-        """Something in the drive breaks: no power any more, and over-temperature in its own words."""
+        """Break the drive: cut the power and report over-temperature."""
         self.faulty = True
         self.switch(False)
 
     def switch(self, on: bool) -> None:
-        """Power, at zero torque, or none."""
+        """Switch the power, at zero torque, on or off."""
         self.advance()
         if not on or self.faulty:
             self._cut_power(self.moment)
@@ -102,24 +102,24 @@ class Motor:
             self._act(self.moment, self._gain * torque)
 
     def misread(self, how: str) -> None:
-        """Let the encoder tell something else from now on: one of `MISREADINGS`."""
+        """Let the encoder misread from now on, by one of `MISREADINGS`."""
         self.advance()
         self._misread = (find("encoder", how, MISREADINGS), self.moment, self._angle)
         self._tell(self.moment, "mishap", 0.0)
 
     def amplify(self, gain: float) -> None:
-        """Let the drive give that many times the torque that it is asked for, from the next command on."""
+        """Amplify the requested torque by a gain from the next command on."""
         self.advance()
         self._gain = gain
         self._tell(self.moment, "mishap", gain)
 
     def push(self, torque: float) -> None:
-        """Somebody pushes the arm [N m] from now on."""
+        """Push the arm [N m] from now on."""
         self.advance()
         self._pushed = torque
 
     def hold(self, angle: float | None) -> None:
-        """A hand turns the arm to an angle [rad] and holds it there, or lets go."""
+        """Turn the arm by hand to an angle [rad] and hold it there, or let go."""
         self.advance()
         self._hand = None if angle is None else (self._angle, angle)
 
@@ -149,7 +149,7 @@ class Motor:
         self.moment = max(self.moment, until)
 
     def _compute_hand_torque(self, step: float) -> float:
-        """Torque of the hand that holds the arm [N m]."""
+        """Return the torque of the hand that holds the arm [N m]."""
         if self._hand is None:
             return 0.0
         here, there = self._hand

@@ -9,7 +9,7 @@ from pendulum_env.interface import MAX_TORQUE
 
 
 class Firmware:
-    """Answers frames."""
+    """Firmware that answers frames."""
 
     over_temperature = 0x02  # a fault's bit
 

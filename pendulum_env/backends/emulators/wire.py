@@ -7,7 +7,7 @@ from contextlib import suppress
 
 
 class Wire:
-    """The drive's end of a pseudo-terminal.
+    """End of a pseudo-terminal at the drive.
 
     Attributes:
         place: path of the other end.
@@ -31,13 +31,13 @@ class Wire:
         self._noise, self._random = 0.0, random.Random(0)
 
     def receive(self) -> None:
-        """Take what has come, and answer."""
+        """Read the received bytes, and answer."""
         with suppress(BlockingIOError):  # nothing has; or nobody reads
             if answer := self._answer(self._flip_bits(os.read(self.descriptor, self.chunk))):
                 os.write(self.descriptor, self._flip_bits(answer))
 
     def corrupt(self, probability: float) -> None:
-        """Each bit is wrong with a probability."""
+        """Flip each bit with a probability."""
         self._noise = probability
 
     def pull(self) -> None:

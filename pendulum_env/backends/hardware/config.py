@@ -28,12 +28,12 @@ CHECKED = ".checked"  # ending of the file beside a configuration that says whic
 
 
 class ConfigError(UserError):
-    """A configuration cannot be used; the message names the file, the key, what is wrong and what to do."""
+    """Configuration that cannot be used; the message has file, key, fault and remedy."""
 
 
 @dataclass(frozen=True)
 class EncoderSettings:
-    """The encoder."""
+    """Settings of the encoder."""
 
     counts: Annotated[int, Meta(ge=1, le=2**31)] = 1_024_000  # per turn, after quadrature
     sign: Literal[1, -1] = 1  # of counts for a turn counter-clockwise
@@ -79,20 +79,20 @@ class Rest:
 
 @dataclass(frozen=True)
 class SerialSettings:
-    """A microcontroller with DAC, counter and watchdog."""
+    """Microcontroller with DAC, counter and watchdog."""
 
     port: Text
     baud: Annotated[int, Meta(ge=9600, le=12_000_000)] = 2_000_000
 
     @property
     def device(self) -> str:
-        """What is owned by one process at a time."""
+        """Return the device that one process at a time may own."""
         return f"serial {os.path.realpath(self.port)}"
 
 
 @dataclass(frozen=True)
 class DaqSettings:
-    """A National Instruments card and the Dynaserv's own analogue drive."""
+    """National Instruments card and the Dynaserv's own analogue drive."""
 
     torque: Text  # analogue output, +-10 V
     encoder: Text  # counter
@@ -106,13 +106,13 @@ class DaqSettings:
 
     @property
     def device(self) -> str:
-        """What is owned by one process at a time."""
+        """Return the device that one process at a time may own."""
         return f"nidaq {self.server or 'local'} {self.torque}"
 
 
 @dataclass(frozen=True)
 class Plant:
-    """Ranges of the parameters of the arm; an impossible motion within these ranges is a fault."""
+    """Ranges of the parameters of the arm; a motion that is impossible within them is a fault."""
 
     watch: bool = True  # whether the motion is watched at all
     inertia: Annotated[float, Meta(ge=1e-6, le=LARGE)] = PAPER["inertia"]  # [kg m^2]
@@ -147,7 +147,7 @@ class Top:
 
 @dataclass(frozen=True, kw_only=True)
 class RigConfig(Top):
-    """A rig, as its file describes it."""
+    """Rig as its file describes it."""
 
     link: Settings  # of the adapter
     encoder: EncoderSettings
@@ -160,7 +160,7 @@ class RigConfig(Top):
 
     @property
     def max_torque(self) -> float:
-        """Largest torque that the guard lets pass [N m]."""
+        """Return the largest torque that the guard lets pass [N m]."""
         return self.limits.torque if self.checked else min(self.limits.torque, self.limits.unchecked_torque)
 
     @property
@@ -170,14 +170,14 @@ class RigConfig(Top):
 
     @property
     def wiring(self) -> str:
-        """Digest of all that the check has tried: other limits do not void it, another wiring does."""
+        """Return a digest of the settings that the check has tried: new wiring voids it, new limits do not."""
         link = asdict(cast(Any, self.link))  # `register` and `find_adapter` refuse what is no dataclass
         tried = [self.adapter, link, self.torque_sign, asdict(self.encoder)]
         return hashlib.sha256(json.dumps(tried, default=str).encode()).hexdigest()
 
     @property
     def note(self) -> Path:
-        """Beside the file, the wiring that has passed the check."""
+        """Return the path of the note, beside the file, on the wiring that has passed the check."""
         return self.path.with_name(self.path.name + CHECKED)
 
 

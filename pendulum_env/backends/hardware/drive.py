@@ -24,12 +24,12 @@ OPENING = 2.0  # [s] to wait for an answer at least while the drive is opened, w
 
 
 class DriveError(RuntimeError):
-    """The drive cannot be reached or does not obey; the message says what happened and what to do about it."""
+    """Drive that cannot be reached or does not obey; the message has the fault and the remedy."""
 
 
 @contextmanager
 def driver_errors(what: str, remedy: str) -> Iterator[None]:
-    """Whatever a driver raises becomes a DriveError: what happened, and what to do; drivers raise what they like.
+    """Turn any error of a driver into a DriveError with the fault and the remedy.
 
     Raises:
         DriveError: if one does.
@@ -72,10 +72,10 @@ class Drive(Protocol):
         """Set the torque [N m] and feed the drive's watchdog."""
 
     def read(self) -> Reading:
-        """Counts and faults now, powered or not."""
+        """Return counts and faults now, powered or not."""
 
     def disable(self) -> None:
-        """Zero torque, then no power."""
+        """Set zero torque, then cut the power."""
 
     def close(self) -> None:
         """Let go, at any time and as often as one likes; never raises."""
@@ -120,7 +120,7 @@ def list_adapters() -> dict[str, EntryPoint | Adapter]:
 
 
 def _list_entry_points() -> dict[str, EntryPoint]:
-    """Entry points of installed packages and of this one, by name."""
+    """Return the entry points of installed packages and of this one, by name."""
     return {point.name: point for point in entry_points(group=ENTRY_POINTS)} | BUILT_IN
 
 

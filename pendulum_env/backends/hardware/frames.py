@@ -41,13 +41,13 @@ class State(NamedTuple):
 
 
 def pack(kind: int, *values: int) -> bytes:
-    """Frame of a kind, ready for the wire."""
+    """Pack a frame of a kind, ready for the wire."""
     payload = LAYOUTS[kind].pack(kind, *values)
     return encode(payload + struct.pack("<H", compute_crc(payload))) + b"\0"
 
 
 def unpack(frame: bytes) -> tuple[int, ...] | None:
-    """Kind and values of a frame without its final zero; None if it is damaged."""
+    """Unpack kind and values of a frame without its final zero; None if it is damaged."""
     data = decode(frame)
     if data is None or len(data) < 3:
         return None
@@ -60,12 +60,12 @@ def unpack(frame: bytes) -> tuple[int, ...] | None:
 
 
 def compute_crc(data: bytes) -> int:
-    """CRC-16/CCITT-FALSE."""
+    """Compute CRC-16/CCITT-FALSE."""
     return binascii.crc_hqx(data, 0xFFFF)
 
 
 def encode(data: bytes) -> bytes:
-    """COBS: the same without zeros, one byte longer for each 254."""
+    """Encode by COBS: the same without zeros, one byte longer for each 254."""
     out = bytearray()
     for block in data.split(b"\0"):
         while len(block) >= 254:
@@ -91,7 +91,7 @@ def decode(frame: bytes) -> bytes | None:
 
 
 class Splitter:
-    """Cuts what arrives into frames; counts those that are damaged."""
+    """Splitter of received bytes into frames; it counts damaged ones."""
 
     longest = 64  # bytes; what is longer without a zero is noise
 
@@ -100,7 +100,7 @@ class Splitter:
         self.damaged = 0
 
     def feed(self, data: bytes) -> Iterator[tuple[int, ...]]:
-        """Kind and values of each whole frame that these bytes complete."""
+        """Return kind and values of each whole frame that these bytes complete."""
         self._buffer += data
         *frames, rest = self._buffer.split(b"\0")
         self._buffer = bytearray(rest[-self.longest :])

@@ -1,4 +1,4 @@
-"""The guard: what stands between whoever chooses the torque and the motor, once, whatever the drive.
+"""Guard between the torque command and the motor, for every drive.
 
 It is no replacement for an emergency stop that cuts the power: software can only ask.
 """
@@ -19,11 +19,11 @@ log.addHandler(logging.NullHandler())  # whoever wants to see it sets a handler
 
 
 class Fault(Exception):
-    """The guard has taken the torque away; from here on every command is refused until the fault is cleared."""
+    """Fault at which the guard has taken the torque away; it refuses commands until the fault is cleared."""
 
 
 class Guard:
-    """A drive behind limits. It keeps the first fault until `clear` is called, and has then zero torque and no power.
+    """Drive behind limits; it keeps the first fault, with zero torque and no power, until `clear` is called.
 
     `fault` says what happened and what to do, or is None.
     """
@@ -42,7 +42,7 @@ class Guard:
         self._forget()
 
     def _forget(self) -> None:
-        """Nothing is known of the motion."""
+        """Forget the motion."""
         self.encoder.forget()
         self._motion.reset()
         self._written: float | None = None  # when the last command was sent
@@ -70,7 +70,7 @@ class Guard:
         self.note("opened")
 
     def clear(self) -> None:
-        """Forget the fault, on somebody's word that its cause is gone; the drive is connected anew.
+        """Clear the fault, once its cause is gone; the drive is connected anew.
 
         Zero stays where the counter has it: after its supply was off, close and open the rig instead.
 
@@ -84,7 +84,7 @@ class Guard:
             self.note("fault cleared")
 
     def enable(self) -> None:
-        """Power, at zero torque.
+        """Switch the power on, at zero torque.
 
         Raises:
             Fault: if one is kept or occurs.
@@ -127,7 +127,7 @@ class Guard:
         return Sent(sent.time, self.torque)
 
     def read(self) -> tuple[float, float]:
-        """Time [s] and position [rad] of a reading that can be believed.
+        """Return time [s] and position [rad] of a credible reading.
 
         Raises:
             Fault: if it cannot, if the drive does not answer, or if it has a fault or is too fast.
@@ -155,12 +155,12 @@ class Guard:
         return reading.time, self.encoder.position
 
     def _refuse(self) -> None:
-        """Nothing more is done while a fault is kept."""
+        """Refuse to go on while a fault is kept."""
         if self.fault is not None:
             raise Fault(self.fault)
 
     def check_lateness(self, behind: float, overruns: int) -> None:
-        """Tell how far the loop is behind its ticks [s], and how many of them it has missed in this run.
+        """Check the delay of the loop behind its ticks [s], and the number of ticks missed in this run.
 
         Raises:
             Fault: if it is too late, or they are too many.
@@ -181,7 +181,7 @@ class Guard:
         )
 
     def disable(self, why: str = "disabled", level: int = logging.INFO, *, brake: bool = False) -> None:
-        """Zero torque and no power, braked first if asked to; never raises: it is the last resort everywhere."""
+        """Set zero torque and cut the power, braked first if asked to; never raises."""
         if not self.powered:
             return
         failures = _brake_arm(self.drive, self.encoder, self.config, self.rise) if brake else []
@@ -234,7 +234,7 @@ class Guard:
                 log.warning("%s: %s", path, error)  # a full disk must not keep the torque on
 
     def _limit_torque(self, torque: float, passed: float) -> float:
-        """Torque within the clamp, the slew limit over the time that passed [s], and the soft limit of velocity."""
+        """Limit torque by the clamp, by the slew limit over `passed` [s], and by the soft limit of velocity."""
         limits, most, change = self.limits, self.config.max_torque, self.limits.slew * passed
         torque = min(max(torque, -most), most)
         torque = min(max(torque, self.torque - change), self.torque + change)
@@ -245,7 +245,7 @@ class Guard:
         return torque
 
     def _check_obedience(self, now: float, moved: float) -> None:
-        """The arm is not too fast, moves under a torque that overcomes gravity and friction, and not against it."""
+        """Check that the arm is not too fast, and moves with a torque above gravity and friction."""
         limits, velocity, strong = self.limits, self.encoder.velocity, abs(self.torque) >= self.limits.stall_torque
         if abs(velocity) > limits.hard_velocity:
             raise self.trip(

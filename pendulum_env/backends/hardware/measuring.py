@@ -16,7 +16,7 @@ TURNOVER = 2**32  # of a counter of encoder lines or of microseconds
 
 
 def subtract_counts(new: int, old: int) -> int:
-    """Counts from one reading of a 32-bit counter to another, that may have rolled over between them.
+    """Subtract readings of a 32-bit counter that may have rolled over between them.
 
     ((new - old + 2^31) mod 2^32) - 2^31, right for steps of less than 2^31 either way.
     """
@@ -24,7 +24,7 @@ def subtract_counts(new: int, old: int) -> int:
 
 
 class Encoder:
-    """Unwraps the counter, and knows where zero is and how fast the arm turns.
+    """Encoder that unwraps the counter, with zero and velocity.
 
     Attributes:
         step: angle of a count [rad], negative if it counts down counter-clockwise.
@@ -43,7 +43,7 @@ class Encoder:
         self.forget()
 
     def forget(self) -> None:
-        """Nothing is known of the motion, but where the arm is."""
+        """Forget the motion, but keep the position."""
         self.velocity = 0.0
         self._since: tuple[float, float] | None = None  # time and position that velocity is taken from
 
@@ -74,7 +74,7 @@ class Encoder:
 
 
 class DriveClock:
-    """Maps the microseconds of a drive to this computer's monotonic clock.
+    """Map from the microseconds of a drive to this computer's monotonic clock.
 
     A reading is taken between its request and its answer. The quicker the answer, the better is the middle of the two
     known, so the clocks are compared where it came as quickly as ever, as in the clock filter of NTP (RFC 5905).
@@ -90,11 +90,11 @@ class DriveClock:
 
     @property
     def delay(self) -> float:
-        """Time that a message takes one way, at best [s]."""
+        """Return the shortest time that a message takes one way [s]."""
         return self._doubt if self._doubt < math.inf else 0.0
 
     def take(self, microseconds: int, asked: float, answered: float) -> float:
-        """Time [s] at which the drive's clock showed that, between a request and its answer [s]."""
+        """Return the time [s] of a reading of the drive's clock between a request and its answer [s]."""
         passed = 0.0 if self._last is None else 1e-6 * ((microseconds - self._last) % TURNOVER)
         self._last = microseconds
         self._time += passed
@@ -127,12 +127,12 @@ class Ticks:
 
     @property
     def now(self) -> float:
-        """The tick that it is at, on the monotonic clock [s]."""
+        """Return the current tick on the monotonic clock [s]."""
         return self._start + self.time
 
     @property
     def time(self) -> float:
-        """The tick that it is at, since the first one [s]."""
+        """Return the current tick, counted from the first one [s]."""
         return self._count * self._period
 
     def wait(self) -> None:
@@ -146,17 +146,17 @@ class Ticks:
             pass
 
     def add_command(self, time: float, torque: float) -> None:
-        """A torque [N m] acts from a time [s] on."""
+        """Add a torque [N m] that acts from a time [s] on."""
         self._commands.append((max(time, self._commands[-1][0]), torque))
 
     def add_measurement(self, time: float, position: float) -> None:
-        """The arm was at a position [rad] at a time [s]."""
+        """Add a position [rad] at a time [s]."""
         if time > self._readings[-1][0]:
             self._readings.append((time, position))
 
     @property
     def position(self) -> float:
-        """At the tick [rad]: Newton's form of the parabola through the readings around it and an older one.
+        """Return the position at the tick [rad]: the parabola through the readings around it and an older one.
 
         The older one is as far away as these two are from each other, or the noise of the three would grow.
         """
@@ -179,7 +179,7 @@ class Ticks:
         return position
 
     def torque(self) -> float:
-        """Mean over the period that ends with the tick [N m]; forgets the commands that have had their time."""
+        """Return the mean torque over the period that ends with the tick [N m]; forget older commands."""
         begin, end, impulse = self.now - self._period, self.now, 0.0
         while True:
             since, torque = self._commands[0]

@@ -25,7 +25,7 @@ LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of when a count is taken: by t
 
 
 class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
-    """Lets no call to the server take longer than a time; nidaqmx itself waits forever."""
+    """Timeout of calls to the server; nidaqmx itself waits forever."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -35,7 +35,7 @@ class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
 
 
 class NiDaq:
-    """The Dynaserv's analogue drive behind a card."""
+    """Analogue drive of the Dynaserv behind a card."""
 
     settings = DaqSettings
     full_scale = 10.0  # [V]
@@ -103,7 +103,7 @@ class NiDaq:
         return nidaqmx.GrpcSessionOptions(grpc.intercept_channel(self._channel, self._patience), "")
 
     def enable(self) -> None:
-        """Zero volts, watchdog, servo-enable."""
+        """Set zero volts, watchdog, servo-enable."""
         with self._driver_errors():
             self._set(0.0)
             with suppress(nidaqmx.errors.DaqError):
@@ -126,7 +126,7 @@ class NiDaq:
             return Sent(0.5 * (before + now), acts)
 
     def read(self) -> Reading:
-        """Counts now."""
+        """Return counts now."""
         with self._driver_errors():
             took, when, counts = self._count()
             for _ in range(self.tries - 1):
@@ -150,7 +150,7 @@ class NiDaq:
         return after - before, 0.5 * (before + after), counts
 
     def disable(self) -> None:
-        """Zero volts, no servo-enable."""
+        """Set zero volts, no servo-enable."""
         with self._driver_errors():
             try:
                 self._set(0.0)
@@ -180,7 +180,7 @@ class NiDaq:
 
     @contextmanager
     def _driver_errors(self, opening: bool = False) -> Iterator[None]:
-        """Say in words what goes wrong with the card, which has to be open unless that is what is done."""
+        """Translate errors of the card, which has to be open unless `opening`."""
         if not self._tasks and not opening:
             raise DriveError("the card is not open")
         try:

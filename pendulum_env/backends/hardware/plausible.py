@@ -24,7 +24,7 @@ from pendulum_env.backends.hardware.config import Plant
 
 
 class Mark(NamedTuple):
-    """A reading, and double integrals up to it, each per unit of its parameter [s^2]; those of torque in N m s^2."""
+    """Reading, and double integrals up to it, each per unit of its parameter [s^2]; those of torque in N m s^2."""
 
     position: float  # [rad]
     doubt: float  # [rad]
@@ -38,7 +38,7 @@ class Mark(NamedTuple):
 
 
 class PlausibilityCheck:
-    """Keeps the readings of the last half second."""
+    """Check of the readings of the last half second against the possible motions of the arm."""
 
     spans = (0.004, 0.01, 0.025, 0.06, 0.15)  # [s], from the first reading to the middle one
     kept = 0.4  # [s] of readings: twice the longest span, and some
@@ -62,7 +62,7 @@ class PlausibilityCheck:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing is known of the motion; no torque acts."""
+        """Forget the motion; no torque acts."""
         self._times: list[float] = []
         self._marks: list[Mark] = []
         self._slopes = [0.0] * 6  # first integrals, of all but the angle
@@ -70,7 +70,7 @@ class PlausibilityCheck:
         self._direction, self._start, self._wrong = 0, 0.0, 0
 
     def add_command(self, torque: float) -> None:
-        """A torque [N m] was sent after the last reading."""
+        """Add a torque [N m] that was sent after the last reading."""
         since = self._times[-1] if self._times else -math.inf
         least = most = torque
         if self._torques[-1][0] == since:
@@ -130,7 +130,7 @@ class PlausibilityCheck:
         self._marks.append(Mark(position, doubt, least, most, gravity, angle, forward, backward, held))
 
     def _find_acting_torques(self, since: float) -> tuple[float, float]:
-        """Least and most of the torques that may act after the reading of a time [s]."""
+        """Return the least and the largest torque that may act after the reading of a time [s]."""
         torques = self._torques
         while len(torques) > 2 and torques[2][0] + self._delay <= since:  # the next one has reached the drive by then
             del torques[0]
@@ -170,6 +170,6 @@ def _widen_range(value: float, less: float, more: float) -> tuple[float, float]:
 
 
 def _scale_range(known: tuple[float, float], factor: float) -> tuple[float, float]:
-    """The range of a parameter within a range, times a factor of any sign."""
+    """Scale the range of a parameter by a factor of any sign."""
     one, other = known[0] * factor, known[1] * factor
     return (one, other) if factor >= 0 else (other, one)

@@ -22,7 +22,7 @@ NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last one is unknown to Windows
 
 
 class Signals:
-    """Calls a function first when a signal comes, then does what would have been done without."""
+    """Signals of the system: a function runs first, then the default action."""
 
     def __init__(self, stop: Callable[[str], None]) -> None:
         """Take what stops the motor; it is told the signal's name and must be safe to call at any time."""
@@ -76,7 +76,7 @@ class Signals:
 
 
 class Ownership:
-    """A lock on a name, held by one process at a time and let go by the system when that process ends, however.
+    """Lock on a name for one process at a time; the system releases it at any end of that process.
 
     The file lies in the folder for temporary files that all users share, as a motor has one owner whoever that is.
     Links in its place are not followed, and nothing is read from the file or written to it.
@@ -91,7 +91,7 @@ class Ownership:
         self._lock = FileLock(self._path, timeout=0, mode=0o666, thread_local=False)
 
     def acquire(self) -> None:
-        """Become the owner, if nobody is.
+        """Become the owner, if there is none.
 
         Raises:
             DriveError: if another rig owns it, or its lock cannot be opened.

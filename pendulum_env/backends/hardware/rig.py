@@ -14,7 +14,7 @@ from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Tra
 
 
 class Rig:
-    """The motor with the arm, over one of the adapters.
+    """Motor with the arm, over one of the adapters.
 
     A step sends its torque at once, waits for the next tick and reads the encoder there. Time is that of the ticks, and
     position and torque are referred to them. After a fault every sample tells it, until the backend is cleared. The
@@ -86,7 +86,7 @@ class Rig:
         self._ticks = Ticks(1.0 / self.config.rate, *self.guard.read())
 
     def exchange(self, torque: float) -> Sample:
-        """Apply a torque [N m], wait for the next tick, measure. A fault is told by the sample, not raised."""
+        """Apply a torque [N m], wait for the next tick, measure. The sample reports a fault, none is raised."""
         try:
             with self._signals:
                 if self._waiting:
@@ -148,7 +148,7 @@ def _release_rig(guard: Guard, owner: Ownership, signals: Signals) -> None:
 
 
 def make_rig(setup: Setup) -> Rig:
-    """Rig of an environment's setup.
+    """Make the rig of an environment's setup.
 
     Raises:
         ValueError: if no configuration is named, or it cannot be used.

@@ -13,7 +13,7 @@ from pendulum_env.backends.hardware.measuring import DriveClock
 
 
 class SerialDrive:
-    """The motor's analogue drive behind a microcontroller."""
+    """Analogue drive of the motor behind a microcontroller."""
 
     settings = SerialSettings
     noise = 0.0  # it tells the time of its readings
@@ -49,7 +49,7 @@ class SerialDrive:
         self._ask(frames.SETUP, round(1e3 * self._watchdog), patience=patience)
 
     def enable(self) -> None:
-        """Power, under this watchdog, also if the board has started anew since it was opened."""
+        """Switch the power on under this watchdog, also if the board has restarted since it was opened."""
         self._set_up(self._reply)
         state, *_ = self._ask(frames.POWER, 1)
         if not state.flags & frames.POWERED:
@@ -67,7 +67,7 @@ class SerialDrive:
         return Sent(now + self._clock.delay, frames.MICRO * micro)
 
     def read(self) -> Reading:
-        """Counts now."""
+        """Return counts now."""
         state, *between = self._ask(frames.READ)
         why = _describe_fault(state)
         if why is None and self._on and not state.flags & frames.POWERED:
@@ -78,7 +78,7 @@ class SerialDrive:
         return Reading(self._clock.take(state.microseconds, *between), state.counts, why)
 
     def disable(self) -> None:
-        """No torque, no power."""
+        """Set zero torque and cut the power."""
         self._on = False
         state, *_ = self._ask(frames.POWER, 0)
         if state.flags & frames.POWERED:
@@ -113,7 +113,7 @@ class SerialDrive:
         return self._sequence
 
     def _read_answers(self, until: float) -> Iterator[frames.State]:
-        """States that arrive until a time [s]."""
+        """Yield the states that arrive until a time [s]."""
         while time.monotonic() < until:
             with self._get_port() as port:
                 data = port.read(1)
@@ -124,7 +124,7 @@ class SerialDrive:
 
     @contextmanager
     def _get_port(self) -> Iterator[serial.Serial]:
-        """The port, as long as it is there."""
+        """Return the port; raise an error if it is gone."""
         if self._port is None:
             raise DriveError("the serial port is not open")
         with driver_errors(f"serial port {self._link.port} was lost", "check its plug"):
