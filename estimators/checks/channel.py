@@ -24,11 +24,12 @@ import numpy as np
 import scipy
 
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
+from estimators.data.rows import BLOCK
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import project_out
 from estimators.selection.criterion import Criterion
-from estimators.selection.score import BLOCK, Blocks, cross_validated
+from estimators.selection.score import Blocks, cross_validated
 from estimators.signals.channel import Channel
 from estimators.signals.motion import load_in_newton_metres
 from estimators.weak_form.links import prepare_arm

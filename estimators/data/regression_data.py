@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.data.rows import FittedTerms, RowLayout, RowMaker, ScoredTerms, Terms
+from estimators.data.rows import FittedTerms, FoldFits, RowLayout, RowMaker, ScoredTerms, Terms
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, place_columns
 from estimators.regression.equations import IdentificationError
@@ -143,6 +143,10 @@ class RegressionData:
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
         """Fit the linear parameters of some terms; `exactly` continues an iterative fit to convergence."""
         return self.maker.fit(terms, exactly)
+
+    def fit_folds(self, terms: Terms) -> FoldFits:
+        """Fit some terms without each fold, to first order around the fit without the last term if that suffices."""
+        return self.maker.fit_folds(terms)
 
     def solve(self, terms: Terms) -> Array:
         """Fit the linear parameters (P,) of the terms."""

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol
+
+import numpy as np
 
 from estimators.regression.balance import Balance, Columns
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Term
 
 Terms = Sequence[Term]
+BLOCK, FOLDS = 1.0, 10  # length of a block [s], and number of folds of cross-validation, into which blocks fall in turn
 
 
 class ResidualStructure(NamedTuple):
@@ -56,12 +60,31 @@ class RowLayout:
     predicts_torque: bool = True
     has_fast_fits: bool = True
 
+    @cached_property
+    def fold(self) -> Index:
+        """Fold of each row (R,)."""
+        return np.asarray(self.blocks(BLOCK)[0] % FOLDS)
+
 
 class FittedTerms(NamedTuple):
     """Terms with their linear parameters theta (P,); nonlinear parameters that follow others are as fitted."""
 
     terms: tuple[Term, ...]
     theta: Array
+
+
+class FoldFits(NamedTuple):
+    """Fits of one set of terms for the score of the search.
+
+    Attributes:
+        terms: nonlinear parameters that follow others are as fitted.
+        theta: linear parameters, fitted to all rows (P,).
+        without: linear parameters, fitted without each fold (FOLDS, P).
+    """
+
+    terms: tuple[Term, ...]
+    theta: Array
+    without: Array
 
 
 class ScoredTerms(NamedTuple):
@@ -86,6 +109,9 @@ class RowMaker(Protocol):
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
         """Fit the linear parameters of some terms; `exactly` continues an iterative fit to convergence."""
+
+    def fit_folds(self, terms: Terms) -> FoldFits:
+        """Fit some terms without each fold, to first order around the fit without the last term if that suffices."""
 
     def columns(self, variants: Terms) -> list[Columns]:
         """Return the columns of each variant of one effect, on the rows of its joint."""

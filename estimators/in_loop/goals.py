@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
+from estimators.data.rows import BLOCK
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import densities
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
-from estimators.selection.score import BLOCK, Bootstrap
+from estimators.selection.score import Bootstrap
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term

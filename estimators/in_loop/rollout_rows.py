@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import FittedTerms, RowLayout, ScoredTerms, Terms
+from estimators.data.rows import FOLDS, FittedTerms, FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.in_loop.fit import LOOP, Linear, choose_likeliest_point, fit, linearise_errors, scale_of
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
@@ -113,6 +113,11 @@ class RolloutRows:
             self._converged |= {key, self.near(key).point.terms}
         point = self.near(key).point
         return FittedTerms(point.terms, point.theta)
+
+    def fit_folds(self, terms: Terms) -> FoldFits:
+        """Fit some terms without each fold, to first order around their fit."""
+        terms, theta = self.fit(terms)
+        return FoldFits(terms, theta, self.equations(terms).solve_without(self.layout.fold, FOLDS))
 
     def with_nonlinear(self, terms: Terms) -> Key:
         """Return the terms with all continuous nonlinear parameters fitted from their values."""

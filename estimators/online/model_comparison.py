@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators.data.rows import BLOCK as STRETCH
 from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin
 from estimators.online.competitors import ONLINE, Bins, CompetingModels, thin_variants
 from estimators.online.evidence import EProcess, ReferenceDistribution
 from estimators.search_hints import is_possible, make_grid
-from estimators.selection.score import BLOCK as STRETCH
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 

@@ -220,15 +220,15 @@ class Balance:
             if step is not None:
                 found[k] = near.theta + step
                 left = np.append(1.0, -step)
-                if self.is_linear or self._fits_tangent(found[k], fold != k, float(left @ gram @ left)):
+                if self.is_linear or self.fits_tangent(found[k], fold != k, float(left @ gram @ left)):
                     continue
             found[k] = self[fold != k].solve(near.theta)
         return found
 
-    def _fits_tangent(self, theta: Array, rows: Mask, square: float) -> bool:
+    def fits_tangent(self, theta: Array, rows: Mask, square: float) -> bool:
         """Return whether the squared error of some equations at parameters (P,) is about that of the tangent."""
         left = float(np.sum((self.weights * self.error(theta))[rows] ** 2))
-        return bool(np.count_nonzero(rows) * (left - square) < 2 * SOLVER.unlikelier * max(square, 1e-300))
+        return bool(np.count_nonzero(rows) * abs(left - square) < 2 * SOLVER.unlikelier * max(square, 1e-300))
 
     def fit(self, clusters: Index, jacobian: Array | None = None, theta: Array | None = None) -> Fit:
         """Return the fit with the covariance of its parameters, by the tangent; `theta` (P,) is solved unless given.

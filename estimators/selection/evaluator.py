@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.rows import BLOCK
 from estimators.memoize import memoized
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
@@ -15,7 +16,7 @@ from estimators.selection.errors import Step
 from estimators.selection.gates import Gate
 from estimators.selection.physical import find_violations, make_confirmation_gates
 from estimators.selection.residuals import Residuals, Terms, set_time_grid
-from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_validated, predict_density
+from estimators.selection.score import Blocks, Bootstrap, Gain, cross_validated, predict_density
 from estimators.simulation import output_error
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
@@ -107,11 +108,12 @@ class ModelEvaluator:
             for own, part in zip(absorbed, self.parts, strict=True):
                 noise = [w.rate_noise(inertia) for w in part.data.part(without.at).windows]
                 own.append((part.where(without.at), float(np.mean(np.square(noise))) * without.lead**2))
-        theta = self.train.solve(terms)
+        fits = self.train.fit_folds(terms)
+        fitted, unseen = (part.equations(terms, by_noise=True) for part in self.parts)
         return np.concatenate(
             [
-                cross_validated(self.train.equations(terms), first, absorbed[0], theta),
-                predict_density(theta, self.holdout.equations(terms, by_noise=True), second, absorbed[1]),
+                cross_validated(fitted, first, absorbed[0], fits.without),
+                predict_density(fits.theta, unseen, second, absorbed[1]),
             ]
         )
 
@@ -205,6 +207,11 @@ class ModelEvaluator:
         """Fit the terms to the training data, without standard errors, which take time."""
         return Model.build(*self.train.fit(terms)).withhold(self._unknown)
 
+    def _screened_model(self, terms: Terms) -> Model:
+        """Return the model whose parameters the score of the terms belongs to."""
+        fits = self.train.fit_folds(terms)
+        return Model.build(fits.terms, fits.theta).withhold(self._unknown)
+
     def _find_unknown(self) -> frozenset[str]:
         """Name the inertia if it is within 3 standard errors of zero by noise alone: nothing is simulated by it."""
         if not self.train.layout.predicts_torque or "inertia" not in list_ids(self.base):
@@ -246,7 +253,9 @@ class ModelEvaluator:
     def violations(self, terms: Terms) -> list[Gate]:
         """Return the physical bounds that the effects among the terms violate at their own joints."""
         where = {joint for term in terms[len(self.base) :] for joint in list_loads(term.at)}
-        return find_violations(self.model(terms), {at: x for at, x in self.train.motions.items() if at in where})
+        return find_violations(
+            self._screened_model(terms), {at: x for at, x in self.train.motions.items() if at in where}
+        )
 
     def is_confirmed(self, after: Step, before: Step) -> bool:
         """Return whether both held-out errors fall and the parameters are physically possible."""

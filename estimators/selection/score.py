@@ -20,14 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln
 
+from estimators.data.rows import FOLDS
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import SOLVER
 from pendulum_env._typing import JSON, Array, Index, Mask
 
 NU = 4.0  # degrees of freedom of Student's t,
 PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # and its density at zero
-FOLDS = 10  # of cross-validation
-BLOCK = 1.0  # [s]
 DRAWS = 4000  # of the Bayesian bootstrap
 TURNS, SETTLED = 20, 1e-5  # largest number of iterations for a scale, and relative change at convergence
 LEAP = 0.5  # longest step of Newton's method, in the logarithm of a squared scale
@@ -65,16 +64,17 @@ def weigh_squares(squares: Array, scale: Array | float) -> Array:
     return np.asarray((NU + 1) * squares / (NU + squares / scale))
 
 
-def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = (), theta: Array | None = None) -> Array:
+def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = (), without: Array | None = None) -> Array:
     """Return the log density of each block (S,), predicted by the fit to the others [nat].
 
     Args:
         balance: equations of the model.
         where: block and recording of each equation.
         hidden: torque noise that the model absorbs, which still counts as error.
-        theta: parameters of the fit to all blocks (P,), if they are known.
+        without: parameters of the fits without each fold (FOLDS, P), solved unless given.
     """
-    return _compute_density(balance, balance.solve_without(where.fold, FOLDS, theta), where, hidden)
+    without = balance.solve_without(where.fold, FOLDS) if without is None else without
+    return _compute_density(balance, without, where, hidden)
 
 
 def predict_density(theta: Array, balance: Balance, where: Blocks, hidden: Hidden = ()) -> Array:

@@ -13,13 +13,19 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from estimators.data.rows import FittedTerms, RowLayout, ScoredTerms, Terms
+from estimators.data.rows import FOLDS, FittedTerms, FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, Tangent, condense, place_columns
+from estimators.regression.fold_grams import (
+    FoldGrams,
+    compute_entry_squares,
+    compute_squared_errors,
+    solve_all_folds,
+    solve_each_fold,
+)
 from estimators.regression.least_squares import weigh_recordings
 from estimators.search_hints import find_hints, is_possible
 from estimators.weak_form.columns import bounds_of_laws, is_known, is_torque_dependent, list_bounds
-from estimators.weak_form.grams import compute_squared_errors, compute_variant_grams
 from estimators.weak_form.nonlinear import (
     Residuals,
     compute_nonlinear_slopes,
@@ -210,13 +216,15 @@ class TorqueRows:
 
     def weights(self, terms: Terms) -> Array:
         """Return the weight of each row (R,), smaller for recordings with larger residuals."""
-        if len(self.data.windows) == 1 or not terms:
-            return self.data.weights
         return self._weight_of_each(terms)[self.data.recording_of_window]
 
     @memoized
     def _weight_of_each(self, terms: Terms) -> Array:
         """Weight of each recording (E,)."""
+        if len(self.data.windows) == 1 or not terms:
+            return self._noise_of_each
+        if (found := self._fit_linearly(terms)) is not None:
+            return found[1]
         balance, owner = self.equations(terms, by_noise=True), self.data.recording_of_window
         squares = np.bincount(owner, balance.error(self._solve_by_noise(terms)) ** 2).astype(float)
         return weigh_recordings(squares, np.bincount(owner), self.data.least())
@@ -233,8 +241,75 @@ class TorqueRows:
     @memoized
     def solve(self, terms: Terms) -> Array:
         """Fit the linear parameters (P,) of the terms to all windows."""
+        if (found := self._fit_linearly(terms)) is not None:
+            return found[0].theta
         balance = self.equations(terms)
         return balance.solve(None if balance.is_linear or len(self.data.windows) == 1 else self._solve_by_noise(terms))
+
+    @memoized
+    def fit_folds(self, terms: Terms) -> FoldFits:
+        """Fit some terms without each fold, to first order around the fit without the last term if that suffices."""
+        found = self._fit_linearly(terms) or self._fit_beside(terms)
+        if found is not None:
+            return found[0]
+        theta, balance = self.solve(terms), self.equations(terms)
+        return FoldFits(tuple(terms), theta, balance.solve_without(self.layout.fold, FOLDS, theta))
+
+    @memoized
+    def _fit_linearly(self, terms: Terms) -> tuple[FoldFits, Array] | None:
+        """Return the fits of terms with linear equations, and the weights of recordings (E,); None of others."""
+        return None if is_torque_dependent(*terms) else self._fit_beside(terms)
+
+    def _fit_beside(self, terms: Terms) -> tuple[FoldFits, Array] | None:
+        """Fit the last of some terms beside the others, to first order around the fit of these, by Gram matrices.
+
+        Returns:
+            The fits, and the weights of recordings (E,); None if columns are nearly collinear, or if the first order
+            does not suffice.
+        """
+        *others, last = terms
+        if not others or is_torque_dependent(last):
+            return None
+
+        def extended(by_noise: bool) -> tuple[Array, Array, Array, Array]:
+            """Return Gram matrices of the terms, parameters (P,) around which they are, and bounds of a step."""
+            known, (part,) = self._fold_grams(tuple(others), by_noise), self.columns([last])
+            start = np.append(known.near.theta, np.zeros(len(last.columns)))
+            return known.with_term(part, self.data.where(last.at)), start, *(end - start for end in list_bounds(terms))
+
+        weights, owner = self._noise_of_each, self.data.recording_of_window
+        if len(weights) > 1:
+            grams, _, *bounds = extended(True)
+            if (step := solve_all_folds(grams, weights, *bounds)) is None:
+                return None
+            counts = np.bincount(owner, minlength=len(weights))
+            weights = weigh_recordings(compute_entry_squares(grams, step), counts, self.data.least())
+        grams, start, *bounds = extended(False)
+        if (steps := solve_each_fold(grams, weights, *bounds)) is None:
+            return None
+        fits = FoldFits(tuple(terms), start + steps[0], start + steps[1:])
+        if is_torque_dependent(*others):
+            square = float(weights**2 @ compute_entry_squares(grams, steps[0]))
+            balance = replace(self.equations(terms, by_noise=True), weights=weights[owner])
+            if not balance.fits_tangent(fits.theta, np.ones(len(owner), dtype=bool), square):
+                return None
+        return fits, weights
+
+    @memoized
+    def _fold_grams(self, terms: Terms, by_noise: bool = False) -> FoldGrams:
+        """Return the Gram matrices of the rows of some terms, near their fit, or near that `by_noise` alone."""
+        if by_noise and not is_torque_dependent(*terms):
+            return self._fold_grams(terms)  # they are the same around any fit
+        balance = self.equations(terms, by_noise=True)
+        near = balance.tangent(self._solve_by_noise(terms)) if by_noise else self.tangent(terms)
+        return FoldGrams.of(near, self.data.recording_of_window, self.layout.fold, len(self.data.windows), FOLDS)
+
+    @cached_property
+    def _noise_of_each(self) -> Array:
+        """Weight of each recording by its noise (E,)."""
+        owner = self.data.recording_of_window
+        counts = np.bincount(owner, minlength=len(self.data.windows))
+        return np.bincount(owner, self.data.weights, len(counts)) / np.maximum(counts, 1)
 
     def solve_within_laws(self, terms: Terms) -> Array:
         """Fit the linear parameters (P,) within the bounds of the laws, without those of a body."""
@@ -250,8 +325,9 @@ class TorqueRows:
 
     @memoized
     def tangent(self, terms: Terms) -> Tangent:
-        """Return the errors near the fit of the terms, to first order."""
-        return self.equations(terms).tangent(self.solve(terms))
+        """Return the errors near the fit of the terms, to first order; around zero where they are linear."""
+        balance = self.equations(terms, by_noise=True)
+        return balance.tangent(None if balance.is_linear else self.solve(terms))
 
     @memoized
     def _frame(self, terms: Terms) -> Array:
@@ -304,36 +380,19 @@ class TorqueRows:
         if not terms or is_known(*terms, variants[0]):
             squares = np.array([exact(*pair) for pair in zip(variants, parts, strict=True)])
         else:
-            near = self.tangent(terms)
-            start = np.append(near.theta, np.zeros(len(variants[0].columns)))
+            grams = self._fold_grams(terms)
+            start = np.append(grams.near.theta, np.zeros(len(variants[0].columns)))
             limits = [end - start for end in list_bounds((*terms, variants[0]))]
-            squares = compute_squared_errors(compute_variant_grams(near, parts, w, here), *limits)
+
+            def squared(parts: Sequence[Columns]) -> Array:
+                return compute_squared_errors(grams.with_variants(parts, self._weight_of_each(terms), here), *limits)
+
+            squares = squared(parts)
             if is_torque_dependent(variants[0]):
-                squares = self._refit_exactly(near, list(zip(variants, parts, strict=True)), squares, exact, w, limits)
+                predicted = squared([_at_prediction(part, grams.near, here) for part in parts])
+                squares = _refit_exactly(list(zip(variants, parts, strict=True)), (squares, predicted), exact)
         absorbed = [self._mean_absorbed((*terms, variant), w) for variant in variants]
         return np.sqrt(squares / (w @ w) + absorbed).tolist()
-
-    def _refit_exactly(
-        self,
-        near: Tangent,
-        pairs: Sequence[tuple[Term, Columns]],
-        plain: Array,
-        exact: Callable[[Term, Columns], float],
-        w: Array,
-        limits: Sequence[Array],
-    ) -> Array:
-        """Return squared errors (V,) of variants that depend on the torque, exact for the best of them.
-
-        The best are those of the fit with the recorded torque, and of the fit with the predicted torque.
-        """
-        here = self.data.where(pairs[0][0].at)
-        predicted = [own._replace(linear=own.linear - near.error[here, None] * own.slope) for _, own in pairs]
-        estimates = (plain, compute_squared_errors(compute_variant_grams(near, predicted, w, here), *limits))
-        tried = np.unique([np.argsort(estimate)[: VARIANTS.exact] for estimate in estimates])
-        squares = np.array([exact(*pairs[k]) for k in tried.tolist()])
-        found = np.maximum(plain, squares.min())
-        found[tried] = squares
-        return found
 
     def _mean_absorbed(self, terms: Terms, w: Array) -> float:
         """Return the variance of torque noise that terms absorb, mean over all weighted rows (R,) [(N m)^2]."""
@@ -418,3 +477,22 @@ class TorqueRows:
             return [exact(with_variant(variants[0].at)(*pair)) for pair in pairs]
 
         return residuals
+
+
+def _at_prediction(part: Columns, near: Tangent, here: slice) -> Columns:
+    """Return the columns of a term under the torque that other terms predict, in the place of the recorded torque."""
+    return part._replace(linear=part.linear - near.error[here, None] * part.slope)
+
+
+def _refit_exactly(
+    pairs: Sequence[tuple[Term, Columns]], estimates: Sequence[Array], exact: Callable[[Term, Columns], float]
+) -> Array:
+    """Return squared errors (V,) of variants that depend on the torque, exact for the best of them.
+
+    The best are those of the fit with the recorded torque, and of the fit with the predicted torque.
+    """
+    tried = np.unique([np.argsort(estimate)[: VARIANTS.exact] for estimate in estimates])
+    squares = np.array([exact(*pairs[k]) for k in tried.tolist()])
+    found = np.maximum(estimates[0], squares.min())
+    found[tried] = squares
+    return found

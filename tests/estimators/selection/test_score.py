@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from estimators.data.rows import FOLDS
 from estimators.regression.balance import Balance
-from estimators.selection.score import FOLDS, NU, Blocks, Bootstrap, cross_validated, predict_density
+from estimators.selection.score import NU, Blocks, Bootstrap, cross_validated, predict_density
 
 
 def linear(phi: np.ndarray, y: np.ndarray) -> Balance:
