@@ -16,6 +16,7 @@ Analysis 13(3), 2018; Rubin, Annals of Statistics 9(1), 1981; for the online for
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import gammaln
@@ -23,12 +24,12 @@ from scipy.special import gammaln
 from estimators.data.rows import FOLDS
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import SOLVER
-from pendulum_env._typing import JSON, Array, Index, Mask
+from pendulum_env._typing import JSON, Array, Index
 
 NU = 4.0  # degrees of freedom of Student's t,
 PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # and its density at zero
 DRAWS = 4000  # of the Bayesian bootstrap
-TURNS, SETTLED = 20, 1e-5  # largest number of iterations for a scale, and relative change at convergence
+TURNS, SETTLED = 20, 1e-3  # largest number of iterations for a scale, and relative change that the last may make
 LEAP = 0.5  # longest step of Newton's method, in the logarithm of a squared scale
 
 
@@ -48,10 +49,27 @@ class Blocks:
     of_block: Index
     piece: Index
 
-    @property
+    @cached_property
     def fold(self) -> Index:
         """Fold of every equation (R,)."""
         return np.asarray(self.piece % FOLDS)
+
+    @cached_property
+    def cells(self) -> tuple[Index, Index, Array, Array]:
+        """Return equations in an order in which those of a recording and fold, a cell, follow each other.
+
+        Returns:
+            The order (R,), where each cell begins (C,), its recording and fold (2, C), and the numbers of equations
+            outside each fold by recording and fold (FOLDS, E, FOLDS), or of a recording's only fold.
+        """
+        cell = self.recording * FOLDS + self.fold
+        order = np.argsort(cell, kind="stable")
+        filled, begins, counts = np.unique(cell[order], return_index=True, return_counts=True)
+        cells = np.array(np.divmod(filled, FOLDS))
+        number = np.zeros((int(self.recording.max()) + 1, FOLDS))
+        number[cells[0], cells[1]] = counts
+        others = number * (1.0 - np.eye(FOLDS))[:, None]
+        return order, begins, cells, np.where(others.any(axis=2, keepdims=True), others, number)
 
 
 def log_student(squares: Array, scale: Array | float) -> Array:
@@ -94,48 +112,43 @@ def _compute_density(balance: Balance, theta: Array, where: Blocks, hidden: Hidd
     left = np.clip(left, -1e60, 1e60)  # [N m], against overflow of a prediction that diverged
     for rows, variance in hidden:
         left[:, rows] *= np.sqrt(1 + variance / max(float(np.mean(left[:, rows] ** 2)), 1e-300))
-    fold, reach = where.fold, balance.reach
-    total, scales = np.zeros(len(where.of_block)), None
-    for k in np.unique(fold):
-        test, own = fold == k, min(k, len(left) - 1)
-        scales = _estimate_scales(left[own], where.recording, test, scales)
-        square = scales[where.recording[test]]
-        least = SOLVER.tiny * np.where(np.isfinite(reach[test]), reach[test], 0.0)  # no torque is known better
-        square = np.maximum(square, least**2)
-        density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(left[own, test] ** 2 / (NU * square))
-        known = np.minimum(np.sqrt(square) / (PEAK * reach[test]), 1.0)  # at least the density without any fit
-        density += np.log(np.maximum(slopes[own, test], known))
-        total += np.bincount(where.block[test], density, len(total))
-    return total
+    own = np.minimum(where.fold, len(left) - 1), np.arange(len(where.fold))
+    reach = balance.reach
+    least = SOLVER.tiny * np.where(np.isfinite(reach), reach, 0.0)  # no torque is known better
+    squares = left**2
+    square = np.maximum(_estimate_scales(squares, where)[where.fold, where.recording], least**2)
+    density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(squares[own] / (NU * square))
+    known = np.minimum(np.sqrt(square) / (PEAK * reach), 1.0)  # at least the density without any fit
+    density += np.log(np.maximum(slopes[own], known))
+    return np.bincount(where.block, density, len(where.of_block))
 
 
-def _estimate_scales(errors: Array, recording: Index, test: Mask, near: Array | None) -> Array:
-    """Return the squared scale of Student's t of each recording's errors by maximum likelihood.
+def _estimate_scales(squares: Array, where: Blocks) -> Array:
+    """Return the squared scale of Student's t of the errors outside each fold, of each recording (FOLDS, E).
 
     By Newton's method for the logarithm, and by the parameter-expanded EM algorithm where that would leap (Liu, Rubin
     and Wu, Biometrika 85(4), 1998).
 
     Args:
-        errors: (R,).
-        recording: of each.
-        test: errors to leave out, as they are predicted (R,); a recording without others uses them.
-        near: squared scales to start from, such as those of another fold.
+        squares: squared errors of the fits without each fold (FOLDS, R), or of one fit (1, R).
+        where: a recording with errors in a single fold uses these.
     """
-    count = int(recording.max()) + 1
-    known = ~test
-    known |= np.bincount(recording, known, count)[recording] == 0
-    squares, owner = errors[known] ** 2, recording[known]
-    number = np.maximum(np.bincount(owner, minlength=count), 1)
+    order, begins, cells, number = where.cells
+    owner, squares = cells[0], squares[:, order]
 
-    def mean(values: Array) -> Array:
-        return np.maximum(np.bincount(owner, values, count) / number, 1e-300)
+    def total(values: Array) -> Array:
+        """Return sums over the rows outside each fold (FOLDS, E)."""
+        sums = np.zeros((len(values), *number.shape[1:]))
+        sums[:, owner, cells[1]] = np.add.reduceat(values, begins, axis=1)
+        return np.einsum("kef,kef->ke", np.broadcast_to(sums, number.shape), number > 0)
 
-    most = mean(squares)  # the maximum is no larger, as x / (a + x) is concave
-    square = most if near is None else near
+    count = np.maximum(number.sum(axis=2), 1)
+    most = np.maximum(total(squares) / count, 1e-300)  # the maximum is no larger, as x / (a + x) is concave
+    square, lengths = most, np.diff(np.append(begins, squares.shape[1]))
     for _ in range(TURNS):
-        share = squares / (NU * square[owner] + squares)
-        excess = (NU + 1) * mean(share)  # one at the maximum
-        step = (excess - 1.0) / np.maximum(excess - (NU + 1) * mean(share**2), 1e-300)
+        share = squares / (NU * np.repeat(square[:, owner], lengths, axis=1) + squares)
+        excess = (NU + 1) * np.maximum(total(share) / count, 1e-300)  # one at the maximum
+        step = (excess - 1.0) / np.maximum(excess - (NU + 1) * total(share**2) / count, 1e-300)
         safe = excess * NU / np.maximum(NU + 1 - excess, 1e-300)
         before, square = square, square * np.where(np.abs(step) < LEAP, np.exp(np.clip(step, -LEAP, LEAP)), safe)
         square = np.clip(square, 1e-300, most)
