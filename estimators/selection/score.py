@@ -120,7 +120,7 @@ def _compute_density(balance: Balance, theta: Array, where: Blocks, hidden: Hidd
     density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(squares[own] / (NU * square))
     known = np.minimum(np.sqrt(square) / (PEAK * reach), 1.0)  # at least the density without any fit
     density += np.log(np.maximum(slopes[own], known))
-    return np.bincount(where.block, density, len(where.of_block))
+    return np.bincount(where.block, density, len(where.of_block)).astype(float)
 
 
 def _estimate_scales(squares: Array, where: Blocks) -> Array:

@@ -271,20 +271,20 @@ class TorqueRows:
         if not others or is_torque_dependent(last):
             return None
 
-        def extended(by_noise: bool) -> tuple[Array, Array, Array, Array]:
+        def linearise(by_noise: bool) -> tuple[Array, Array, Array, Array]:
             """Return Gram matrices of the terms, parameters (P,) around which they are, and bounds of a step."""
-            known, (part,) = self._fold_grams(tuple(others), by_noise), self.columns([last])
+            known, (part,), (least, most) = self._fold_grams(others, by_noise), self.columns([last]), list_bounds(terms)
             start = np.append(known.near.theta, np.zeros(len(last.columns)))
-            return known.with_term(part, self.data.where(last.at)), start, *(end - start for end in list_bounds(terms))
+            return known.with_term(part, self.data.where(last.at)), start, least - start, most - start
 
         weights, owner = self._noise_of_each, self.data.recording_of_window
         if len(weights) > 1:
-            grams, _, *bounds = extended(True)
+            grams, _, *bounds = linearise(True)
             if (step := solve_all_folds(grams, weights, *bounds)) is None:
                 return None
             counts = np.bincount(owner, minlength=len(weights))
             weights = weigh_recordings(compute_entry_squares(grams, step), counts, self.data.least())
-        grams, start, *bounds = extended(False)
+        grams, start, *bounds = linearise(False)
         if (steps := solve_each_fold(grams, weights, *bounds)) is None:
             return None
         fits = FoldFits(tuple(terms), start + steps[0], start + steps[1:])
