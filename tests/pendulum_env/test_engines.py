@@ -41,7 +41,7 @@ def batch(torque, model=None) -> np.ndarray:
 
 def by_numpy(torque, model) -> np.ndarray:
     """Of pymunk's pendulum, whose laws are not compiled."""
-    with mock.patch.object(rigid_body, "half_steps", lambda balance, longest: InterpretedSteps(balance)):
+    with mock.patch.object(rigid_body, "make_half_steps", lambda balance, longest: InterpretedSteps(balance)):
         return positions("pymunk", torque, model)
 
 

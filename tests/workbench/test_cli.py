@@ -24,7 +24,7 @@ FEW = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogg
 @pytest.fixture
 def few_effects(monkeypatch):
     known = {id: effects()[id] for id in FEW}
-    monkeypatch.setattr(estimators.arguments, "nameable", lambda: known)
+    monkeypatch.setattr(estimators.arguments, "list_nameable", lambda: known)
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +156,7 @@ def test_diagnose_judges_gains_by_the_significance_that_is_asked_for(runs, few_e
 def test_record_plays_what_a_diagnosis_suggests(monkeypatch, done):
     """Small swings under gravity look like a spring: the next experiment goes further, and no doubt is left."""
     known = {id: effects()[id] for id in ("spring", "gravity_tilt")}
-    monkeypatch.setattr(estimators.arguments, "nameable", lambda: known)
+    monkeypatch.setattr(estimators.arguments, "list_nameable", lambda: known)
     plant = "--theta coulomb=0.2,viscous=0.2 -o"
     done(f"record --seconds 8 --amplitude 1 {plant} first.csv")
     outputs = "--json d.json --experiment torque.csv --report report.html"
