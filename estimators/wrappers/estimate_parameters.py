@@ -142,7 +142,13 @@ class EstimateParametersVector(MeasurementVectorWrapper):
         write_estimates(info, self._known, self.estimator, slice(None))
         if not self._in_observation:
             return observation
-        return np.concatenate([observation, observe_estimates(self._known)], axis=1, dtype=np.float32)
+        more = observe_estimates(self._known)
+        if observation.dtype != object:
+            return np.concatenate([observation, more], axis=1, dtype=np.float32)
+        extended = observation.copy()  # last observations of ended episodes, as of `SyncVectorEnv`
+        for k in np.flatnonzero([one is not None for one in observation]):
+            extended[k] = np.concatenate([observation[k], more[k]], dtype=np.float32)
+        return extended
 
 
 def write_estimates(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendulum: int | slice) -> None:

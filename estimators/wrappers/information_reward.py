@@ -25,22 +25,35 @@ class Information:
         """
         if not 0 < prior < np.inf:
             raise ValueError(f"prior is {prior:g}: give a small positive number")
-        self.prior = prior
-        self.inverse = np.zeros((0, 0, 0))  # (B, P, P)
+        self._prior = prior
 
-    def begin(self, batch: int, parameters: int) -> None:
-        """Start with the prior, for B pendulums and a number of parameters."""
-        self.inverse = np.tile(np.eye(parameters) / self.prior, (batch, 1, 1))
+    def begin(self, info: dict[str, Any]) -> None:
+        """Start with the prior, at the info of a reset."""
+        batch, parameters = np.atleast_2d(get_regressor(info)).shape
+        self._inverse, self._time = np.tile(np.eye(parameters) / self._prior, (batch, 1, 1)), info["time"]
 
-    def reset(self, which: Mask) -> None:
-        """Restart pendulums (B,) with the prior."""
-        self.inverse[which] = np.eye(self.inverse.shape[-1]) / self.prior
+    def compute_gain(self, info: dict[str, Any]) -> Array:
+        """Add the regressors of a step, and return the gain of log det(information) (B,) [nat].
 
-    def add_row(self, regressor: Array) -> Array:
-        """Add one row each (B, P), and return the gain of log det(information) (B,) [nat]."""
-        weighted = (self.inverse @ regressor[..., None])[..., 0]
+        The information of a pendulum restarts when its time restarts.
+        """
+        row, time = get_regressor(info), info["time"]
+        is_reset, self._time = np.atleast_1d(info.get("_final_info", time < self._time)), time
+        if "final_info" not in info:
+            self._reset(is_reset)
+            return self._add_row(np.atleast_2d(row))
+        # the last sample of an episode that ended within this step counts, too
+        gain = self._add_row(np.where(is_reset[:, None], get_regressor(info["final_info"]), row))
+        self._reset(is_reset)
+        return gain
+
+    def _reset(self, which: Mask) -> None:
+        self._inverse[which] = np.eye(self._inverse.shape[-1]) / self._prior
+
+    def _add_row(self, regressor: Array) -> Array:
+        weighted = (self._inverse @ regressor[..., None])[..., 0]
         leverage = np.einsum("bi,bi->b", regressor, weighted)  # matrix determinant lemma
-        self.inverse -= weighted[:, :, None] * (weighted / (1.0 + leverage)[:, None])[:, None, :]
+        self._inverse -= weighted[:, :, None] * (weighted / (1.0 + leverage)[:, None])[:, None, :]
         return np.log1p(leverage)
 
 
@@ -57,17 +70,16 @@ class InformationReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstru
         gym.Wrapper.__init__(self, env)
         self._information = Information(prior)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         """Reset the environment and the information."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        self._information.begin(1, len(get_regressor(info)))
+        observation, info = self.env.reset(**kwargs)
+        self._information.begin(info)
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Step the environment; the reward is the gain by the newest regressor."""
         observation, _, terminated, truncated, info = self.env.step(action)
-        gain = float(self._information.add_row(get_regressor(info)[None])[0])
-        return observation, gain, terminated, truncated, info
+        return observation, float(self._information.compute_gain(info)[0]), terminated, truncated, info
 
 
 class InformationRewardVector(VectorWrapper):
@@ -78,30 +90,16 @@ class InformationRewardVector(VectorWrapper):
         super().__init__(env)
         self._information = Information(prior)
 
-    def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         """Reset the environments and the information."""
-        observation, info = self.env.reset(
-            seed=seed,  # type: ignore[arg-type]  # Gymnasium's own wrappers pass lists
-            options=options,
-        )
-        self._information.begin(*get_regressor(info).shape)
-        self._time = np.asarray(info["time"])
+        observation, info = self.env.reset(**kwargs)
+        self._information.begin(info)
         return observation, info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step the environments; the rewards are the gains by the newest regressors."""
         observation, _, terminated, truncated, info = self.env.step(actions)
-        row, time = get_regressor(info), np.asarray(info["time"])
-        is_reset, self._time = time <= self._time, time
-        if "final_info" in info:  # the last sample of an episode that ended within this step counts, too
-            gain = self._information.add_row(np.where(is_reset[:, None], get_regressor(info["final_info"]), row))
-            self._information.reset(is_reset)
-        else:
-            self._information.reset(is_reset)
-            gain = self._information.add_row(row)
-        return observation, gain, terminated, truncated, info
+        return observation, self._information.compute_gain(info), terminated, truncated, info
 
 
 def get_regressor(info: dict[str, Any]) -> Any:

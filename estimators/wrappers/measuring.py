@@ -46,7 +46,10 @@ def repeat_object(value: object, count: int) -> NDArray[np.object_]:
 
 
 class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Wrapper that passes the measurement of each reset and step to an online algorithm."""
+    """Wrapper that passes the measurement of each reset and step to an online algorithm.
+
+    The algorithm restarts when time restarts.
+    """
 
     def __init__(self, env: gym.Env[Any, Any], algorithm: OnlineAlgorithm, **arguments: Any) -> None:
         """Wrap an environment; the arguments are those of the constructor, which rebuild the wrapper."""
@@ -54,9 +57,9 @@ class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         gym.Wrapper.__init__(self, env)
         self._algorithm, self._clock = algorithm, Clock(algorithm.rate)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         """Reset the environment and the algorithm."""
-        observation, info = self.env.reset(seed=seed, options=options)
+        observation, info = self.env.reset(**kwargs)
         self._algorithm.reset()
         self._clock.restart()
         return self._take(observation, info), info
@@ -69,6 +72,9 @@ class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
         if "fault" not in info:  # a fault has no measurement
             sample = get_measurement(info)
+            if sample[0] < self._clock.time:  # the inner environment was reset by itself, as by `Autoreset`
+                self._algorithm.reset()
+                self._clock.restart()
             self._clock.tick(sample[0])
             self._known = self._algorithm.take(*(np.array(part, dtype=float)[None] for part in sample))
         return self._write_info(observation, info)
@@ -86,14 +92,9 @@ class MeasurementVectorWrapper(VectorWrapper):
         super().__init__(env)
         self._algorithm = algorithm
 
-    def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         """Reset the environments and the algorithm."""
-        observation, info = self.env.reset(
-            seed=seed,  # type: ignore[arg-type]  # Gymnasium's own wrappers pass lists
-            options=options,
-        )
+        observation, info = self.env.reset(**kwargs)
         self._time = np.full(self.num_envs, np.inf)  # of the last sample [s]
         return self._take(observation, info), info
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers import NormalizeObservation, RescaleAction, TimeLimit
+from gymnasium.wrappers import Autoreset, NormalizeObservation, RescaleAction, TimeLimit
 
 from estimators.regression.recursive import compute_history
 from estimators.schemes import six
@@ -287,3 +287,28 @@ def test_native_and_sync_vectors_tell_the_same_in_one_layout(autoreset):
         # after a reset within a step, the native ones begin with the next sample
         assert_same_layout(one, other, of_values=k <= 100 or autoreset is AutoresetMode.NEXT_STEP)
     np.testing.assert_allclose(paid_natively[:100], paid_in_sync[:100], rtol=1e-2, atol=1e-2)
+
+
+def test_an_environment_that_resets_itself_starts_estimation_and_reward_anew():
+    """Below the wrappers, by Gymnasium's `Autoreset`, as above them."""
+    inside = InformationReward(EstimateParameters(Autoreset(gym.make(PENDULUM, max_episode_steps=200))))
+    outside = Autoreset(InformationReward(EstimateParameters(gym.make(PENDULUM, max_episode_steps=200))))
+    runs = []
+    for env in (inside, outside):
+        env.reset(seed=0)
+        steps = [env.step(np.array([3.0], dtype=np.float32)) for _ in range(350)]
+        runs.append([(reward, info["estimates_time"]) for k, (_, reward, *_, info) in enumerate(steps) if k != 200])
+    np.testing.assert_allclose(*runs)
+
+
+@pytest.mark.parametrize("mode", ["sync", "vector_entry_point"])
+def test_estimates_are_in_the_last_observations_of_episodes_too(mode):
+    settings = {"vector_kwargs": {"autoreset_mode": "SameStep"}} if mode == "sync" else {"autoreset_mode": "SameStep"}
+    env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=100, vectorization_mode=mode, **settings)
+    env = EstimateParametersVector(env, schemes="dynamic", in_observation=True)
+    env.reset(seed=0)
+    for _ in range(100):
+        observation, *_, info = env.step(np.full((2, 1), 3.0, dtype=np.float32))
+    assert env.observation_space.contains(observation)
+    for last, theta in zip(info["final_obs"], info["final_info"]["estimates"]["dynamic"]["theta"], strict=True):
+        np.testing.assert_allclose(last[3:7], theta, rtol=1e-6)
