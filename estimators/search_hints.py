@@ -253,18 +253,18 @@ def _list_table_angles(kind: type[Any], x: Samples, residual: Array) -> list[Ter
             extents.append(Extent(low, high, pieces))
     if np.ptp(x.position) >= 2 * np.pi and not kind.slides:
         extents += [Extent(-np.pi, np.pi, pieces) for pieces in ANGLES]
-    return [kind.over(extent)() for extent in extents]
+    return [kind.with_extent(extent)() for extent in extents]
 
 
 def _list_table_speeds(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     fastest = float(np.max(np.abs(x.velocity)))
-    return [kind.over(Extent(0.0, fastest, pieces))() for pieces in SPEEDS]
+    return [kind.with_extent(Extent(0.0, fastest, pieces))() for pieces in SPEEDS]
 
 
 def _list_table_times(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     first, last = float(np.min(x.time)), float(np.max(x.time))
     pieces = min(max(2, round((last - first) / kind.length)), kind.most)
-    return [kind.over(Extent(first, last, int(pieces)))()]
+    return [kind.with_extent(Extent(first, last, int(pieces)))()]
 
 
 def _make_value_grid(values: Iterable[float]) -> Grid:

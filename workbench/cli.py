@@ -181,7 +181,7 @@ def _run(argv: Sequence[str]) -> None:
 def _fault_of_effect(error: BaseException) -> Exception | None:
     """UserError of an effect of a file or package; None if no effects are loaded, or the error is from elsewhere."""
     module = sys.modules.get(PLUGINS)
-    return None if module is None else module.fault(error)
+    return None if module is None else module.describe_fault(error)
 
 
 def _complain(message: str, code: int) -> int:

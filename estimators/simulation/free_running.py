@@ -14,8 +14,8 @@ import scipy
 from estimators.weak_form.windows import Windows, trace_all
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, Samples, Term, Trajectory, simulate
-from pendulum_env.physics.simulation import LONGEST_STEP, count_substeps, delay_torque
-from pendulum_env.physics.term import Memory
+from pendulum_env.physics.simulation import LONGEST_STEP, count_substeps, delay_torque, prepare_step
+from pendulum_env.physics.term import Memory, round_up
 
 HORIZON = 1.0  # [s], usual length of a window
 PERTURBATION = 1e-6  # [rad], of the initial position, whose growth is simulated
@@ -174,12 +174,19 @@ def simulate_segments(
         return np.tile(np.concatenate(series), len(models))
 
     loads = [segment.load for segment in segments]
+    load = KnownLoad(
+        each([np.asarray(load.inertia) for load in loads]),
+        each([np.asarray(load.gravity) for load in loads]),
+        np.tile(np.concatenate([np.asarray(load.torque) for load in loads], axis=1), len(models)),
+    )
+    period = each([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in segments])
     terms, theta = _stack_models(models, sum(len(segment.first) for segment in segments))
     delays = [sum(term.delay for term in own) for own, _ in models]
+    longest = round_up(period / count_substeps(period, longest_step))
     return simulate(
         terms,
         theta,
-        each([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in segments]),
+        period,
         np.concatenate([segment.command(delay) for delay in delays for segment in segments], axis=1),
         position,
         velocity,
@@ -187,11 +194,8 @@ def simulate_segments(
         memory=memory,
         longest_step=longest_step,
         observe=observe,
-        load=KnownLoad(
-            each([np.asarray(load.inertia) for load in loads]),
-            each([np.asarray(load.gravity) for load in loads]),
-            np.tile(np.concatenate([np.asarray(load.torque) for load in loads], axis=1), len(models)),
-        ),
+        load=load,
+        program=segments[0].windows.programs.find(terms, prepare_step, bool(load), longest),
     )
 
 

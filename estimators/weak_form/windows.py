@@ -36,6 +36,7 @@ from estimators.signals.motion import LEAD_IN, SLOWEST, get_known_load, get_temp
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.arms.body import LinkLoad
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
+from pendulum_env.physics.simulation import StepPrograms
 from pendulum_env.physics.term import LOAD, trace_variants
 from pendulum_env.recording import Recording
 
@@ -193,6 +194,11 @@ class Windows:
     run: int | None = None
     payload: LinkLoad | None = None
     scale: Array | None = None
+
+    @cached_property
+    def programs(self) -> StepPrograms:
+        """Compiled steps of models that simulate parts of the recording."""
+        return StepPrograms()
 
     @cached_property
     def torque_scale(self) -> float:

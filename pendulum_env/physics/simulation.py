@@ -10,7 +10,7 @@ stick. Source of the set-valued law: Acary and Brogliato, Numerical Methods for 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -247,7 +247,7 @@ def simulate(
         longest_step: longest integration step [s].
         load: known load, inertia and gravity scalars or (B,), torque a scalar or the mean over each period (N, B).
         observe: called, after the run, with all that is known at the start of every period and at the end of the last.
-        program: of these terms, as `prepared` gives it; None prepares one.
+        program: of these terms, as `prepare_step` gives it; None prepares one.
     """
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
@@ -341,6 +341,23 @@ def prepare_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike
     except Exception:  # a user's law may do anything that NumPy does
         return PreparedStep(None, ())
     return PreparedStep(step_of, list(nonlinear.values()))
+
+
+class StepPrograms:
+    """Compiled steps of models that simulate the same data again and again, while no law changes."""
+
+    def __init__(self) -> None:
+        self._known: dict[Hashable, Recurrence | None] = {}
+
+    def __reduce__(self) -> tuple[type[StepPrograms], tuple[()]]:
+        return StepPrograms, ()  # programs cannot be pickled
+
+    def find(self, terms: Sequence[Term], prepare: Callable[..., PreparedStep], *others: Hashable) -> PreparedStep:
+        """Return what `prepare` makes of terms and other arguments; terms differ by class and free parameters."""
+        key = (tuple((type(term), tuple(own.name for own in term.free)) for term in terms), *others)
+        if key not in self._known:
+            self._known[key] = prepare(terms, *others).step
+        return PreparedStep(self._known[key], [getattr(term, own.name) for term in terms for own in term.free])
 
 
 def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[Balance, Samples, dict[str, ArrayLike]]:

@@ -7,6 +7,7 @@ integrator the controller looks at the simulated motion, and what it asks for is
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,15 @@ from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
-from pendulum_env.physics.simulation import Balance, PreparedStep, stack_rows, step, unstack_rows, write_balance
+from pendulum_env.physics.simulation import (
+    Balance,
+    PreparedStep,
+    StepPrograms,
+    stack_rows,
+    step,
+    unstack_rows,
+    write_balance,
+)
 from pendulum_env.physics.symbols import make_symbol, repeat
 from pendulum_env.physics.term import ROOM, round_up
 from pendulum_env.servo.drive import Drive
@@ -49,6 +58,11 @@ class Servos:
     start: Array
     load: KnownLoad
     temperature: Array | None = None
+
+    @cached_property
+    def programs(self) -> StepPrograms:
+        """Compiled steps of models that simulate the servos."""
+        return StepPrograms()
 
 
 class ControllerState(NamedTuple):
@@ -98,7 +112,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     warm = np.full_like(servos.goal, ROOM) if servos.temperature is None else servos.temperature
     outside = np.broadcast_to(servos.load.torque, servos.goal.shape)
     inputs = np.stack([servos.goal, scale, servos.on, _find_updates(servos), warm, outside], axis=1)
-    program = _compile_step(terms, speed, len(weights), loaded, integrates, h)
+    program = servos.programs.find(terms, _compile_step, speed, len(weights), loaded, integrates, h)
     theta = theta[:, :, None]
     constants = [*theta, *program.nonlinear, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
     own = np.array([np.broadcast_to(value, shape) for value in constants])
