@@ -86,7 +86,7 @@ class TableCurve(NamedTuple):
 
 @dataclass(frozen=True)
 class Table(Term):
-    """A function of one quantity; its parameters are linear, and its extent belongs to the class: see `over`."""
+    """A function of one quantity; its parameters are linear, and its extent belongs to the class: see `with_extent`."""
 
     extent: ClassVar[Extent] = Extent(-1.0, 1.0, 4)
     axis: ClassVar[str] = ""
