@@ -19,11 +19,16 @@ STILL = 1e-9  # [rad] or any unit, change of a signal from sample to sample that
 def estimate_scatter(series: Array, where: Mask | slice = np.s_[:]) -> float:
     """Estimate the standard deviation of white noise on a signal that is mostly smooth or constant.
 
+    The estimate is the smaller of two: the median of fourth differences, which rare jumps of the signal do not change,
+    and their root mean square, which is right for a slow signal that an encoder rounds: its differences are one or
+    three steps, and their median is up to 1.8 times too large.
+
     Args:
         series: the signal (N,).
         where: differences of four steps (N - 4,) that are looked at.
     """
-    return float(np.median(np.abs(np.diff(series, 4))[where]) / 0.6745 / np.sqrt(comb(8, 4)))
+    differences = np.abs(np.diff(series, 4))[where]
+    return float(min(np.median(differences) / 0.6745, np.sqrt(np.mean(differences**2))) / np.sqrt(comb(8, 4)))
 
 
 def estimate_white_noise(series: Array) -> float:
