@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.errors import UserError
-from pendulum_env.interface import MAX_TORQUE, check_positive
 from pendulum_env.lookup import find
 from pendulum_env.plant import PAPER
 from pendulum_env.policy import Policy, State
+from pendulum_env.spaces import MAX_TORQUE, check_positive
 
 NOMINAL = np.array(list(PAPER.values()))  # inertia, gravity, viscous, coulomb
 MIN_SPEED = 0.2  # [rad/s]; slower ticks are left out: near stick, information rises and errors do not fall

@@ -12,8 +12,8 @@ import gymnasium as gym
 import numpy as np
 
 from pendulum_env.backends.emulators.motor import MISREADINGS
-from pendulum_env.backends.hardware.config import Plant
-from pendulum_env.backends.hardware.plausible import PlausibilityCheck
+from pendulum_env.backends.hardware.config import PlantRanges
+from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.excitation import EXCITATIONS, excitation
 from pendulum_env.physics import BASE
@@ -102,7 +102,7 @@ def false_stops(samples: int, seed: int = 0) -> tuple[int, int]:
 
 def sound(position: list[float], command: list[float], rate: float, noise: float) -> bool:
     """Whether the watch lets a run pass."""
-    watch = PlausibilityCheck(Plant(), STEP, noise)
+    watch = PlausibilityCheck(PlantRanges(), STEP, noise)
     watch.check_measurement(0.0, position[0])
     for k, torque in enumerate(command):
         watch.add_command(torque)

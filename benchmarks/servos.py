@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators import diagnose
 from pendulum_env.recording import Load, Recording
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 
 Draw = np.random.Generator
 CONSTANT = "torque constant"
@@ -175,7 +175,7 @@ def goal(seed: int) -> Case:
     def recorded(number: int, run: SimulatedRecording) -> Recording:
         names = ("kp", "ki") if control == "speed" else ("kp", "kd")
         told = dict(zip(names, (own / limit for own in run.experiment.gains), strict=True))
-        drive = Drive(
+        drive = ServoDrive(
             "velocity" if control == "speed" else "position",
             supply=SUPPLY,
             gain=constant,

@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from pendulum_env.backends import BACKENDS, Sample, Sensor, Setup, Start, Status
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulator import Simulator
-from pendulum_env.interface import (
+from pendulum_env.lookup import find, refuse_unknown_arguments
+from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, Values
+from pendulum_env.physics import Model
+from pendulum_env.plant import Effects, make_plant
+from pendulum_env.rendering import MODES, Renderer
+from pendulum_env.spaces import (
     MAX_TORQUE,
     MAX_VELOCITY,
     RESET_OPTIONS,
@@ -23,11 +28,6 @@ from pendulum_env.interface import (
     read_start,
     warn_learner,
 )
-from pendulum_env.lookup import find, refuse_unknown_arguments
-from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, Values
-from pendulum_env.physics import Model
-from pendulum_env.plant import Effects, make_plant
-from pendulum_env.rendering import MODES, Renderer
 
 OWN_PLANT = {"replay": "a replay plays the plant it was recorded with", "dm1015b": "the rig is the plant"}
 

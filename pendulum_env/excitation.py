@@ -150,19 +150,19 @@ class Levels:
 STILL = Levels(0.0, (1.0,), (0.0,))  # no torque
 
 
-class Kind(NamedTuple):
+class SignalKind(NamedTuple):
     """Kind of excitation."""
 
     usual: float  # [N m], the amplitude it has unless another is asked for
     draw: Callable[[np.random.Generator, float, float], Excitation]  # for so many seconds, of an amplitude
 
 
-EXCITATIONS: dict[str, Kind] = {
-    "paper": Kind(6.0, TwoTone.draw),
-    "multisine": Kind(5.0, Multisine.draw),
-    "chirp": Kind(4.5, Chirp.draw),
-    "prbs": Kind(3.5, Levels.draw_binary),
-    "steps": Kind(5.0, Levels.draw_steps),
+EXCITATIONS: dict[str, SignalKind] = {
+    "paper": SignalKind(6.0, TwoTone.draw),
+    "multisine": SignalKind(5.0, Multisine.draw),
+    "chirp": SignalKind(4.5, Chirp.draw),
+    "prbs": SignalKind(3.5, Levels.draw_binary),
+    "steps": SignalKind(5.0, Levels.draw_steps),
 }
 
 

@@ -33,7 +33,7 @@ def write_whole(path: str | Path, content: str | bytes, *, private: bool = False
     A `private` one nobody else may read or write.
 
     Raises:
-        OSError: as `replacing`.
+        OSError: as `replace_file`.
     """
     with replace_file(path, private=private) as file:
         file.write(content.encode() if isinstance(content, str) else content)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.excitation import Excitation
-from pendulum_env.interface import note_identifier
 from pendulum_env.recording import Recording
+from pendulum_env.spaces import note_identifier
 
 State = tuple[Any, ...] | None
 
@@ -106,7 +106,7 @@ def rollout(
     """Run a policy or a controller in an environment and keep the measurement.
 
     Args:
-        env: see `transitions`.
+        env: see `iterate_steps`.
         policy: what chooses the torque.
         steps: at most; the episode may end before.
         seed: of the reset.

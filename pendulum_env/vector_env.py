@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.backends.simulator import begin
-from pendulum_env.interface import (
+from pendulum_env.lookup import find, refuse_unknown_arguments
+from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, Values
+from pendulum_env.physics import Model, Samples
+from pendulum_env.physics.simulation import CommandLine, TorqueBalance, step
+from pendulum_env.physics.term import Memory
+from pendulum_env.plant import Effects, make_plant
+from pendulum_env.spaces import (
     MAX_TORQUE,
     MAX_VELOCITY,
     RESET_OPTIONS,
@@ -24,12 +30,6 @@ from pendulum_env.interface import (
     make_spaces,
     read_start,
 )
-from pendulum_env.lookup import find, refuse_unknown_arguments
-from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, Values
-from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import Balance, CommandLine, step
-from pendulum_env.physics.term import Memory
-from pendulum_env.plant import Effects, make_plant
 
 Batch = NDArray[np.float32]
 Bools = NDArray[np.bool_]
@@ -107,7 +107,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
 
     def _update_plant(self) -> None:
         """Go on with the parameters of now."""
-        self._balance = Balance(self.plant.terms, self.plant.theta)
+        self._balance = TorqueBalance(self.plant.terms, self.plant.theta)
         if self._x is not None:
             self._command.take(self._balance.terms)
         self._parameters = self.plant.info

@@ -13,7 +13,7 @@ from pendulum_env.physics import Model
 from pendulum_env.reading import read_toml
 from pendulum_env.recording.record import Load
 from pendulum_env.recording.study import Source, read_sources, write_study
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 from tests.two_link import body
 from workbench.inputs import read_suggestion
 
@@ -48,10 +48,10 @@ def test_a_diagnosis():
 def test_a_study(tmp_path):
     first, second = read_sources(STORED / "study.toml")
     columns = {"position": "-motor_angle:deg/6", "torque": "current:A*0.091"}
-    drive = Drive.from_settings({"preset": "xl330", "kp": 400})
+    drive = ServoDrive.from_settings({"preset": "xl330", "kp": 400})
     loaded = {"load": Load(0.5 * 0.2**2, 0.5 * 9.81 * 0.2), "unwrap": True, "range": (2.0, 30.5)}
     assert first == Source(STORED / "monday.csv", columns=columns, drive=drive, joints=("shoulder",), **loaded)
-    assert second.role == "holdout" and second.drive == Drive.from_settings({"preset": "xl330", "kp": 200})
+    assert second.role == "holdout" and second.drive == ServoDrive.from_settings({"preset": "xl330", "kp": 200})
     assert second.load == Load(0.02, 0.98) and second.columns == {**columns, "torque": "i_q:A*0.091"}
     write_study([first, second], tmp_path / "study.toml")
     assert read_sources(tmp_path / "study.toml") == (first, second)

@@ -15,7 +15,7 @@ from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import DIGITS, LARGE, quote_value
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import TOLD
-from pendulum_env.servo.drive import KEYS, WORDS, Drive
+from pendulum_env.servo.drive import KEYS, WORDS, ServoDrive
 from workbench.mistakes import InputError
 
 T = TypeVar("T")
@@ -170,11 +170,11 @@ def _bound(text: str) -> float:
     return value
 
 
-def _drive(text: str) -> Drive:
+def _drive(text: str) -> ServoDrive:
     """A drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
     pairs = _pairs(text, "KEY=VALUE, such as kp=200")
     words = ("preset", *WORDS)
-    return Drive.from_settings({name: value if name in words else _bound(value) for name, value in pairs})
+    return ServoDrive.from_settings({name: value if name in words else _bound(value) for name, value in pairs})
 
 
 def _columns(text: str) -> dict[str, str]:

@@ -20,11 +20,11 @@ from pendulum_env.backends.hardware import config
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.excitation import STILL, Excitation, excitation
-from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics import Model
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.registration import PENDULUM
+from pendulum_env.spaces import MAX_TORQUE
 from pendulum_env.wrappers import RecordMeasurements
 from workbench.inputs import plant_of, read_suggestion
 from workbench.judges import Apart, verdict_text

@@ -30,7 +30,7 @@ from estimators.online.estimates import Estimates
 from estimators.signals.motion import SLOWEST
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.simulation import Balance, PreparedStep, prepare_step, simulate
+from pendulum_env.physics.simulation import PreparedStep, TorqueBalance, prepare_step, simulate
 from pendulum_env.physics.term import Memory, zero
 
 
@@ -247,7 +247,7 @@ class _Filter:
         """Compute the process noise of a period: white torque noise, and the random walk of parameters."""
         ukf, period = self._ukf, self._period
         x = Samples(np.zeros(1), ukf.x[:1], ukf.x[1:2], np.zeros(1))
-        balance = Balance(self._terms, ukf.x[2:])
+        balance = TorqueBalance(self._terms, ukf.x[2:])
         inertia = float(np.ravel(balance.mass(replace(x, memory=self._memory or balance.start(x))))[0])
         speed = np.exp(self.log_variance) * (period / inertia) ** 2
         added = np.zeros_like(ukf.P)

@@ -29,7 +29,7 @@ from estimators.signals.motion import LEAD_IN
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.compiled import Machine, SymbolicStep
-from pendulum_env.physics.simulation import Balance
+from pendulum_env.physics.simulation import TorqueBalance
 from pendulum_env.physics.symbols import make_symbols
 from pendulum_env.recording.sampling import SAMPLING
 
@@ -101,7 +101,7 @@ class Stream:
             if scheme.borrows is not None:
                 raise ValueError(f"{scheme.id} borrows its inertia, which needs a whole recording: set borrows=None")
         self._terms, self._period = tuple(terms), period
-        self._balance = Balance(terms, np.ones(sum(len(term.columns) for term in terms)))
+        self._balance = TorqueBalance(terms, np.ones(sum(len(term.columns) for term in terms)))
         length, late = 2 * smoothing.reach + 1, sum(term.delay for term in terms) / period
         lead_in = round(LEAD_IN / period) if self._balance.has_states else 0
         self._late = (int(late), late % 1.0) if late else None  # in samples
@@ -271,7 +271,7 @@ def _advance_instant(
         supplied = given["supplied"] = make_symbols("supplied", 2)
     else:
         supplied = [history.remember(f"supplied.{k}", instant[k], 1)[1] for k in (TORQUE, HELD)]
-    at_rest = Balance(terms, np.ones(sum(len(term.columns) for term in terms))).start(Samples(*np.zeros((4, 1))))
+    at_rest = TorqueBalance(terms, np.ones(sum(len(term.columns) for term in terms))).start(Samples(*np.zeros((4, 1))))
     memory = {id: make_symbols(f"memory.{id}", len(own)) for id, own in at_rest.items()}
     given |= {f"memory.{id}": own for id, own in memory.items()}
     views, velocity, own = balance_rows(terms, index - (guarded.behind - 1), instant, supplied, memory, period, history)

@@ -20,7 +20,7 @@ from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.simulation.free_running import Segments
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.simulation import Balance
+from pendulum_env.physics.simulation import TorqueBalance
 
 INTEGRATED = 3e-6  # [rad], error of the simulation itself
 PERTURBATION = np.array([1e-4, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives of the acceleration
@@ -83,7 +83,7 @@ def _linearise_motion(
 
     Also the inertia (N + 1, B), and whether the joint turns in an interval or did in the one before (N, B).
     """
-    balance, measured = Balance(terms, theta, bool(segments.windows.samples.load)), segments.windows.samples
+    balance, measured = TorqueBalance(terms, theta, bool(segments.windows.samples.load)), segments.windows.samples
     memory = {
         id: tuple(np.asarray(series)[index] for series in states)
         for term in terms

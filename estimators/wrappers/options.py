@@ -19,12 +19,12 @@ from estimators.signals.measurements import Smoothing, choose_smoothing, compute
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.joints import Coupling, arm_base, arrange_terms, find_kinds, list_effects
 from pendulum_env.backends.sensing import COUNTS
-from pendulum_env.interface import note_identifier
 from pendulum_env.lookup import find
 from pendulum_env.physics import Term
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.spaces import note_identifier
 
 Names = str | Sequence[str | Scheme | JointState]
 AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]

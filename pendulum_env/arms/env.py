@@ -14,10 +14,10 @@ from pendulum_env.arms.plane import get_friction
 from pendulum_env.arms.world import SpatialBodies
 from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.formatting import join_words
-from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond, warn_learner
 from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.plant import PAPER, Effects
 from pendulum_env.rendering import MODES, Renderer
+from pendulum_env.spaces import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond, warn_learner
 
 RESET_OPTIONS = dict.fromkeys(("position", "velocity"))
 

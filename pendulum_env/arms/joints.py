@@ -80,7 +80,7 @@ def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Te
 class Coupling(Term):
     """A motor that turns with two joints at once, q_a + s q_b with s = 1 or -1, as in geared wrists and cable drives.
 
-    Its inertia and friction load joint a by as much as they take, and joint b by s times that. Made by `coupled`.
+    Its inertia and friction load joint a by as much as they take, and joint b by s times that. Made by `get_coupling`.
     Source: Gautier, Janot and Vandanjon, IEEE Transactions on Control Systems Technology 21(2), 2013 (Staubli TX40).
     """
 
@@ -142,7 +142,7 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
     """
     for term in terms:
         if not isinstance(term, Links) and not set(list_loads(term.at)) <= set(joints):
-            other = f"none of the joints {', '.join(joints)}: place it, placed(term, {joints[0]!r})"
+            other = f"none of the joints {', '.join(joints)}: place it, place_term(term, {joints[0]!r})"
             raise UserError(
                 f"{term.id} is at {other if any(joints) else 'a joint of an arm, and a pendulum has one joint'}"
             )

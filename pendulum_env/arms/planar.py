@@ -16,7 +16,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import FRICTION, parse_effect
 from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import Balance, CommandLine
+from pendulum_env.physics.simulation import CommandLine, TorqueBalance
 from pendulum_env.plant import PAPER, Effects, hide, list_effects
 from pendulum_env.recording.study import GRAVITY
 
@@ -91,7 +91,7 @@ class JointBalances:
 
     def __init__(self, models: Sequence[Model], h: float) -> None:
         """Take what acts at each joint, without inertia, in steps of h [s]."""
-        self._balances, self._h = [Balance(model.terms, model.theta) for model in models], h
+        self._balances, self._h = [TorqueBalance(model.terms, model.theta) for model in models], h
 
     def start(self, position: Array, velocity: Array) -> None:
         """Begin with joints at positions (n,) with velocities (n,)."""

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from pendulum_env.physics import Samples
-from pendulum_env.physics.simulation import UNBOUNDED, Balance
+from pendulum_env.physics.simulation import UNBOUNDED, TorqueBalance
 
 # Of the friction constraint, near its bound of 1: it takes all that friction can hold.
 IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
@@ -28,7 +28,7 @@ STEPS = 2.0  # time constant of the friction, in steps; MuJoCo's own lower bound
 class ConstrainedBody:
     """Pendulum in MuJoCo, as the engine of a simulator."""
 
-    def __init__(self, balance: Balance, longest: float) -> None:
+    def __init__(self, balance: TorqueBalance, longest: float) -> None:
         """Take the torques that act on it; steps may be of any length.
 
         Raises:
@@ -37,7 +37,7 @@ class ConstrainedBody:
         _import_mujoco()
         self._balance = balance
 
-    def take(self, balance: Balance) -> None:
+    def take(self, balance: TorqueBalance) -> None:
         """Go on from where it is with other torques, of terms with the same state variables."""
         self._balance = balance
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.compiled import Machine, SymbolicStep
-from pendulum_env.physics.simulation import Balance, write_balance
+from pendulum_env.physics.simulation import TorqueBalance, write_balance
 from pendulum_env.physics.symbols import make_symbol
 from pendulum_env.physics.term import round_up
 
@@ -28,7 +28,7 @@ class Push(NamedTuple):
     middle: float  # velocity at the middle of the step [rad/s]
 
 
-def make_half_steps(balance: Balance, longest: float) -> CompiledSteps | InterpretedSteps:
+def make_half_steps(balance: TorqueBalance, longest: float) -> CompiledSteps | InterpretedSteps:
     """Make the half steps of a balance, none longer than `longest` [s]."""
     try:
         return CompiledSteps(balance, longest)
@@ -41,7 +41,7 @@ class InterpretedSteps:
 
     memory: Any  # state variables of the terms
 
-    def __init__(self, balance: Balance) -> None:
+    def __init__(self, balance: TorqueBalance) -> None:
         self._balance = balance
         self.memory = {}
 
@@ -68,7 +68,7 @@ class InterpretedSteps:
 class CompiledSteps:
     """Compiled half steps; raises any exception if a law is no formula."""
 
-    def __init__(self, balance: Balance, longest: float) -> None:
+    def __init__(self, balance: TorqueBalance, longest: float) -> None:
         self._until, self._after = (
             Machine(half, (balance.terms, round_up(longest)), 1) for half in (_compile_first, _compile_second)
         )
@@ -102,7 +102,7 @@ class CompiledSteps:
         self._until.given["memory"][:] = self._after.now["memory"]
 
 
-def _compute_push(balance: Balance, x: Samples, h: Any) -> tuple[Push, Samples]:
+def _compute_push(balance: TorqueBalance, x: Samples, h: Any) -> tuple[Push, Samples]:
     """Compute the impulse and the middle of the step, of numbers or symbols.
 
     Friction keeps its direction until then; a body that starts to move takes that of the net torque. Where the body
@@ -137,7 +137,7 @@ def _compile_second(terms: tuple[Term, ...], longest: float) -> SymbolicStep:
     return SymbolicStep(given, {}, {"memory": _flatten_samples(replace(x, memory=memory))})
 
 
-def _make_symbols(terms: tuple[Term, ...], longest: float) -> tuple[Balance, Samples, dict[str, Any]]:
+def _make_symbols(terms: tuple[Term, ...], longest: float) -> tuple[TorqueBalance, Samples, dict[str, Any]]:
     balance, x, nonlinear = write_balance(terms)
     state = _make_array([x.time, x.position, x.velocity, x.torque, make_symbol("h", most=longest)])
     return (

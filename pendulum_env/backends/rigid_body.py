@@ -13,7 +13,7 @@ import pymunk
 
 from pendulum_env.backends.half_steps import make_half_steps
 from pendulum_env.physics import Samples
-from pendulum_env.physics.simulation import UNBOUNDED, Balance
+from pendulum_env.physics.simulation import UNBOUNDED, TorqueBalance
 
 
 class RigidBody:
@@ -21,11 +21,11 @@ class RigidBody:
 
     at_rest = 1e-12  # [rad/s], what rounding leaves of a velocity that the motor has stopped
 
-    def __init__(self, balance: Balance, longest: float) -> None:
+    def __init__(self, balance: TorqueBalance, longest: float) -> None:
         """Take the torques that act on it, and the longest step [s]."""
         self._balance, self._halves, self._longest = balance, make_half_steps(balance, longest), longest
 
-    def take(self, balance: Balance) -> None:
+    def take(self, balance: TorqueBalance) -> None:
         """Go on from where it is with other torques, of terms with the same state variables."""
         memory = self._halves.memory
         self._balance, self._halves = balance, make_half_steps(balance, self._longest)

@@ -9,7 +9,7 @@ import numpy as np
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.backends.port import Backend, Sample, Setup, Start, Traits
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.simulation import Balance, CommandLine
+from pendulum_env.physics.simulation import CommandLine, TorqueBalance
 
 
 class Engine(Protocol):
@@ -18,14 +18,14 @@ class Engine(Protocol):
     def place(self, x: Samples, /) -> None:
         """Begin a run there, scalars; nothing of an earlier one remains."""
 
-    def take(self, balance: Balance, /) -> None:
+    def take(self, balance: TorqueBalance, /) -> None:
         """Go on from where it is with other torques, of terms with the same state variables."""
 
     def step(self, torque: float, h: float, /) -> tuple[float, float]:
         """Advance by h [s] under a torque [N m], from where the last step ended: angle [rad], velocity [rad/s]."""
 
 
-def begin(balance: Balance, position: ArrayLike, velocity: ArrayLike) -> Samples:
+def begin(balance: TorqueBalance, position: ArrayLike, velocity: ArrayLike) -> Samples:
     """Begin of a run of a joint, scalars, or of several (B,), that have been so for long."""
     rest: Any = np.zeros(np.shape(position))[()]
     x = Samples(rest, np.float64(position), np.float64(velocity), rest)  # type: ignore[arg-type]
@@ -35,17 +35,17 @@ def begin(balance: Balance, position: ArrayLike, velocity: ArrayLike) -> Samples
 class Simulator(Backend):
     """Engine as a backend."""
 
-    def __init__(self, setup: Setup, make: Callable[[Balance, float], Engine]) -> None:
+    def __init__(self, setup: Setup, make: Callable[[TorqueBalance, float], Engine]) -> None:
         """Take the plant, sampling and sensor of the setup, and what makes the engine for steps so long at most."""
         self.sensor, self.period, self.substeps = setup.sensor, setup.period, setup.substeps
         self.traits = Traits(setup.rate, setup.sensor.counts, simulated=True)
-        self._balance = Balance(setup.model.terms, setup.model.theta)
+        self._balance = TorqueBalance(setup.model.terms, setup.model.theta)
         self._engine = make(self._balance, self.period / self.substeps)
         self._command = CommandLine(setup.model.terms, self.period, self.substeps)
 
     def take(self, terms: Sequence[Term], theta: Array) -> None:
         """Go on from where it is with other parameters: the same terms, and linear parameters theta (P,)."""
-        self._balance = Balance(terms, theta)
+        self._balance = TorqueBalance(terms, theta)
         self._engine.take(self._balance)
         self._command.take(terms)
 

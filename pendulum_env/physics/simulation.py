@@ -47,7 +47,7 @@ class Trajectory(NamedTuple):
     velocity: Array  # (N + 1, B) [rad/s]
 
 
-class Balance:
+class TorqueBalance:
     """Torque balance of a batch of pendulums: columns with their coefficients, sorted by their part in the equation."""
 
     def __init__(self, terms: Sequence[Term], theta: Array, loaded: bool = False) -> None:
@@ -67,8 +67,8 @@ class Balance:
         self._steady_mass = np.maximum(sum(c for c, _ in self._mass), LEAST) if _sum_constant(self._mass) else None
         self._steady_dry = sum(c for c, _ in self._dry) if _sum_constant(self._dry) else None
 
-    def __reduce__(self) -> tuple[type[Balance], tuple[Sequence[Term], Array, bool]]:
-        return Balance, (self.terms, self.theta, self.loaded)  # columns hold functions, which cannot be pickled
+    def __reduce__(self) -> tuple[type[TorqueBalance], tuple[Sequence[Term], Array, bool]]:
+        return TorqueBalance, (self.terms, self.theta, self.loaded)  # columns hold functions, which cannot be pickled
 
     @property
     def has_states(self) -> bool:
@@ -130,11 +130,11 @@ def count_substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int
     return max(1, int(np.ceil(find_longest(period) / longest_step - 1e-9)))
 
 
-def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
+def step(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> Samples:
     """Advance time, position, velocity and memory by `duration` [s] under constant commanded torque; all (B,).
 
     Compiled simulations and exports run it on symbols in the place of arrays, which NumPy's operators and functions
-    take, but neither `np.asarray` nor a branch that `may` does not guard.
+    take, but neither `np.asarray` nor a branch that `may_be_true` does not guard.
     """
     q, v, h = x.position, x.velocity, duration
     direction = np.sign(v)
@@ -253,7 +253,7 @@ def simulate(
     torque = torque[:, None] if torque.ndim == 1 else torque
     scalars = (np.shape(one) for one in (position, velocity, start, period, load.inertia, load.gravity))
     batch = np.broadcast_shapes(*scalars, torque.shape[1:], np.shape(load.torque)[1:], np.shape(theta)[1:], (1,))
-    balance = Balance(terms, np.asarray(theta, dtype=float), bool(load))
+    balance = TorqueBalance(terms, np.asarray(theta, dtype=float), bool(load))
     count = count_substeps(period, longest_step)
     h = period / count
     commands = _spread_commands(terms, torque, before, count, h)
@@ -360,7 +360,7 @@ class StepPrograms:
         return PreparedStep(self._known[key], [getattr(term, own.name) for term in terms for own in term.free])
 
 
-def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[Balance, Samples, dict[str, ArrayLike]]:
+def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[TorqueBalance, Samples, dict[str, ArrayLike]]:
     """Write the balance of terms in symbols, with its arguments and its nonlinear parameters by name.
 
     Raises:
@@ -368,7 +368,7 @@ def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[Balance,
     """
     each = [write_symbols(term, place) for place, term in enumerate(terms)]
     theta: Any = [make_symbol(f"theta_{k}") for k in range(sum(len(term.columns) for term, _ in each))]
-    balance = Balance([term for term, _ in each], theta, loaded)
+    balance = TorqueBalance([term for term, _ in each], theta, loaded)
     x: Any = Samples(*(make_symbol(text) for text in ("time", "position", "velocity", "torque")))  # type: ignore[arg-type]
     if loaded:
         load: Any = KnownLoad(*(make_symbol(f"load_{part}") for part in KnownLoad._fields))  # type: ignore[arg-type]

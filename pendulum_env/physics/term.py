@@ -197,7 +197,7 @@ class Term:
     law: ClassVar[str]  # added to the torque that the motion needs
     kind: ClassVar[Kind]
     nonlinear_parameters: ClassVar[tuple[NonlinearParameter, ...]] = ()
-    by_angle: ClassVar[tuple[str, ...]] = ()  # functions of the angle alone that its first columns are, see `of_angle`
+    by_angle: ClassVar[tuple[str, ...]] = ()  # its first columns that `list_angle_functions` lists
     needs: ClassVar[str] = ""  # quantity that a recording has to have beside motion and torque
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
     has_impacts: ClassVar[bool] = False  # whether it acts for less time than any smoothing of the motion takes

@@ -107,7 +107,7 @@ def align_topics(log: Log, fewest: int) -> None:
     """Move quantities with rows of their own to the rows of position, as for merged topics.
 
     Torque is taken as it was last, for it is held; other quantities by interpolation. Fewer rows than `fewest` with a
-    position are none to take anything at: `finite` says so.
+    position are none to take anything at: `drop_invalid_rows` says so.
     """
     values = dict(log.values)
     here = np.isfinite(values["position"])

@@ -144,7 +144,7 @@ def find_columns(
 ) -> dict[str, FileColumn]:
     """Find the columns by quantity: time, position, torque, and those of `OPTIONAL` that exist.
 
-    Torque may be missing only if the user says `none`, or if no other column could hold it, see `may_be_torque`.
+    Torque may be missing only if the user says `none`, or if no other column could hold it, see `can_be_torque`.
 
     Args:
         headers: names of the columns in the file.

@@ -24,7 +24,7 @@ from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.sampling import cut_at_gaps, resample_uniformly
 from pendulum_env.recording.vocabulary import QUANTITIES
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 from pendulum_env.units import JointUnits
 
 T = TypeVar("T")
@@ -141,7 +141,7 @@ class Recording:
     torque_unit: str = NEWTON_METRE  # or that of a current, `A`, whose gain is to be found
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did
     known_inertia: float = 0.0  # [kg m^2], scale of a free swing; 1 if torque is relative to it, 0 if it is unknown
-    drive: Drive | None = None  # the controller that followed the reference, if it is known
+    drive: ServoDrive | None = None  # the controller that followed the reference, if it is known
     is_moved: bool = False  # whether its torque was moved in time, so that when it changed is known to a sample only
     origin: Origin | None = None  # the columns of its file, if it was read from one
     start_date: datetime | None = None  # of the first sample of its file, if the log has a date

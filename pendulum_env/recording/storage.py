@@ -25,7 +25,7 @@ from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.table import RawTable
 from pendulum_env.recording.vocabulary import OUTPUTS
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 from pendulum_env.servo.torque import MOTOR, complete_torque
 
 
@@ -35,7 +35,7 @@ def read_recording(
     *,
     unwrap: bool = False,
     columns: Mapping[str, str | None] | None = None,
-    drive: Drive | None = None,
+    drive: ServoDrive | None = None,
     name: str | None = None,
 ) -> Recording:
     """Read a file or table with columns time, position, torque and perhaps velocity, reference, segment and others.
@@ -78,14 +78,14 @@ def read_recording(
         raise type(error)(f"{label}: {error}") from error.__cause__
 
 
-def describe_reading(columns: Mapping[str, str], unwrap: bool = False, drive: Drive | None = None) -> JSON:
+def describe_reading(columns: Mapping[str, str], unwrap: bool = False, drive: ServoDrive | None = None) -> JSON:
     """Describe the arguments of `read_recording` in the words of a study, without those that are not given."""
     given = {"columns": dict(columns), "unwrap": unwrap, "drive": drive and drive.get_settings()}
     return {key: value for key, value in given.items() if value}
 
 
 def _build_recording(
-    name: str, table: RawTable, unwrap: bool, drive: Drive | None, named: Mapping[str, str]
+    name: str, table: RawTable, unwrap: bool, drive: ServoDrive | None, named: Mapping[str, str]
 ) -> Recording:
     """Convert a table to SI, clean it, cut it at gaps and make time uniform; refuse implausible data."""
     columns, values = dict(table.columns), table.values

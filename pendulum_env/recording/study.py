@@ -43,7 +43,7 @@ from pendulum_env.reading import NonNegative, Number, Text, convert, format_toml
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.record import Load, Recording
 from pendulum_env.recording.storage import describe_reading, read_recording
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 from pendulum_env.settings import format_setting
 
 Role = Literal["fit", "holdout"]
@@ -69,7 +69,7 @@ class Source:
     unwrap: bool = False
     range: tuple[float, float] | None = None  # [s] from the first sample; None: all of it
     load: Load | None = None  # what is known to hang on the joint
-    drive: Drive | None = None  # the controller that followed the reference
+    drive: ServoDrive | None = None  # the controller that followed the reference
     joints: tuple[str, ...] | None = None  # of an arm, those that move; None: all that can
     of_study: bool = field(default=False, compare=False)  # which says all of it
     said_by: str = ""  # the model file that says what nobody else did
@@ -310,7 +310,7 @@ def _build_source(folder: Path, data: _Recording, shared: Mapping[str, str], dri
     own = _join_drive(data.drive, drive)
     return Source(
         folder / data.file, data.role, {**shared, **_check_columns(data.columns)}, data.unwrap, data.range,
-        None if data.load is None else data.load.known, Drive.from_settings(own) if own else None,
+        None if data.load is None else data.load.known, ServoDrive.from_settings(own) if own else None,
     )  # fmt: skip
 
 
@@ -324,5 +324,5 @@ def _join_drive(table: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str
     """Join the settings of a drive with those that all recordings share."""
     joined = {**shared, **table}
     if table:
-        Drive.from_settings({"kp": 1.0, **joined})  # an error names the recording
+        ServoDrive.from_settings({"kp": 1.0, **joined})  # an error names the recording
     return joined

@@ -27,12 +27,12 @@ LONGEST = 0.1  # [s], of a delay
 UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what the motor's torque is in, unless known
 
 
-class DriveError(UserError):
+class ServoDriveError(UserError):
     """Drive with invalid settings; the message has the fault and the remedy."""
 
 
 @dataclass(frozen=True)
-class Drive:
+class ServoDrive:
     """Controller with the motor behind it.
 
     Attributes:
@@ -67,18 +67,18 @@ class Drive:
         for name, known in (("control", Control), ("output", Output), ("goal", Goal)):
             if getattr(self, name) not in get_args(known) and not (name == "goal" and self.goal is None):
                 choices = " or ".join(get_args(known))
-                raise DriveError(f"{name} is {quote_value(getattr(self, name))}: it should be {choices}")
+                raise ServoDriveError(f"{name} is {quote_value(getattr(self, name))}: it should be {choices}")
         for name in ("kp", "ki", "kd", "delay"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
-                raise DriveError(f"{name} is {getattr(self, name):g}: it should be 0 or a positive number")
+                raise ServoDriveError(f"{name} is {getattr(self, name):g}: it should be 0 or a positive number")
         for name in ("limit", "supply", "gain", "rate", "cutoff"):
             value = getattr(self, name)
             if value is not None and not (value > 0 and (math.isfinite(value) or name == "limit")):
-                raise DriveError(f"{name} is {value:g}: it should be a positive number")
+                raise ServoDriveError(f"{name} is {value:g}: it should be a positive number")
         if self.kp == self.ki == 0:
-            raise DriveError("kp and ki are both 0: such a controller does not follow its goal, say its gain")
+            raise ServoDriveError("kp and ki are both 0: such a controller does not follow its goal, say its gain")
         if self.delay > LONGEST:
-            raise DriveError(f"delay is {self.delay:g} s: no controller is later than {LONGEST:g} s")
+            raise ServoDriveError(f"delay is {self.delay:g} s: no controller is later than {LONGEST:g} s")
 
     @property
     def unit(self) -> str:
@@ -120,15 +120,15 @@ class Drive:
                 values[name] = value
             elif find("key of a drive", name, KEYS) and name != "preset":
                 if isinstance(value, bool) or not isinstance(value, int | float):
-                    raise DriveError(f"{name} is {quote_value(value)}: it should be a number")
+                    raise ServoDriveError(f"{name} is {quote_value(value)}: it should be a number")
                 values[name] = float(value) * (known.kp if name == "kp" else 1.0)
         if not values.keys() & {"kp", "ki"}:
-            raise DriveError("nobody says the controller's gain: give kp (or ki)")
+            raise ServoDriveError("nobody says the controller's gain: give kp (or ki)")
         return cls(**values)
 
     def get_settings(self) -> dict[str, str | float]:
         """Return the settings that differ from the defaults, from which `from_settings` makes the same drive."""
-        usual = vars(Drive())
+        usual = vars(ServoDrive())
         values = {name: getattr(self, name) for name in usual if name == "kp" or getattr(self, name) != usual[name]}
         return {name: value if isinstance(value, str) else float(value) for name, value in values.items()}
 
@@ -154,4 +154,5 @@ PRESETS = {  # those of duty as github.com/Rhoban/bam measured them
     "mit": Preset({"output": "torque"}),
 }
 WORDS = ("control", "output", "goal")  # keys whose value is a word
-KEYS = dict.fromkeys(("preset", *vars(Drive())), True)
+KEYS = dict.fromkeys(("preset", *vars(ServoDrive())), True)
+ServoDrive = ServoDrive  # its name in earlier releases, kept for one more

@@ -17,9 +17,9 @@ from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.simulation import (
-    Balance,
     PreparedStep,
     StepPrograms,
+    TorqueBalance,
     stack_rows,
     step,
     unstack_rows,
@@ -27,7 +27,7 @@ from pendulum_env.physics.simulation import (
 )
 from pendulum_env.physics.symbols import make_symbol, repeat
 from pendulum_env.physics.term import ROOM, round_up
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 
 GAINS = ("kp", "ki", "kd", "most", "seen", "old", "turn")  # of each servo
 
@@ -48,7 +48,7 @@ class Servos:
         temperature: of each over each step (N, B) [deg C]; None: nobody measured it.
     """
 
-    drives: tuple[Drive, ...]
+    drives: tuple[ServoDrive, ...]
     step: float
     goal: Array
     supply: Array
@@ -118,7 +118,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     own = np.array([np.broadcast_to(value, shape) for value in constants])
     q, v, t = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity, servos.start))
     x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=outside[0]))
-    balance = Balance(terms, theta, loaded)
+    balance = TorqueBalance(terms, theta, loaded)
     x = replace(x, memory=balance.start(x))
     state = ControllerState(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v, v)
     states = np.array([np.broadcast_to(row, shape) for row in _flatten_state(x, state, integrates)])
@@ -138,7 +138,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     return repeat(once, inputs, states, every)[:, 1]
 
 
-def compute_gains(drive: Drive, step: float) -> tuple[float, ...]:
+def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
     """Return gains of a servo, the filter's share of a new speed, the last one's share in it, and its period [s].
 
     An encoder tells the speed by the difference of two positions, which is that of half a turn ago.
@@ -186,7 +186,7 @@ def _find_updates(servos: Servos) -> Array:
 
 
 def step_servo(
-    balance: Balance,
+    balance: TorqueBalance,
     x: Samples,
     state: ControllerState,
     given: ServoInputs,

@@ -8,9 +8,9 @@ from pendulum_env._typing import Array
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.vocabulary import OUTPUTS
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 
-MOTOR = Drive(output="torque")  # stands for a recording without a drive: its torque is what was logged
+MOTOR = ServoDrive(output="torque")  # stands for a recording without a drive: its torque is what was logged
 
 
 def get_bus_voltage(recording: Recording) -> Array:

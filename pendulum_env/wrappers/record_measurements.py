@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import gymnasium as gym
 
 from pendulum_env.files import check_output, sync_file
-from pendulum_env.interface import note_identifier
+from pendulum_env.spaces import note_identifier
 
 COLUMNS = ("time", "position", "torque")
 TIMING = ("jitter", "overruns")  # of a rig, beside them: readers of recordings pass over what they do not know

@@ -15,7 +15,7 @@ from pendulum_env.backends import BACKENDS, Sensor, Setup, Start, rigid_body
 from pendulum_env.backends.half_steps import CompiledSteps, InterpretedSteps, make_half_steps
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects
-from pendulum_env.physics.simulation import Balance
+from pendulum_env.physics.simulation import TorqueBalance
 from pendulum_env.plant import PAPER, hide, paper_plant
 from pendulum_env.registration import PENDULUM
 from tests.terms import Clipped, Table
@@ -83,8 +83,8 @@ def test_every_effect_moves_every_engine_as_it_moves_the_model(effect):
 
 def test_a_plant_whose_law_is_no_formula_moves_all_the_same():
     tables, formulas = (paper_plant().add(kind(), [0.7]) for kind in (Table, Clipped))
-    assert isinstance(make_half_steps(Balance(tables.terms, tables.theta), 1e-3), InterpretedSteps)
-    assert isinstance(make_half_steps(Balance(formulas.terms, formulas.theta), 1e-3), CompiledSteps)
+    assert isinstance(make_half_steps(TorqueBalance(tables.terms, tables.theta), 1e-3), InterpretedSteps)
+    assert isinstance(make_half_steps(TorqueBalance(formulas.terms, formulas.theta), 1e-3), CompiledSteps)
     paths = [positions("pymunk", TORQUE, plant) for plant in (tables, formulas)]
     assert np.ptp(paths[0]) > 1.0
     np.testing.assert_allclose(*paths, rtol=0, atol=1e-9)

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.wrappers import EstimateParameters
-from pendulum_env import interface
+from pendulum_env import spaces
 from pendulum_env.env import DirectDrivePendulum
 from pendulum_env.excitation import excitation
 from pendulum_env.plant import hide, paper_plant
@@ -212,7 +212,7 @@ def test_bad_actions_and_options_are_refused():
 
 @pytest.mark.parametrize("id", [PENDULUM, ARM])
 def test_who_trains_on_a_plant_is_warned_and_who_identifies_is_not(id, tmp_path, monkeypatch):
-    monkeypatch.setattr(interface, "ENDLESS", 20)
+    monkeypatch.setattr(spaces, "ENDLESS", 20)
 
     def run(env, steps=30):
         env.reset(seed=0)

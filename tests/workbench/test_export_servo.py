@@ -10,7 +10,7 @@ from pendulum_env.physics import Estimate, KnownLoad, Model
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.plant import hide, paper_plant
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 from pendulum_env.servo.loop import Servos, follow
 from tests.workbench.exported import in_mujoco, library, module, needs_compiler, off
 from workbench.export import ExportError, Request, export
@@ -21,11 +21,11 @@ GOAL = 0.8 * np.sin(2.0 * TIME) + 0.6 * np.sin(4.7 * TIME)
 ON = np.where((TIME > 1.2) & (TIME < 1.5), 0.0, 1.0)
 PLANT = {"inertia": 0.012, "gravity": 0.9, "viscous": 0.05, "coulomb": 0.08}
 DRIVES = {
-    "position": Drive(output="torque", kp=6.0, limit=4.0),
-    "damped, at a rate": Drive(output="torque", kp=2.5, kd=0.03, limit=4.0, rate=300.0),
-    "duty, late": Drive(output="duty", kp=1.2, supply=9.0, gain=0.5, delay=0.0034),
-    "voltage, integral": Drive(output="voltage", kp=5.0, ki=8.0, limit=6.0, gain=0.8),
-    "speed": Drive(control="velocity", output="torque", kp=0.4, ki=3.0, limit=3.0, rate=500.0, cutoff=60.0),
+    "position": ServoDrive(output="torque", kp=6.0, limit=4.0),
+    "damped, at a rate": ServoDrive(output="torque", kp=2.5, kd=0.03, limit=4.0, rate=300.0),
+    "duty, late": ServoDrive(output="duty", kp=1.2, supply=9.0, gain=0.5, delay=0.0034),
+    "voltage, integral": ServoDrive(output="voltage", kp=5.0, ki=8.0, limit=6.0, gain=0.8),
+    "speed": ServoDrive(control="velocity", output="torque", kp=0.4, ki=3.0, limit=3.0, rate=500.0, cutoff=60.0),
 }
 
 
@@ -36,7 +36,7 @@ def joint(*hidden: str) -> Model:
     return model
 
 
-def in_the_loop(model: Model, drive: Drive) -> np.ndarray:
+def in_the_loop(model: Model, drive: ServoDrive) -> np.ndarray:
     """Position from one second of rest on (N + 1,), by this project's simulation."""
     volts = drive.supply or 1.0
     servos = Servos(
@@ -45,7 +45,7 @@ def in_the_loop(model: Model, drive: Drive) -> np.ndarray:
     return follow(model.terms, model.theta[:, None], servos)[:, 0, 0]
 
 
-def in_python(model: Model, drive: Drive, **given: float) -> np.ndarray:
+def in_python(model: Model, drive: ServoDrive, **given: float) -> np.ndarray:
     """The same by the program that is exported."""
     program = module(export(model, "python", Request(drive=drive)).content)
     state, path = program.start(), [0.0]
@@ -81,7 +81,7 @@ def test_mujoco_s_own_servo_moves_a_joint_without_effects_alike(name):
 
 def test_an_offset_of_the_torque_moves_its_limits_along():
     mujoco = pytest.importorskip("mujoco")
-    drive = Drive(output="torque", kp=50.0, limit=0.5)
+    drive = ServoDrive(output="torque", kp=50.0, limit=0.5)
     world = mujoco.MjModel.from_xml_string(export(joint("torque_offset=0.1"), "mjcf", Request(drive=drive)).content)
     data = mujoco.MjData(world)
     for goal, torque in ((3.0, 0.4), (0.002, 0.0), (-3.0, -0.6)):
@@ -141,7 +141,7 @@ def test_the_callback_in_c_says_what_python_says(tmp_path):
 @pytest.mark.parametrize("format", ["python", "mjcf"])
 def test_a_drive_is_in_the_unit_of_its_model(format):
     pytest.importorskip("mujoco")
-    unknown = Request(drive=Drive(output="voltage", kp=5.0, limit=6.0))
+    unknown = Request(drive=ServoDrive(output="voltage", kp=5.0, limit=6.0))
     with pytest.raises(ExportError, match="the model is in N m, but the drive gives V: give the drive its gain"):
         export(joint(), format, unknown)
     told = replace(joint(), torque_constant=Estimate(0.8, 0.01, "N m/V"))
@@ -165,7 +165,7 @@ def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("servo")
     model = joint("load_dependent_friction:load_dependent_friction=0.1,output=0.3,weight=0.9")
     model.save(folder / "servo.json")
-    drive = Drive(output="torque", kp=5.0, limit=4.0)
+    drive = ServoDrive(output="torque", kp=5.0, limit=4.0)
     path = in_the_loop(model, drive)[:-1]
     rows = np.column_stack([TIME, path, GOAL, ON])[::4]
     np.savetxt(folder / "run.csv", rows, delimiter=",", header="time,position,goal,enabled", comments="", fmt="%.7f")

@@ -12,7 +12,7 @@ from pendulum_env.arms import read_body
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 from tests.cases import recording
 from tests.two_link import recorded
 from tools.prose import ROOT
@@ -41,7 +41,7 @@ def fields(record):
 @cache
 def servo():
     """A servo with a drive, whose motor follows a goal."""
-    run, drive = recording("gears 41"), Drive(output="torque", kp=5.0, limit=6.0, rate=1000.0)
+    run, drive = recording("gears 41"), ServoDrive(output="torque", kp=5.0, limit=6.0, rate=1000.0)
     goal = run.position + run.torque / drive.kp
     return Recording("servo", run.time, run.position, run.torque, reference=goal, drive=drive)
 

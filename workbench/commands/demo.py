@@ -22,11 +22,11 @@ from pendulum_env.backends.simulated import TORQUE_NOISE, record
 from pendulum_env.excitation import MOST_TORQUE, excitation
 from pendulum_env.files import write_whole
 from pendulum_env.formatting import join_words
-from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics import BASE, Estimate, Model, Term, effect
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
+from pendulum_env.spaces import MAX_TORQUE
 from workbench.options import declare
 from workbench.outputs import check_outputs, write_page, wrote
 from workbench.story import tell_diagnosis

@@ -15,11 +15,11 @@ import numpy as np
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import Estimate, Model, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.physics.simulation import Balance, step, write_balance
+from pendulum_env.physics.simulation import TorqueBalance, step, write_balance
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, make_symbol, set_label, sort_symbols
 from pendulum_env.physics.term import ROOM, Memory
 from pendulum_env.recording.vocabulary import SI
-from pendulum_env.servo.drive import UNIT, Drive
+from pendulum_env.servo.drive import UNIT, ServoDrive
 from pendulum_env.servo.loop import GAINS, ControllerState, ServoInputs, compute_control, compute_gains, compute_taps
 from workbench.export.request import ExportError, Request
 from workbench.export.servo import supply_of
@@ -121,7 +121,7 @@ class _Parts:
     """Some terms of a model in names for the reader, under a torque or a drive."""
 
     seconds: float  # length of a step
-    balance: Balance  # of the terms
+    balance: TorqueBalance  # of the terms
     x: Samples  # start of a step
     remembered: dict[str, list[str]]  # names of the terms' state variables
     parameters: list[Parameter]  # of the terms, and of the drive
@@ -177,7 +177,7 @@ class _Parts:
             parts.delay = sum(term.delay for term in terms)
         return parts
 
-    def take_goal(self, model: Model, drive: Drive) -> None:
+    def take_goal(self, model: Model, drive: ServoDrive) -> None:
         """Put a drive, which is given a goal, in the place of the torque."""
         seconds, x = self.seconds, self.x
         looks_always = drive.rate is None or drive.rate * seconds >= 1.0

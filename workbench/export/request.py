@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 from workbench.mistakes import InputError
 
 Language = Literal["python", "c"]
@@ -36,7 +36,7 @@ class Request:
     step: float = LONGEST_STEP
     mass: float | None = None
     armature: float = 0.0
-    drive: Drive | None = None
+    drive: ServoDrive | None = None
     callback: Language | None = None
 
 

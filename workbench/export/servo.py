@@ -9,7 +9,7 @@ import numpy as np
 from pendulum_env.physics import Model
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.servo.drive import UNIT, Drive
+from pendulum_env.servo.drive import UNIT, ServoDrive
 from workbench.export.request import ExportError, Request
 
 
@@ -48,7 +48,7 @@ class Servo:
     held: tuple[str, ...] = ("torque_offset", "coulomb_asymmetry")  # effects that it has
 
     @classmethod
-    def of(cls, drive: Drive) -> Self:
+    def of(cls, drive: ServoDrive) -> Self:
         """The gains of a drive under its supply; raises ExportError if it needs one that nobody says."""
         scale = float(drive.scale(np.array(supply_of(drive))))
         missing = []
@@ -94,7 +94,7 @@ def in_units_of(model: Model, request: Request) -> Request:
     return replace(request, drive=drive)
 
 
-def supply_of(drive: Drive) -> float:
+def supply_of(drive: ServoDrive) -> float:
     """Voltage of the bus [V], for an output that is a share of it; raises ExportError if nobody says it."""
     if drive.supply is None and drive.output == "duty":
         raise ExportError("a duty is a share of the bus: say its voltage, as --drive output=duty,kp=0.6,supply=12")

@@ -12,7 +12,7 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulator import begin
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
-from pendulum_env.physics.simulation import LONGEST_STEP, Balance
+from pendulum_env.physics.simulation import LONGEST_STEP, TorqueBalance
 
 FIRM, CALM = 60.0, 2.0  # [rad/s] of a hand: the stiffness with which it holds the arm, and how fast it turns it
 JUMP, DRIFT = 0.5, 3.0  # [rad], [rad/s] of an encoder that does
@@ -36,7 +36,7 @@ class Motor:
 
     def __init__(self, model: Model, *, counts: int = COUNTS, first: int = 0, log: str | Path | None = None) -> None:
         """Take the plant, the encoder's counts per turn and its first reading, and where to write the log."""
-        balance = Balance(model.terms, model.theta)
+        balance = TorqueBalance(model.terms, model.theta)
         self._body = RigidBody(balance, LONGEST_STEP)
         self._body.place(begin(balance, 0.0, 0.0))
         self._per_radian, self._first = counts / (2 * math.pi), first

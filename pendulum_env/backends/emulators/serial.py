@@ -4,8 +4,8 @@ from pendulum_env.backends.emulators.emulator import Emulated
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import frames
-from pendulum_env.backends.hardware.measuring import subtract_counts
-from pendulum_env.interface import MAX_TORQUE
+from pendulum_env.backends.hardware.encoder import subtract_counts
+from pendulum_env.spaces import MAX_TORQUE
 
 
 class Firmware:

@@ -19,10 +19,10 @@ from msgspec import Meta
 from pendulum_env.backends.hardware.drive import Settings, find_adapter, list_adapters
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import write_whole
-from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
 from pendulum_env.plant import PAPER
 from pendulum_env.reading import LARGE, NonNegative, Text, convert, read_text, read_toml
+from pendulum_env.spaces import MAX_TORQUE
 
 CHECKED = ".checked"  # ending of the file beside a configuration that says which wiring has passed the check
 
@@ -42,7 +42,7 @@ class EncoderSettings:
 
 
 @dataclass(frozen=True)
-class Limits:
+class GuardLimits:
     """Limits of the guard."""
 
     torque: Annotated[float, Meta(ge=0.0, le=MAX_TORQUE)] = 6.0  # [N m]
@@ -111,7 +111,7 @@ class DaqSettings:
 
 
 @dataclass(frozen=True)
-class Plant:
+class PlantRanges:
     """Ranges of the parameters of the arm; a motion that is impossible within them is a fault."""
 
     watch: bool = True  # whether the motion is watched at all
@@ -127,10 +127,10 @@ class Plant:
 
 TABLES: Mapping[str, type[Any]] = {
     "encoder": EncoderSettings,
-    "limits": Limits,
+    "limits": GuardLimits,
     "fault": OnFault,
     "rest": Rest,
-    "plant": Plant,
+    "plant": PlantRanges,
 }
 
 
@@ -151,10 +151,10 @@ class RigConfig(Top):
 
     link: Settings  # of the adapter
     encoder: EncoderSettings
-    limits: Limits
+    limits: GuardLimits
     fault: OnFault
     rest: Rest
-    plant: Plant
+    plant: PlantRanges
     path: Path  # of the file
     checked: bool = False  # whether `hardware check` has passed with this wiring
 

@@ -29,7 +29,7 @@ FAULTS = {  # by bit
 MICRO = 1e-6  # [N m] and [s]
 
 
-class State(NamedTuple):
+class BoardState(NamedTuple):
     """Answer of the microcontroller."""
 
     sequence: int

@@ -10,8 +10,8 @@ from datetime import datetime
 
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import Drive, DriveError, Sent
-from pendulum_env.backends.hardware.measuring import Encoder
-from pendulum_env.backends.hardware.plausible import PlausibilityCheck
+from pendulum_env.backends.hardware.encoder import Encoder
+from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
 from pendulum_env.files import open_nonblocking
 
 log = logging.getLogger("pendulum_env.rig")

@@ -7,8 +7,8 @@ import weakref
 
 from pendulum_env.backends.hardware.config import RigConfig, load
 from pendulum_env.backends.hardware.drive import DriveError, find_adapter
+from pendulum_env.backends.hardware.encoder import Ticks
 from pendulum_env.backends.hardware.guard import Fault, Guard
-from pendulum_env.backends.hardware.measuring import Ticks
 from pendulum_env.backends.hardware.process import Ownership, Signals, request_realtime, restore_priority
 from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Traits
 

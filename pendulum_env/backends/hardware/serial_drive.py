@@ -9,7 +9,7 @@ import serial
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
 from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, driver_errors
-from pendulum_env.backends.hardware.measuring import DriveClock
+from pendulum_env.backends.hardware.encoder import DriveClock
 
 
 class SerialDrive:
@@ -91,7 +91,7 @@ class SerialDrive:
             with suppress(OSError):  # it is gone
                 port.close()
 
-    def _ask(self, kind: int, *values: int, patience: float | None = None) -> tuple[frames.State, float, float]:
+    def _ask(self, kind: int, *values: int, patience: float | None = None) -> tuple[frames.BoardState, float, float]:
         """Send a request until it is answered: the answer, when it was asked for, and when it came [s]."""
         each = (patience or min(self._reply, self._gap)) / self.tries
         patience = patience or self._reply
@@ -112,7 +112,7 @@ class SerialDrive:
             port.write(frames.pack(kind, self._sequence, *values))
         return self._sequence
 
-    def _read_answers(self, until: float) -> Iterator[frames.State]:
+    def _read_answers(self, until: float) -> Iterator[frames.BoardState]:
         """Yield the states that arrive until a time [s]."""
         while time.monotonic() < until:
             with self._get_port() as port:
@@ -120,7 +120,7 @@ class SerialDrive:
                 data += port.read(port.in_waiting) if data else b""
             for kind, *values in self._splitter.feed(data):
                 if kind == frames.STATE:
-                    yield frames.State(*values)
+                    yield frames.BoardState(*values)
 
     @contextmanager
     def _get_port(self) -> Iterator[serial.Serial]:
@@ -131,7 +131,7 @@ class SerialDrive:
             yield self._port
 
 
-def _describe_fault(state: frames.State) -> str | None:
+def _describe_fault(state: frames.BoardState) -> str | None:
     words = [text for bit, text in frames.FAULTS.items() if state.faults & bit]
     if state.flags & frames.EXPIRED:
         words.append("its watchdog ran out and took the power away: commands came too late")

@@ -23,7 +23,7 @@ from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording, RecordingError, Source, read_recording, write_recording, write_study
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 from tests.notes import noted
 from workbench.cli import main
 from workbench.narrator.diagnosis import headline
@@ -40,7 +40,7 @@ def recorded(hidden: dict[str, dict[str, float]], gains: tuple[float, ...] = (2.
     for k, gain in enumerate(gains):
         experiment = Experiment(1000.0, 8.0, "pd_loop", 0.5, 7 + k, gains=(gain, 0.0), **servo)
         (run,) = simulate([(Plant(*TRUE.values(), hidden), experiment)])
-        drive = Drive(output="torque", kp=gain, limit=6.0, rate=1000.0)
+        drive = ServoDrive(output="torque", kp=gain, limit=6.0, rate=1000.0)
         time, position, goal = run.time[::8], run.position[::8], run.goal[::8]
         ones = np.ones(len(time))
         torque = drive.torque(goal, position, 0 * ones, ones, ones)
@@ -158,7 +158,7 @@ def under_voltage(kp: float, seed: int, rubs: float = 0.0, pressed: float = 0.0,
         v = float(np.sign(pushed) * max(abs(pushed) - step * dry / TRUE["inertia"], 0.0))
         q += step * v
     time, position, goal, on, temperature = np.array(rows).T
-    drive = Drive(kp=kp, limit=0.95, supply=12.0, gain=0.3)
+    drive = ServoDrive(kp=kp, limit=0.95, supply=12.0, gain=0.3)
     torque = drive.torque(goal, position, 0 * goal, 12.0 + 0 * goal, on)
     known = {"enabled": on, "temperature": temperature} if warms else {}
     return Recording(f"gain-{kp}", time, position, torque, reference=goal, drive=drive, **known)
@@ -227,7 +227,7 @@ def test_end_of_a_recording_is_compared_as_the_whole_has_it(plain):
 
 def test_parameters_of_an_unknown_gain_are_per_volt_and_compared_so(plain, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    drive = Drive(kp=2.5 / 12.0, limit=0.5, supply=12.0, rate=1000.0)  # 1 N m/V
+    drive = ServoDrive(kp=2.5 / 12.0, limit=0.5, supply=12.0, rate=1000.0)  # 1 N m/V
     gain_of_one = [replace(one, drive=replace(drive, kp=one.drive.kp / 12.0), torque_unit="V") for one in plain]
     found = diagnose(gain_of_one[:2], gain_of_one[2:], only=FEW)
     assert found.torque_unit == found.model.torque_unit == "V"
@@ -241,8 +241,8 @@ def test_parameters_of_an_unknown_gain_are_per_volt_and_compared_so(plain, tmp_p
     ("other", "refusal"),
     [
         ({"drive": None}, "has no drive, but others have one"),
-        ({"drive": Drive("velocity", "torque", kp=1.0)}, "controls another quantity"),
-        ({"drive": Drive(kp=1.0, supply=12.0)}, "give the drive a gain"),
+        ({"drive": ServoDrive("velocity", "torque", kp=1.0)}, "controls another quantity"),
+        ({"drive": ServoDrive(kp=1.0, supply=12.0)}, "give the drive a gain"),
     ],
 )
 def test_servos_that_cannot_be_simulated_together_are_refused(plain, other, refusal):
@@ -256,10 +256,12 @@ def test_goal_of_a_speed_has_its_units_and_that_of_an_angle_its_turn(plain, tmp_
     wrapped = (position + np.pi) % (2 * np.pi) - np.pi
     rows = np.column_stack([time, wrapped, wrapped + 0.01, np.full(len(time), 30.0)])
     np.savetxt(tmp_path / "w.csv", rows, delimiter=",", header="time,position,goal,rpm", comments="")
-    angle = read_recording(tmp_path / "w.csv", unwrap=True, drive=Drive(kp=1.0, output="torque"))
+    angle = read_recording(tmp_path / "w.csv", unwrap=True, drive=ServoDrive(kp=1.0, output="torque"))
     assert np.abs(angle.reference - angle.position).max() < 0.02
     columns = {"reference": "rpm:rpm"}
-    speed = read_recording(tmp_path / "w.csv", unwrap=True, columns=columns, drive=Drive("velocity", "torque", kp=1.0))
+    speed = read_recording(
+        tmp_path / "w.csv", unwrap=True, columns=columns, drive=ServoDrive("velocity", "torque", kp=1.0)
+    )
     assert speed.reference == pytest.approx(np.pi)
 
 
@@ -275,7 +277,7 @@ def test_slopes_are_those_of_smaller_and_larger_parameters(rollouts):
 def test_a_servo_that_is_told_to_go_at_once_starts_at_rest():
     rng, time = np.random.default_rng(0), np.arange(200) / 200.0
     position = 0.5 * (1.0 - np.cos(25.0 * time)) + 1e-5 * rng.standard_normal(len(time))
-    told = {"reference": np.ones(len(time)), "drive": Drive(output="torque", kp=3.0, rate=1000.0)}
+    told = {"reference": np.ones(len(time)), "drive": ServoDrive(output="torque", kp=3.0, rate=1000.0)}
     (speed,) = Rollouts((Recording("jump", time, position, 3.0 * (1.0 - position), **told),)).servos.velocity
     assert abs(speed) < 0.1  # where a cubic over 80 ms has half a radian per second
 
@@ -310,11 +312,11 @@ def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):
 @pytest.mark.parametrize(
     ("drive", "header", "columns", "unit", "scale"),
     [
-        (Drive(kp=0.2), "duty,volts", {}, "V", 12.0),
-        (Drive(kp=0.2, gain=0.5), "duty [%],volts", {}, "N m", 0.01 * 12.0 * 0.5),
-        (Drive(kp=0.2), "pwm,volts", {"torque": "pwm:duty*?"}, "V", 12.0),
-        (Drive(output="current", kp=2.0), "current,x", {}, "A", 1.0),
-        (Drive(output="current", kp=2.0, gain=0.5), "current [mA],x", {}, "N m", 0.5e-3),
+        (ServoDrive(kp=0.2), "duty,volts", {}, "V", 12.0),
+        (ServoDrive(kp=0.2, gain=0.5), "duty [%],volts", {}, "N m", 0.01 * 12.0 * 0.5),
+        (ServoDrive(kp=0.2), "pwm,volts", {"torque": "pwm:duty*?"}, "V", 12.0),
+        (ServoDrive(output="current", kp=2.0), "current,x", {}, "A", 1.0),
+        (ServoDrive(output="current", kp=2.0, gain=0.5), "current [mA],x", {}, "N m", 0.5e-3),
     ],
 )
 def test_output_of_a_controller_is_known_by_its_name_and_is_its_torque(
@@ -388,7 +390,7 @@ def logged_slowly(is_held: bool, late: float, kp: float, seed: int) -> Recording
         v = float(np.sign(pushed) * max(abs(pushed) - step * TRUE["coulomb"] / TRUE["inertia"], 0.0))
         q += step * v
     position = np.round(np.array(path)[:: 1000 // rate] / 1.5e-3) * 1.5e-3
-    drive = Drive(output="torque", kp=kp, rate=1000.0)
+    drive = ServoDrive(output="torque", kp=kp, rate=1000.0)
     known, count = goals[: len(position)], len(position)
     return Recording("slow", time[:count], position, kp * (known - position), reference=known, drive=drive)
 

@@ -11,7 +11,7 @@ from pendulum_env.backends.emulators.serial import Firmware
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError, find_adapter
-from pendulum_env.backends.hardware.measuring import DriveClock
+from pendulum_env.backends.hardware.encoder import DriveClock
 from pendulum_env.plant import paper_plant
 from pendulum_env.registration import PENDULUM
 from tests.pendulum_env.rigs import PATIENT

@@ -8,13 +8,13 @@ from dataclasses import replace
 import pytest
 
 from pendulum_env.backends.hardware import guard as guards
-from pendulum_env.backends.hardware.config import Limits, OnFault, Plant, load
+from pendulum_env.backends.hardware.config import GuardLimits, OnFault, PlantRanges, load
 from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware.guard import Fault, Guard
 
 PER_RADIAN = 1_024_000 / (2 * math.pi)
 DT = 0.005  # [s]
-UNWATCHED = Plant(watch=False)  # what these drives do is no motion of an arm
+UNWATCHED = PlantRanges(watch=False)  # what these drives do is no motion of an arm
 
 
 class Clock:
@@ -79,7 +79,7 @@ def make(clock, tmp_path):
         path = tmp_path / "rig.toml"
         path.write_text('adapter = "serial"\nrate = 200.0\n[serial]\nport = "/dev/none"\n')
         config = replace(
-            load(path), checked=checked, torque_sign=torque_sign, limits=replace(Limits(), **limits),
+            load(path), checked=checked, torque_sign=torque_sign, limits=replace(GuardLimits(), **limits),
             fault=on_fault or OnFault(), plant=plant,
         )  # fmt: skip
         guard = Guard(FakeDrive(clock), config)
@@ -286,7 +286,7 @@ def test_signs_of_the_wiring_are_taken_out_and_zero_is_where_the_arm_hangs_when_
 
 def test_a_motion_that_no_such_arm_can_make_takes_the_torque(make, clock):
     """One principle whatever the fault: here the arm is said to stop dead under a torque that goes on."""
-    guard, drive = make(plant=Plant())
+    guard, drive = make(plant=PlantRanges())
     speed = 0.0
     for _ in range(60):
         speed += DT * (3.5 - 0.9 - 0.36 * speed - 2.0 * math.sin(drive.angle)) / 0.09

@@ -13,7 +13,7 @@ from estimators.search_hints import make_grid
 from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, compiled, effects, simulate
 from pendulum_env.physics.compiled import MANY, Machine, SymbolicStep, compile_recurrence
 from pendulum_env.physics.potential import Cogging
-from pendulum_env.physics.simulation import Balance, prepare_step, step
+from pendulum_env.physics.simulation import TorqueBalance, prepare_step, step
 from pendulum_env.physics.symbols import make_symbol, make_symbols
 from pendulum_env.physics.term import _compile_advance, trace_variants
 from pendulum_env.plant import hide, paper_plant
@@ -128,7 +128,7 @@ def test_a_machine_outlives_the_programs_that_are_remembered():
 
 def stepped(model, torque, load) -> np.ndarray:
     """Position of three pendulums by the simulator's own step, one NumPy operation after the other."""
-    balance = Balance(model.terms, model.theta, loaded=True)
+    balance = TorqueBalance(model.terms, model.theta, loaded=True)
     q, v = np.array([0.3, -1.0, 2.0]), np.array([0.0, 1.0, -2.0])
     x = Samples(np.zeros(LANES), q, v, torque[0], load=load)
     x = replace(x, memory=balance.start(x))

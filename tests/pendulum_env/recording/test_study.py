@@ -19,7 +19,7 @@ from pendulum_env.recording import (
     write_study,
 )
 from pendulum_env.recording.study import read_sources
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 
 ANY = st.characters(exclude_categories=("Cs",), exclude_characters="\0")
 TEXT = st.text(ANY, min_size=1, max_size=15).filter(str.strip)
@@ -30,7 +30,11 @@ COLUMNS = st.dictionaries(st.sampled_from(["time", "position", "velocity", "torq
 RANGES = st.tuples(SECONDS, SECONDS).map(sorted).filter(lambda pair: pair[0] < pair[1]).map(tuple)
 
 
-DRIVES = [None, Drive(kp=np.float64(2.5), output="torque"), Drive("velocity", "torque", kp=1.0, ki=0.5, rate=500.0)]
+DRIVES = [
+    None,
+    ServoDrive(kp=np.float64(2.5), output="torque"),
+    ServoDrive("velocity", "torque", kp=1.0, ki=0.5, rate=500.0),
+]
 SOURCES = st.builds(
     Source, NAMES.map(Path), st.sampled_from(["fit", "holdout"]), COLUMNS, st.booleans(), st.none() | RANGES,
     st.none() | LOADS, drive=st.sampled_from(DRIVES),

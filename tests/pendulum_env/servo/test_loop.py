@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pendulum_env.physics import BASE, KnownLoad, effect, simulate
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.servo.drive import Drive, DriveError
+from pendulum_env.servo.drive import ServoDrive, ServoDriveError
 from pendulum_env.servo.loop import Servos, follow
 from tests.runge_kutta import stepped
 from tests.terms import Clipped, Table
@@ -20,14 +20,16 @@ SMOOTH = np.array([INERTIA, GRAVITY, VISCOUS, 0.0])  # without dry friction, whi
 STEP = 1e-4  # [s]
 
 
-def servo(drive: Drive, goal: np.ndarray, **more: object) -> Servos:
+def servo(drive: ServoDrive, goal: np.ndarray, **more: object) -> Servos:
     """One servo that hangs at rest, its goal given at every step."""
     column, rest = np.asarray(goal, dtype=float)[:, None], np.zeros(1)
     ones = np.ones_like(column)
     return replace(Servos((drive,), STEP, column, 10 * ones, ones, rest, rest, rest, KnownLoad()), **more)
 
 
-def path(drive: Drive, goal: np.ndarray, terms: tuple = BASE, theta: np.ndarray = SMOOTH, **more: object) -> np.ndarray:
+def path(
+    drive: ServoDrive, goal: np.ndarray, terms: tuple = BASE, theta: np.ndarray = SMOOTH, **more: object
+) -> np.ndarray:
     return follow(terms, np.asarray(theta)[:, None], servo(drive, goal, **more))[:, 0, 0]
 
 
@@ -39,11 +41,11 @@ def wave(seconds: float = 2.0) -> np.ndarray:
 @pytest.mark.parametrize(
     "drive",
     [
-        Drive(kp=0.5, kd=0.02, gain=0.4),
-        Drive(kp=0.6, ki=0.8, gain=0.4),
-        Drive(kp=3.0, limit=0.2, gain=0.4),
-        Drive("velocity", kp=0.2, ki=1.0, gain=0.4),
-        Drive(output="torque", kp=2.0, kd=0.1),
+        ServoDrive(kp=0.5, kd=0.02, gain=0.4),
+        ServoDrive(kp=0.6, ki=0.8, gain=0.4),
+        ServoDrive(kp=3.0, limit=0.2, gain=0.4),
+        ServoDrive("velocity", kp=0.2, ki=1.0, gain=0.4),
+        ServoDrive(output="torque", kp=2.0, kd=0.1),
     ],
 )
 def test_motion_is_that_of_an_independent_integrator(drive):
@@ -66,7 +68,7 @@ def test_motion_is_that_of_an_independent_integrator(drive):
 
 
 def test_servo_comes_to_rest_where_its_law_balances_the_load_and_dry_friction_holds_it():
-    drive = Drive(kp=0.5, gain=0.4)
+    drive = ServoDrive(kp=0.5, gain=0.4)
     at = path(drive, np.full(60_000, 0.7))[-1]
     assert 0.5 * 10.0 * 0.4 * (0.7 - at) == pytest.approx(GRAVITY * np.sin(at), abs=1e-6)
     held = path(drive, np.full(5000, 0.4), theta=np.array([INERTIA, 0.0, VISCOUS, 1.0]))  # asks for 0.8 of 1 N m
@@ -76,7 +78,7 @@ def test_servo_comes_to_rest_where_its_law_balances_the_load_and_dry_friction_ho
 @pytest.mark.parametrize("steps", [1, 7, 40])
 def test_delay_is_exact_to_a_step(steps):
     goal = np.full(400, 1.0)
-    drive = Drive(kp=0.5, gain=0.4)
+    drive = ServoDrive(kp=0.5, gain=0.4)
     late = path(replace(drive, delay=steps * STEP), goal)
     assert np.all(late[: steps + 1] == 0.0) and late[steps + 1] > 0.0
     # at first the whole torque accelerates: q = tau t^2 / 2 I
@@ -86,14 +88,14 @@ def test_delay_is_exact_to_a_step(steps):
 def test_controller_holds_its_output_between_its_turns():
     goal = np.zeros(200)
     goal[15:] = 1.0  # between two turns of a controller that looks every 10 steps
-    moved = path(Drive(kp=0.5, gain=0.4, rate=1 / (10 * STEP)), goal)
+    moved = path(ServoDrive(kp=0.5, gain=0.4, rate=1 / (10 * STEP)), goal)
     assert np.all(moved[:21] == 0.0) and moved[21] > 0.0
 
 
 @pytest.mark.parametrize("control", ["position", "velocity"])
 def test_controller_sees_the_speed_between_the_positions_of_two_turns(control):
     turn, steps = 4e-3, 40
-    drive = Drive(control, "torque", kp=2.0 if control == "position" else 0.5, kd=0.3, rate=1 / turn, cutoff=30.0)
+    drive = ServoDrive(control, "torque", kp=2.0 if control == "position" else 0.5, kd=0.3, rate=1 / turn, cutoff=30.0)
     goal = np.ones(100 * steps)
 
     def rate(t: float, q: float, v: float, torque: float) -> tuple[float, float, float]:
@@ -111,7 +113,7 @@ def test_controller_sees_the_speed_between_the_positions_of_two_turns(control):
 
 def test_dead_time_of_the_model_and_delay_of_the_drive_are_one():
     late = effect("dead_time")(dead_time=12 * STEP)
-    drive = Drive(kp=0.5, gain=0.4)
+    drive = ServoDrive(kp=0.5, gain=0.4)
     own = path(drive, wave(), (*BASE, late))
     assert own == pytest.approx(path(replace(drive, delay=12 * STEP), wave()), abs=1e-12)
 
@@ -119,8 +121,10 @@ def test_dead_time_of_the_model_and_delay_of_the_drive_are_one():
 def test_open_motor_neither_drives_nor_brakes():
     off = np.zeros((3000, 1))
     start = {"position": np.array([1.0])}
-    plain = path(Drive(kp=5.0, gain=0.4), np.zeros(3000), **start, on=off)
-    with_emf = path(Drive(kp=5.0, gain=0.4), np.zeros(3000), (*BASE, BackEmf()), np.r_[SMOOTH, 0.5], **start, on=off)
+    plain = path(ServoDrive(kp=5.0, gain=0.4), np.zeros(3000), **start, on=off)
+    with_emf = path(
+        ServoDrive(kp=5.0, gain=0.4), np.zeros(3000), (*BASE, BackEmf()), np.r_[SMOOTH, 0.5], **start, on=off
+    )
     assert with_emf == pytest.approx(plain, abs=1e-12)
     assert plain[-1] != pytest.approx(1.0, abs=0.1)  # it swings
 
@@ -129,18 +133,18 @@ def test_integral_begins_anew_with_power():
     goal = np.full(20_000, 0.6)
     on = np.ones((len(goal), 1))
     on[1000:9000] = 0.0
-    drive = Drive(kp=0.5, ki=2.0, gain=0.4)
+    drive = ServoDrive(kp=0.5, ki=2.0, gain=0.4)
     assert path(drive, goal, on=on).max() < 1.3 * path(drive, goal).max()
 
 
 def test_back_emf_is_viscous_friction_while_the_motor_is_on():
-    drive = Drive(kp=0.5, gain=0.4)
+    drive = ServoDrive(kp=0.5, gain=0.4)
     braked = path(drive, wave(), (*BASE, BackEmf()), np.r_[SMOOTH, 0.2])
     assert braked == pytest.approx(path(drive, wave(), theta=SMOOTH + np.array([0.0, 0.0, 0.2, 0.0])), abs=1e-12)
 
 
 def test_variants_and_servos_do_not_know_of_each_other():
-    goals, two = (wave(), 0.5 * wave()), (Drive(kp=0.5, gain=0.4), Drive(kp=0.9, kd=0.05, gain=0.4))
+    goals, two = (wave(), 0.5 * wave()), (ServoDrive(kp=0.5, gain=0.4), ServoDrive(kp=0.9, kd=0.05, gain=0.4))
     goal, rest = np.column_stack(goals), np.zeros(2)
     both = Servos(two, STEP, goal, np.full_like(goal, 10.0), np.ones_like(goal), rest, rest, rest, KnownLoad())
     other = SMOOTH * [1.5, 0.7, 1.2, 1.0]
@@ -150,14 +154,14 @@ def test_variants_and_servos_do_not_know_of_each_other():
 
 
 def test_law_that_is_no_formula_is_simulated_all_the_same():
-    drive, goal = Drive(kp=0.5, gain=0.4), wave(0.2)
+    drive, goal = ServoDrive(kp=0.5, gain=0.4), wave(0.2)
     tabled, clipped = (path(drive, goal, (*BASE, kind()), np.r_[SMOOTH, 0.3]) for kind in (Table, Clipped))
     assert tabled == pytest.approx(clipped, abs=1e-12) and np.ptp(tabled) > 0.0
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-20, 20), st.floats(0.1, 3), st.floats(0, 1), st.floats(0.1, 1.5))
 def test_torque_that_was_asked_for_is_bounded_and_odd(goal, position, velocity, kp, kd, limit):
-    drive = Drive(kp=kp, kd=kd, limit=limit, gain=0.4)
+    drive = ServoDrive(kp=kp, kd=kd, limit=limit, gain=0.4)
     ones = np.ones(1)
     told = drive.torque(goal * ones, position * ones, velocity * ones, 12 * ones, ones)
     turned = drive.torque(-goal * ones, -position * ones, -velocity * ones, 12 * ones, ones)
@@ -181,13 +185,13 @@ def test_torque_that_was_asked_for_is_bounded_and_odd(goal, position, velocity, 
 )
 def test_drive_that_cannot_be_is_refused_with_the_reason(told, reason):
     with pytest.raises(ValueError, match=reason):
-        Drive.from_settings(told)
+        ServoDrive.from_settings(told)
 
 
 def test_drive_is_told_as_it_was_said():
-    drive = Drive.from_settings({"preset": "xl330", "kp": 200, "gain": 0.13, "rate": 1000})
-    assert Drive.from_settings(drive.get_settings()) == drive
-    assert issubclass(DriveError, ValueError)
+    drive = ServoDrive.from_settings({"preset": "xl330", "kp": 200, "gain": 0.13, "rate": 1000})
+    assert ServoDrive.from_settings(drive.get_settings()) == drive
+    assert issubclass(ServoDriveError, ValueError)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +206,7 @@ def test_drive_is_told_as_it_was_said():
     ],
 )
 def test_a_preset_s_gain_is_that_of_the_servo_s_register(preset, kp, torque):
-    drive = Drive.from_settings({"preset": preset, "kp": kp, **({} if preset == "mit" else {"gain": 0.5})})
+    drive = ServoDrive.from_settings({"preset": preset, "kp": kp, **({} if preset == "mit" else {"gain": 0.5})})
     one = np.ones(1)
     supply = one * (drive.supply or 1.0)
     assert drive.torque(0.1 * one, 0 * one, 0 * one, supply, one) == pytest.approx(torque)
@@ -211,7 +215,7 @@ def test_a_preset_s_gain_is_that_of_the_servo_s_register(preset, kp, torque):
 def test_a_load_torque_drives_a_servo_that_hardly_follows():
     """Without a gain that counts, the motion is that of the joint under the load torque alone."""
     load = 0.5 * wave()
-    drive = Drive(output="torque", kp=1e-12)
+    drive = ServoDrive(output="torque", kp=1e-12)
     found = path(drive, 0 * load, load=KnownLoad(torque=load[:, None]))
     alone = simulate(BASE, SMOOTH, STEP, load, 0.0, 0.0).position[:, 0]
     np.testing.assert_allclose(found, alone, atol=1e-9)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pendulum_env.backends.hardware.config import EncoderSettings
 from pendulum_env.backends.hardware.drive import DriveError
-from pendulum_env.backends.hardware.measuring import DriveClock, Encoder, Ticks, subtract_counts
+from pendulum_env.backends.hardware.encoder import DriveClock, Encoder, Ticks, subtract_counts
 
 
 @given(st.integers(-(2**40), 2**40), st.integers(-(2**31), 2**31 - 1))

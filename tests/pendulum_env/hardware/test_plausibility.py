@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pendulum_env.backends.emulators.motor import MISREADINGS
-from pendulum_env.backends.hardware.config import Plant
-from pendulum_env.backends.hardware.plausible import PlausibilityCheck
+from pendulum_env.backends.hardware.config import PlantRanges
+from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
 from pendulum_env.excitation import EXCITATIONS, excitation
 from pendulum_env.physics.simulation import simulate
 from pendulum_env.plant import hide, paper_plant
@@ -18,7 +18,7 @@ NOISE = {500.0: 5e-5, 250.0: 5e-5, 100.0: 3e-4}  # [s] of a reading's time, by r
 SOON = 0.3  # [s]
 NAMES = tuple(EXCITATIONS)
 AMPLITUDES = {500.0: (2.0, 3.5, 6.0), 250.0: (2.0, 3.5, 6.0), 100.0: (3.5, 6.0)}  # [N m]; the slowest sees less
-ROUGH = Plant()  # what is known without a word
+ROUGH = PlantRanges()  # what is known without a word
 SECONDS, BEGIN = 4.0, 1.0  # [s] of a run, and until something goes wrong
 rates = pytest.mark.parametrize("rate", NOISE)
 
@@ -100,7 +100,7 @@ def test_half_the_counts_are_seen_when_they_begin_in_fast_motion():
         start = turning(velocity, 500.0)
         told = position[start] + 0.5 * (position[start:] - position[start])
         assert start / 500 <= stopped([*position[:start], *told], command, 500.0) < start / 500 + SOON
-        assert stopped(0.5 * position, command, 500.0, Plant(share=0.1)) < 1.0
+        assert stopped(0.5 * position, command, 500.0, PlantRanges(share=0.1)) < 1.0
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_half_a_newton_metre_does_not_hide_an_encoder_that_runs_away():
 
 def test_counts_that_stand_still_are_those_of_an_arm_that_sticks_until_friction_cannot_hold_it():
     ramp = np.arange(3000) / 1000.0  # [N m] over as many samples of 1 ms
-    torque = stopped(np.zeros(3001), ramp, 1000.0, Plant(coulomb=1.0, share=0.5, slack=0.3), noise=0.0)  # 1 N m/s
+    torque = stopped(np.zeros(3001), ramp, 1000.0, PlantRanges(coulomb=1.0, share=0.5, slack=0.3), noise=0.0)  # 1 N m/s
     assert 1.5 + 0.3 < torque * 1.15 < 2.6  # with the gain that is allowed, and as much as spans and delay take
 
 

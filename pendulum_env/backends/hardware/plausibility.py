@@ -20,7 +20,7 @@ import math
 from bisect import bisect_right
 from typing import NamedTuple
 
-from pendulum_env.backends.hardware.config import Plant
+from pendulum_env.backends.hardware.config import PlantRanges
 
 
 class Mark(NamedTuple):
@@ -49,7 +49,7 @@ class PlausibilityCheck:
     slow = 0.02  # [rad/s], below which the arm may as well stick
     gain = 0.15  # share of a torque by which the motor's may differ
 
-    def __init__(self, plant: Plant, step: float, noise: float) -> None:
+    def __init__(self, plant: PlantRanges, step: float, noise: float) -> None:
         """Take the ranges, the angle of a count [rad], and the uncertainty of a reading's time [s]."""
         self._watches, self._step, self._noise = plant.watch, abs(step), self.firm * noise + self.clock
         share = plant.share
