@@ -86,29 +86,20 @@ def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -
 def find_best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
     """Return the best variant of an effect, with as few free nonlinear parameters as the data allow; None without any.
 
-    A variant that needs negative gravity is replaced by the next one that does not.
+    A variant that loses a base parameter is replaced by the next one that keeps it.
     """
     trials = evaluator.train.variants(terms, effect)
     if not trials:
         return None
     simplest, *others = trials
-    gravity = {
-        name: own.value for name, own in evaluator.model(terms).estimates.items() if others and "gravity" in name
-    }
-
-    def turns_gravity(trial: ScoredTerms) -> bool:
-        return [*gravity] == ["gravity"] and gravity["gravity"] * _get_gravity(evaluator, trial) < 0
-
     for trial in others:
         if evaluator.is_significant(trial.terms, simplest.terms) or (
-            turns_gravity(simplest) and not turns_gravity(trial) and evaluator.is_significant(trial.terms, terms)
+            evaluator.is_significant(trial.terms, terms)
+            and not evaluator.keeps_base(simplest.terms, terms)
+            and evaluator.keeps_base(trial.terms, terms)
         ):
             simplest = trial
     return simplest
-
-
-def _get_gravity(evaluator: ModelEvaluator, trial: ScoredTerms) -> float:
-    return evaluator.model(trial.terms).estimates["gravity"].value
 
 
 def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:

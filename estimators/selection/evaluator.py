@@ -14,7 +14,7 @@ from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step
 from estimators.selection.gates import Gate
-from estimators.selection.physical import find_violations, make_confirmation_gates
+from estimators.selection.physical import find_violations, make_base_gates, make_confirmation_gates
 from estimators.selection.residuals import Residuals, Terms, set_time_grid
 from estimators.selection.score import Blocks, Bootstrap, Gain, cross_validated, predict_density
 from estimators.simulation import output_error
@@ -261,10 +261,17 @@ class ModelEvaluator:
         """Return whether both held-out errors fall and the parameters are physically possible."""
         return all(gate.passed for gate in make_confirmation_gates(after, before, self.train.motions))
 
+    def keeps_base(self, after: Terms, before: Terms) -> bool:
+        """Return whether a larger model keeps the base parameters of a smaller one; see `make_base_gates`."""
+        models = (fit_terms(self.train, terms)[0] for terms in (after, before))
+        return all(gate.passed for gate in make_base_gates(*models))
+
     def lowers_errors(self, after: Terms, before: Terms) -> bool:
-        """Return whether both held-out errors fall, with the parameters fitted to the torque or else to the motion."""
+        """Return whether both held-out errors fall, fitted to torque or else to motion, and the base is kept."""
         new, old = self.fit(None, after), self.fit(None, before)
-        return self.is_confirmed(new, old) or self.is_confirmed(self.refit_to_motion(new), self.refit_to_motion(old))
+        if not self.is_confirmed(new, old):
+            new, old = self.refit_to_motion(new), self.refit_to_motion(old)
+        return self.is_confirmed(new, old) and self.keeps_base(after, before)
 
     @property
     def cost_with_link(self) -> float:

@@ -11,11 +11,13 @@ from estimators.selection.gates import Gate
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Term, effects
+from pendulum_env.physics.model import SIGNIFICANT
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import LOAD, list_loads
-from pendulum_env.physics.terms import list_forms
+from pendulum_env.physics.terms import has_link, list_forms
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
+LEAST_KEPT = {"inertia": 0.1, "gravity": 0.0}  # share of these parameters that a larger model has to keep
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
 
 
@@ -133,10 +135,32 @@ def compute_significant_sign(model: Model, name: str) -> int:
     return int(np.sign(estimate.value))
 
 
+def make_base_gates(after: Model, before: Model) -> list[Gate]:
+    """Return the share of inertia and of gravity that a larger model keeps as gates.
+
+    A model that loses what the smaller model determines imitates the joint. A lag of J/b with nearly no inertia has the
+    transfer function of an inertia J behind a short lag. A spring with negative gravity imitates a hardening spring.
+    Inertia has to keep a tenth of its size, gravity its sign, since an effect may explain all of the gravity. Both are
+    compared where the smaller model has them significantly, and fail beyond 3 standard errors of the larger model.
+    A transmission divides the inertia, and beside a tilt gravity has any sign.
+    """
+    shared = [name for name in LEAST_KEPT if name in before.estimates and name in after.estimates]
+    exempt = {"inertia": has_link(after.terms), "gravity": "gravity_tilt" in after.estimates}
+    gates = []
+    for name in shared:
+        old, new = before.estimates[name], after.estimates[name]
+        if exempt[name] or old.is_unknown or new.is_unknown or not (old.std > 0 and old.is_significant):
+            continue
+        share, std = new.value / old.value, new.std / abs(old.value)
+        is_kept = share + SIGNIFICANT * std >= LEAST_KEPT[name]
+        gates.append(Gate(f"kept_{name}", share, LEAST_KEPT[name], is_kept, std=std))
+    return gates
+
+
 def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]) -> list[Gate]:
     """Return the gates that a larger model meets beside a smaller one, up to the first that it fails.
 
-    Physical bounds come first, then the sign of gravity, then the held-out errors, which have to fall. Violated bounds
+    Physical bounds come first, then the base parameters, then the held-out errors, which have to fall. Violated bounds
     are listed together.
 
     Args:
@@ -152,15 +176,13 @@ def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Sam
     if wrong:
         return wrong
     gates = [Gate("physical_bounds", 0, 0, True)]
-    sign = compute_significant_sign(after.model, "gravity") * compute_significant_sign(before.model, "gravity")
-    if sign and "gravity_tilt" not in after.model.estimates:  # beside a tilt, gravity alone has any sign
-        gates.append(Gate("gravity_sign", sign, 0, sign > 0))
+    gates += make_base_gates(after.model, before.model)
     angle = after.model.units().unit("rad")
     errors = [("in_loop", new.in_loop, old.in_loop, angle), ("position", new.position_rms, old.position_rms, angle)]
     for at in () if new.is_in_loop else [at for at in motions if at in changed]:
         unit = after.model.units(at).unit("N m")
         errors.append((f"torque@{at}" if at else "torque", new.at(at), old.at(at), unit))
     for name, error, limit, unit in errors:
-        if not np.isnan([error, limit]).any() and gates[-1].passed:
+        if not np.isnan([error, limit]).any() and all(gate.passed for gate in gates):
             gates.append(Gate(f"holdout_{name}", error, limit, error < limit, unit))
     return gates

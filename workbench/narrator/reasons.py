@@ -95,8 +95,10 @@ def _gate(found: Finding) -> str:
         return f"explains {value.value:.0%} of the residual, less than {limit.value:.0%}"
     if name == "known_parameters":
         return f"predicts no better than other values of the parameters that were given: p = {value.value:.2g}"
-    if name == "gravity_sign":
+    if name == "kept_gravity":
         return "fits only with negative gravity: both terms cancel and imitate a third law"
+    if name == "kept_inertia":
+        return f"fits only with {value.value:.2g} times the inertia: it imitates a motion that inertia makes"
     if name in HELD_OUT:
         where = f" at {at}" if at else ""
         return f"does not lower the held-out {HELD_OUT[name]} ({measure_change(limit, value)}){where}"
