@@ -101,7 +101,7 @@ def command_line() -> str:
     """What `--help` prints, for every command."""
     parts = [
         "# Command line",
-        "Every command exits with 0 on success and with 2 on bad input, with one line that says what is wrong.",
+        "Every command exits with 0 on success, and with 2 and one line of explanation on bad input.",
         f"```text\n{_help()}\n```",
     ]
     for command, text in COMMANDS.items():
@@ -156,16 +156,15 @@ def which_effect() -> str:
     }
     parts = [
         "# Which effect is it?",
-        "A model leaves something of the torque unexplained. What it looks like says which physical effect is missing, "
-        "here in the words of somebody who looks at a plot; `pendulum-ident diagnose` weighs the same by numbers, and "
-        "`pendulum-ident effects stribeck` prints what this page says of one.",
-        "| What is left shows | it may be |\n|---|---|",
-        "The pictures have what each effect leaves of the base model, fitted to 20 s of the paper's excitation: mean "
-        "residual torque over angle, velocity, torque and time, beside what noise alone would give (grey). The "
+        "The shape of the residual torque shows which physical effect a model lacks. `pendulum-ident diagnose` decides "
+        "by numbers. `pendulum-ident effects stribeck` prints the text of one effect.",
+        "| the residual shows | possible effects |\n|---|---|",
+        "The pictures show the residual of the base model without each effect, fitted to 20 s of the paper's "
+        "excitation: mean residual torque over angle, velocity, torque and time, and the range of noise (grey). The "
         "[app](app.md) and `pendulum-ident compare --report` draw the same four curves for your recordings. An effect "
-        "that looks flat here needs another motion to show. A motor that turns with two joints of an arm leaves "
-        "friction in both that goes with the sum of their speeds, [a coupling](how-to/arms.md#diagnose); what no "
-        "effect explains is reported as such, and [kept as a table](how-to/unknown-law.md).",
+        "that looks flat here needs another motion. A motor that turns with two joints of an arm causes "
+        "friction of the sum of their speeds, [a coupling](how-to/arms.md#diagnose). A residual that no "
+        "effect explains can be [modelled by a table](how-to/unknown-law.md).",
     ]
     parts[2] += "".join(f"\n| {symptom} | {', '.join(ids)} |" for symptom, ids in rows.items())
     for id, kind in library.items():
@@ -174,7 +173,7 @@ def which_effect() -> str:
             f"![Residual over angle, velocity, torque and time where {id} is hidden](gallery/{id}.svg)",
             texts[id].signature,
             f"Confused with {join_words([_link(other) for other in find_look_alikes(id)])}. "
-            f"What tells: {texts[id].informative_experiment}. "
+            f"Distinguished by {texts[id].informative_experiment}. "
             f"Law: {_law(kind.law)} ([`{id}`](reference/effects.md#{id})).",
         ]
     return "\n\n".join(parts)
