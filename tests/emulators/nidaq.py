@@ -98,7 +98,7 @@ class Card:
 
 
 class Server:
-    """The network to a card, in the place of a wire: a call waits until the emulator's loop lets it `come`."""
+    """The network to a card, in the place of a wire: a call waits until the emulator's loop lets it `receive`."""
 
     patience = 5.0  # [s] of a call
 
@@ -111,7 +111,7 @@ class Server:
         self.place = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
         self._server.start()
 
-    def come(self) -> None:
+    def receive(self) -> None:
         """Answer a call."""
         os.read(self.descriptor, 1)
         self._calls.get()()
