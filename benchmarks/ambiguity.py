@@ -36,18 +36,18 @@ Pair = frozenset[str]
 
 
 def weak(rng: np.random.Generator, time: Array) -> Array:
-    """Noise that just moves the arm [N m]."""
+    """Return noise that just moves the arm [N m]."""
     return filtered_noise(rng, time, float(rng.uniform(0.2, 0.4)))
 
 
 def small_swings(rng: np.random.Generator, time: Array) -> Array:
-    """Two fast tones: angles within some 0.3 rad [N m]."""
+    """Return two fast tones: angles within some 0.3 rad [N m]."""
     fast, slow = rng.uniform(11, 15), rng.uniform(8, 11)  # [rad/s]
     return np.asarray(np.sin(fast * time) + 0.6 * np.sin(slow * time + rng.uniform(0, 2 * np.pi)))
 
 
 def one_way(rng: np.random.Generator, time: Array) -> Array:
-    """Two tones on a torque that never lets the arm turn round [N m]."""
+    """Return two tones on a torque that never lets the arm turn round [N m]."""
     fast, slow = rng.uniform(7, 11), rng.uniform(4, 6)  # [rad/s]
     return np.asarray(4.6 + 0.6 * np.sin(fast * time + rng.uniform(0, 2 * np.pi)) + np.sin(slow * time))
 
@@ -85,7 +85,7 @@ class Row:
 
     @property
     def line(self) -> str:
-        """All of it on one line."""
+        """Return the result on one line."""
         arms = ", ".join(
             f"{arm}: {'right' if self.settled[arm] else 'wrong'}{f', {len(left)} open' if left else ''}"
             for arm, left in self.left.items()
@@ -112,7 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def poor_study(seed: int, k: int) -> Study:
-    """The k-th plant, every effect in turn and every tenth with none, of little friction."""
+    """Return the k-th plant, every effect in turn and every tenth with none, of little friction."""
     hidden = () if k % 10 == 9 else (LIBRARY[k % len(LIBRARY)],)
     rng = make_generator(seed, k if k % 10 == 9 else k // len(LIBRARY), *hidden)
     case = random_case(rng, hidden, rate=float(rng.choice(RATES)), coulomb=float(rng.uniform(0.2, 0.5)))
@@ -151,7 +151,7 @@ def examine(study: Study) -> Row:
 def record(
     study: Study, seconds: float, command: Callable[[np.random.Generator, Array], Array], number: int
 ) -> Recording:
-    """The plant under a command, the first time or the second."""
+    """Record the plant under a command, the first time or the second."""
     rate = study.case.train.rate
     experiment = replace(study.case.train, seconds=seconds, seed=study.seed + number)
     torque = command(np.random.default_rng([study.seed, number]), np.arange(round(seconds * rate)) / rate)
@@ -160,7 +160,7 @@ def record(
 
 
 def undecided(found: Diagnosis) -> frozenset[Pair]:
-    """Pairs that a diagnosis cannot tell apart though some torque could."""
+    """Return the pairs that a diagnosis cannot tell apart though some torque could."""
     pairs = {frozenset((first, other)) for first, *others in found.ambiguous for other in others}
     if found.suggestion is not None:
         pairs |= {frozenset((aim.effect, aim.instead)) for aim in found.suggestion.settles if aim.instead}
@@ -168,7 +168,7 @@ def undecided(found: Diagnosis) -> frozenset[Pair]:
 
 
 def is_right(hidden: tuple[str, ...], found: Diagnosis) -> bool:
-    """Whether it names what is hidden, or what no torque tells from it."""
+    """Return whether the hidden effect is named, or an effect that no torque distinguishes from it."""
     return compare(hidden, found.selected, found.inseparable, bool(found.unexplained)) is not Exact.NO
 
 

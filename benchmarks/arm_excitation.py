@@ -62,7 +62,7 @@ class Series:
     period: float
 
     def __call__(self, time: Array) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration of the joints (N, n) at N instants [s]."""
+        """Return the position, velocity and acceleration of the joints (N, n) at N instants [s]."""
         w = 2 * np.pi / self.period * np.arange(1, len(self.sines) + 1)
         s, c = np.sin(np.outer(time, w)), np.cos(np.outer(time, w))
         a, b = self.sines, self.cosines
@@ -70,12 +70,12 @@ class Series:
 
 
 def torque_of(motion: Any, time: Array) -> Array:
-    """Torque that the body needs by its file, without friction (N, n) [N m]."""
+    """Return the torque that the body needs by its file, without friction (N, n) [N m]."""
     return np.asarray(motion.body.torque(*motion(time)) @ motion.body.values)
 
 
 def scaled(body: Body, period: float, waves: Array, share: float = 0.9, **limits: float) -> Series | None:
-    """A Fourier series in the middle of the joints' angles, sines and cosines (2, K, n), as large as limits allow.
+    """Return a Fourier series about the middle angles, sines and cosines (2, K, n), as large as limits allow.
 
     It has a share of their angles and speeds; five waves in 5 s at 4 rad/s never take more than 25 rad/s^2. None where
     that takes more torque than there is.
@@ -89,7 +89,7 @@ def scaled(body: Body, period: float, waves: Array, share: float = 0.9, **limits
 
 
 def sinusoids(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
-    """The paper's two tones at each joint, of random phases, as a reference."""
+    """Return the paper's two tones at each joint, of random phases, as a reference."""
     period = 2 * np.pi / 2.25  # [s], of the slow one; the fast one, at 12.07 rad/s, is within 7 % its fifth harmonic
     for _ in range(100):
         phases = rng.uniform(0, 2 * np.pi, (2, len(body.joints)))
@@ -104,14 +104,14 @@ def sinusoids(body: Body, seconds: float, rng: np.random.Generator, **limits: fl
 
 
 def random_fourier(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
-    """The best of many random series by the determinant of the information (Swevers et al. 1997)."""
+    """Draw the best of many random series by the determinant of the information (Swevers et al. 1997)."""
     alike = 1.0 / np.sqrt(np.arange(1, 6))[:, None]
     drawn = (scaled(body, seconds, rng.normal(size=(2, 5, len(body.joints))) * alike, **limits) for _ in range(TRIES))
     return max((motion for motion in drawn if motion is not None), key=partial(log_det, seconds=seconds))
 
 
 def cma_fourier(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
-    """The same by CMA-ES, with ten times as many series."""
+    """Search series by CMA-ES, with ten times as many series."""
     import cma
 
     shape = (2, 5, len(body.joints))
@@ -128,7 +128,7 @@ def cma_fourier(body: Body, seconds: float, rng: np.random.Generator, **limits: 
 
 
 def information(body: Body, motion: Motion, seconds: float) -> Array:
-    """Of parameters as shares of their sizes (P, P), in units of a tick's noise."""
+    """Return the information on parameters as shares of their sizes (P, P), in units of a tick's noise."""
     q, v, a = motion(np.arange(TICK / 2, seconds, TICK))
     own = parameter_scales(body)
     rows = information_rows(body, own, q, v, a).reshape(-1, len(own))
@@ -136,22 +136,22 @@ def information(body: Body, motion: Motion, seconds: float) -> Array:
 
 
 def log_det(motion: Any, seconds: float) -> float:
-    """Logarithm of the determinant of the information [nat]."""
+    """Return the logarithm of the determinant of the information [nat]."""
     return float(np.linalg.slogdet(information(motion.body, motion, seconds)).logabsdet)
 
 
 def deviation(motion: Any, seconds: float) -> float:
-    """Root mean square of the standard errors, as shares of the parameters and for a tick's noise of one."""
+    """Return the root mean square of the standard errors, as shares of the parameters and for a tick's noise of one."""
     return float(np.sqrt(np.linalg.inv(information(motion.body, motion, seconds)).diagonal().mean()))
 
 
 def agent(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
-    """The policy that ships."""
+    """Return the policy that ships."""
     return plan_motion(load("arm"), body, find_limits(body, **limits), seconds)
 
 
 def by_knots(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
-    """What `record` plans unasked."""
+    """Design the default motion of `record`."""
     return design_excitation(body, seconds, rng=rng, **limits)
 
 
@@ -166,7 +166,7 @@ CONTENDERS: dict[str, Callable[..., Motion]] = {
 
 
 def fresh(rng: np.random.Generator) -> tuple[Link, ...]:
-    """Links within 30 % of the usual ones, whose lengths are known."""
+    """Return the links within 30 % of the usual ones, whose lengths are known."""
     names = ("mass", "center", "inertia", "viscous", "coulomb")
     return tuple(
         replace(link, **{name: getattr(link, name) * rng.uniform(1 - SPREAD, 1 + SPREAD) for name in names})
@@ -175,7 +175,7 @@ def fresh(rng: np.random.Generator) -> tuple[Link, ...]:
 
 
 def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Generator) -> tuple[list[float], Array]:
-    """RMS relative error of all parameters at `MOMENTS`, and the largest angles and speeds (2, n)."""
+    """Return RMS relative error of all parameters at `MOMENTS`, and the largest angles and speeds (2, n)."""
     arm = PlanarArm(links, rate=RATE, torque_noise=NOISE, max_torque=TORQUE)
     truth = find_body(arm)
     recording = follow(arm, motion, round(MOMENTS[-1] * RATE), TORQUE, rng=rng)
@@ -195,7 +195,7 @@ def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Gene
 
 
 def two_link(bodies: int, seed: int, limits: dict[str, float]) -> None:
-    """Real errors of every contender on the same bodies, beside the first."""
+    """Return the real errors of every contender on the same bodies, beside the first."""
     file, told = find_body(PlanarArm()), {}
     print(f"{bodies} bodies within 30 %, noise {NOISE:g} N m, limits {limits}")
     for name, contender in CONTENDERS.items():
@@ -228,7 +228,7 @@ def two_link(bodies: int, seed: int, limits: dict[str, float]) -> None:
 
 
 def robots(folder: Path, seconds: float = 10.0) -> None:
-    """Standard errors and condition numbers of motions of published robots."""
+    """Return the standard errors and condition numbers of motions of published robots."""
     print("robot, motion: RMS standard error as a share of random Fourier series, geometric mean, condition")
     for name, file in ROBOTS.items():
         motions = [f"panda_joint{k}" for k in range(1, 8)] if name == "Panda" else None

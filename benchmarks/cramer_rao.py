@@ -60,11 +60,11 @@ class Study:
 
     @property
     def position_noise(self) -> float:
-        """Standard deviation of the quantisation of the encoder [rad]."""
+        """Return the standard deviation of the quantisation of the encoder [rad]."""
         return 2 * np.pi / (self.experiment.counts or np.inf) / np.sqrt(12)
 
     def changed(self, name: str, amount: float) -> tuple[Plant, float]:
-        """The plant with one parameter larger by a share, and how much that is."""
+        """Return the plant with one parameter larger by a share, and how much that is."""
         for known, id, own in self.estimated:
             if known == name:
                 value = self.plant.effects[id][own]
@@ -110,7 +110,7 @@ class Steps:
 
 
 def linearise(study: Study, run: SimulatedRecording) -> Steps:
-    """Differences of the independent simulation, started anew at every sample."""
+    """Return the differences of the independent simulation, started anew at every sample."""
     q, v, u = run.exact_position, run.velocity, run.command
     perturbations = (1e-6, 1e-5, 1e-4)  # [rad], [rad/s], [N m]
     plain = _steps(study.plant, run, q, v, u)
@@ -136,7 +136,7 @@ def _steps(plant: Plant, run: SimulatedRecording, q: Array, v: Array, u: Array) 
 
 
 def bound(steps: Steps, position_noise: float, torque_noise: float) -> Array:
-    """Cramer-Rao bound of the standard errors of P parameters, the state at the start being unknown, (P,)."""
+    """Return Cramer-Rao bound of the standard errors of P parameters, the state at the start being unknown, (P,)."""
     count = steps.theta.shape[2]
     moved = np.zeros((2, count + 2))  # of the predicted state by the parameters, and by the state at the start
     moved[:, count:] = np.eye(2)
@@ -157,7 +157,7 @@ def bound(steps: Steps, position_noise: float, torque_noise: float) -> Array:
 
 
 def realisation(study: Study, run: SimulatedRecording, seed: int) -> Recording:
-    """The run as it is measured once."""
+    """Return the run as it is measured once."""
     rng = np.random.default_rng(seed)
     position = run.exact_position + study.position_noise * rng.standard_normal(len(run.time))
     torque = run.command + run.experiment.torque_noise * rng.standard_normal(len(run.time))
@@ -165,7 +165,7 @@ def realisation(study: Study, run: SimulatedRecording, seed: int) -> Recording:
 
 
 def fit_windows(prepared: RegressionData, hidden: Sequence[str]) -> Model:
-    """The fit over windows of the base terms and some effects, nonlinear parameters searched."""
+    """Return the fit over windows of the base terms and some effects, nonlinear parameters searched."""
     terms = BASE
     for id in hidden:
         terms = min(prepared.variants(terms, effect(id)), key=lambda trial: trial.fitted_rms).terms
@@ -173,13 +173,13 @@ def fit_windows(prepared: RegressionData, hidden: Sequence[str]) -> Model:
 
 
 def fit_segments(prepared: RegressionData, start: Model) -> Model:
-    """The same terms, refined by the innovations of short segments."""
+    """Fit the same terms, refined by the innovations of short segments."""
     segments = [choose_segments(windows, SEGMENT) for windows in prepared.data.windows]
     return output_error.fit_maximum_likelihood(segments, output_error.Point(start.terms, start.theta))
 
 
 def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:
-    """Both estimates of one realisation."""
+    """Return both estimates of one realisation."""
     prepared = RegressionData.of([realisation(study, run, seed)])
     windows = fit_windows(prepared, tuple(study.plant.effects))
     return windows, fit_segments(prepared, windows)

@@ -23,7 +23,7 @@ STEPS, REPEAT = 2000, 5
 
 
 def cpu(work: Callable[[], object], steps: int = STEPS) -> float:
-    """Least CPU time per step [us]."""
+    """Return the least CPU time per step [us]."""
     work()
     times = []
     for _ in range(REPEAT):
@@ -63,7 +63,7 @@ def environments() -> list[tuple[str, float, str]]:
 
 
 def diagnosing(bare: float) -> tuple[str, float, str]:
-    """What `DiagnoseOnline` adds per sample at 1 kHz over half a minute, and its longest sample."""
+    """Measure the time that `DiagnoseOnline` adds per sample at 1 kHz over half a minute, and its longest sample."""
     env = DiagnoseOnline(gym.make(PENDULUM, torque_noise=0.05))
     _, info = env.reset(seed=0)
     signal = 3 * np.sin(12.07 * np.arange(30_000) / 1000) + 3 * np.sin(2.25 * np.arange(30_000) / 1000)

@@ -11,47 +11,47 @@ Array = NDArray[np.float64]
 
 
 def two_tone(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
-    """The paper's excitation: 3 sin(12.07 t + r1) + 3 sin(2.25 t + r2) [N m]."""
+    """Return the paper's excitation: 3 sin(12.07 t + r1) + 3 sin(2.25 t + r2) [N m]."""
     fast, slow = rng.uniform(0, 2 * np.pi, 2)
     return 3 * scale * (np.sin(12.07 * time + fast) + np.sin(2.25 * time + slow))
 
 
 def other_tones(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
-    """Two tones of the paper's strength at other frequencies [N m]."""
+    """Return two tones of the paper's strength at other frequencies [N m]."""
     frequency = np.array([rng.uniform(6, 18), rng.uniform(0.8, 4)])  # rad/s
     phase = rng.uniform(0, 2 * np.pi, 2)
     return scale * np.sin(np.outer(time, frequency) + phase) @ rng.uniform(2, 4, 2)
 
 
 def multisine(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
-    """Eight sines of 0.3 to 1.6 N m between 0.15 and 4 Hz, random phases: moderate motion around the bottom [N m]."""
+    """Return eight sines of 0.3 to 1.6 N m between 0.15 and 4 Hz, random phases [N m]: moderate motion."""
     frequency = 2 * np.pi * rng.uniform(0.15, 4, 8)  # rad/s
     phase = rng.uniform(0, 2 * np.pi, 8)
     return scale * np.sin(np.outer(time, frequency) + phase) @ rng.uniform(0.3, 1.6, 8)
 
 
 def chirp(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
-    """A sweep of 4.5 N m from about 0.1 to 4 Hz: slow full turns first, fast wagging last [N m]."""
+    """Return a sweep of 4.5 N m from about 0.1 to 4 Hz: slow full turns first, fast wagging last [N m]."""
     start, stop = rng.uniform(0.08, 0.2), rng.uniform(3, 5)  # Hz
     sweep = 2 * np.pi * (start * time + (stop - start) * time**2 / (2 * time[-1]))
     return scale * 4.5 * np.sin(sweep + rng.uniform(0, 2 * np.pi))
 
 
 def prbs(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
-    """Pseudo-random binary torque held for multiples of about 0.15 s [N m]."""
+    """Return a pseudo-random binary torque held for multiples of about 0.15 s [N m]."""
     clock = rng.uniform(0.12, 0.25)  # s
     level = rng.choice([-1.0, 1.0], int(time[-1] / clock) + 2)
     return scale * rng.uniform(2.5, 4) * level[(time / clock).astype(int)]
 
 
 def steps(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
-    """Random levels held for random times [N m]."""
+    """Return random levels held for random times [N m]."""
     edges = np.cumsum(rng.uniform(0.2, 1.2, int(time[-1] / 0.2) + 2))
     return scale * rng.uniform(-5, 5, len(edges) + 1)[np.searchsorted(edges, time)]
 
 
 def filtered_noise(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
-    """Gaussian noise through a second-order low-pass at 1 to 3 Hz, 2.5 N m RMS, limited to 7 N m [N m]."""
+    """Return Gaussian noise through a second-order low-pass at 1 to 3 Hz, 2.5 N m RMS, limited to 7 N m [N m]."""
     pole = np.exp(-2 * np.pi * rng.uniform(1, 3) * (time[1] - time[0]))
     white, noise = rng.standard_normal(len(time)), np.empty(len(time))
     first = second = 0.0
@@ -63,14 +63,14 @@ def filtered_noise(rng: np.random.Generator, time: Array, scale: float = 1.0) ->
 
 
 def smooth_reference(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
-    """A smooth random motion for a position loop to follow, about 1.5 rad RMS below 1.2 Hz [rad]."""
+    """Return a smooth random motion for a position loop to follow, about 1.5 rad RMS below 1.2 Hz [rad]."""
     frequency = rng.uniform(0.5, 7.5, 6)  # rad/s
     wave = np.sin(np.outer(time, frequency) + rng.uniform(0, 2 * np.pi, 6)) @ rng.uniform(0.4, 1.2, 6)
     return scale * wave * (1 - np.exp(-time / 0.5))  # starts where the arm hangs
 
 
 def speed_profile(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
-    """Turns at 1 to 6 rad/s either way, each for a second or two, for a speed loop with an integrator [rad]."""
+    """Return turns at 1 to 6 rad/s either way, each for a second or two, for a speed loop with an integrator [rad]."""
     edges = np.cumsum(rng.uniform(1.0, 2.0, int(time[-1]) + 2))
     speeds = rng.uniform(1.0, 6.0, len(edges) + 1) * rng.choice([-1.0, 1.0], len(edges) + 1)
     speed = speeds[np.searchsorted(edges, time)]

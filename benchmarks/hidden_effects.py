@@ -112,29 +112,29 @@ def tell(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
 
 
 def in_library(outcomes: Sequence[Outcome]) -> list[Outcome]:
-    """Cases with something hidden, all of which the library has."""
+    """Return the cases with something hidden, all of which the library has."""
     return [o for o in outcomes if o.truth.hidden and set(o.truth.hidden) <= effects().keys()]
 
 
 def size(outcome: Outcome) -> float:
-    """RMS torque that the base model misses after its refit, over the noise of one torque sample."""
+    """Return RMS torque that the base model misses after its refit, over the noise of one torque sample."""
     return (outcome.truth.share or 0.0) * outcome.torque / outcome.truth.noise
 
 
 def power(outcomes: Sequence[Outcome]) -> Curve:
-    """Share right by the size of the effect relative to the noise."""
+    """Return the share right by the size of the effect relative to the noise."""
     known = [o for o in in_library(outcomes) if not o.failure]
     return Curve.of("effect over noise", "right", SIZES, [(size(o), o.right) for o in known])
 
 
 def reliability(outcomes: Sequence[Outcome]) -> Curve:
-    """Share of selected effects that are hidden indeed, they or one of their group, by their score."""
+    """Return the share of selected effects that are hidden indeed, they or one of their group, by their score."""
     claims = [(c.score, o.is_right(c)) for o in outcomes for c in o.claims if c.is_selected]
     return Curve.of("score", "right", SCORES, claims)
 
 
 def coverage(outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:
-    """Share of estimates within their 95 % intervals: of base terms, of effects, by sampling rate, by effect."""
+    """Return shares of estimates within their 95 % intervals: base terms, effects, by sampling rate, by effect."""
     base: list[bool] = []
     by_effect: dict[str, list[bool]] = {}
     by_rate: dict[float, list[bool]] = {}

@@ -111,7 +111,7 @@ class Plant:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Every parameter of the simulation by name, neutral where the plant lacks the effect."""
+        """Return every parameter of the simulation by name, neutral where the plant lacks the effect."""
         base = {name: getattr(self, name) for name in ("inertia", "gravity", "viscous", "coulomb")}
         return base | _NEUTRAL | {name: value for chosen in self.effects.values() for name, value in chosen.items()}
 
@@ -162,7 +162,7 @@ class SimulatedRecording:
 
     @property
     def truth(self) -> dict[str, Any]:
-        """What is hidden, in the layout of truth.json."""
+        """Return the hidden effects in the layout of truth.json."""
         plant, experiment = self.plant, self.experiment
         parameters: dict[str, Any] = {}
         for chosen in plant.effects.values():
@@ -200,13 +200,13 @@ State = tuple[float, float, float, float, float, float]
 
 
 def _compiled(function: _Function) -> _Function:
-    """A function of numbers, arrays and records, as machine code that is kept beside this file."""
+    """Return a function of numbers, arrays and records, as machine code that is kept beside this file."""
     return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
 
 
 @_compiled
 def _motor_torque(p: Any, command: float, x: State) -> float:
-    """Torque the motor makes of the (delayed) command."""
+    """Return the torque the motor makes of the (delayed) command."""
     tau = x[4] if p.lag_T > 0 else command
     if p.sat < NEVER:
         if p.sat_law == 0:
@@ -222,7 +222,7 @@ def _motor_torque(p: Any, command: float, x: State) -> float:
 
 @_compiled
 def _link_load(p: Any, q: float, v: float) -> float:
-    """Torque of gravity, springs and walls against the motion of the link."""
+    """Return the torque of gravity, springs and walls against the motion of the link."""
     load = p.gravity * np.sin(q) + p.tilt_cos * np.cos(q) + p.spring_k * (q - p.spring_q0)
     for side, depth in ((1, q - p.wall_hi), (-1, p.wall_lo - q)):
         if depth > 0:
@@ -232,7 +232,7 @@ def _link_load(p: Any, q: float, v: float) -> float:
 
 @_compiled
 def _friction(p: Any, time: float, q: float, v: float, tau: float) -> tuple[float, float]:  # fluid, dry
-    """Friction that is a function of the velocity, and the bound of the dry friction (which may be set-valued)."""
+    """Return friction by velocity, and the bound of the dry friction (which may be set-valued)."""
     fluid = p.viscous * v + p.asym_v * abs(v) + p.drag * v * abs(v) + p.cubic * v**3
     dry = p.coulomb + p.load_mu * abs(tau + p.load_w * np.sin(q)) + p.load_out * abs(np.sin(q))
     if p.strib_d:
@@ -247,7 +247,7 @@ def _friction(p: Any, time: float, q: float, v: float, tau: float) -> tuple[floa
 
 @_compiled
 def _balance(p: Any, command: float, push: float, time: float, x: State) -> tuple[float, float, float, float]:
-    """Torque on the rubbing body without dry friction, bound of the dry friction, its inertia, the other body's q''."""
+    """Return torque without dry friction, bound of dry friction, inertia of the rubbing body, the other body's q''."""
     q, v, angle, speed = x[:4]
     tau = _motor_torque(p, command, x)
     load = _link_load(p, q, v) - p.dist_a * np.sin(p.dist_w * time + p.dist_ph) - push
@@ -267,13 +267,13 @@ def _balance(p: Any, command: float, push: float, time: float, x: State) -> tupl
 
 @_compiled
 def _rubbing(p: Any, x: State) -> float:
-    """The velocity that friction opposes, of a state; of its derivative, the acceleration."""
+    """Return the velocity that friction opposes, of a state; of its derivative, the acceleration."""
     return x[3] if p.motor_friction else x[1]
 
 
 @_compiled
 def _stopped(p: Any, x: State) -> State:
-    """The state with the rubbing body at rest."""
+    """Return the state with the rubbing body at rest."""
     q, v, angle, speed, lagged, bristle = x
     if p.motor_friction or not p.two_masses:
         speed = 0.0
@@ -302,7 +302,7 @@ def _rate(p: Any, command: float, push: float, time: float, x: State, direction:
 
 @_compiled
 def _moved(x: State, rate: State, time: float) -> State:
-    """x + time rate"""
+    """Return x + time rate."""
     return (
         x[0] + time * rate[0],
         x[1] + time * rate[1],
@@ -315,7 +315,7 @@ def _moved(x: State, rate: State, time: float) -> State:
 
 @_compiled
 def _runge_kutta(p: Any, command: float, push: float, time: float, step: float, x: State, direction: float) -> State:
-    """The state after one classical fourth-order step without a change of direction."""
+    """Return the state after one classical fourth-order step without a change of direction."""
     k1 = _rate(p, command, push, time, x, direction)
     k2 = _rate(p, command, push, time + step / 2, _moved(x, k1, step / 2), direction)
     k3 = _rate(p, command, push, time + step / 2, _moved(x, k2, step / 2), direction)
@@ -326,13 +326,13 @@ def _runge_kutta(p: Any, command: float, push: float, time: float, step: float, 
 
 @_compiled
 def _direction_from_rest(drive: float, dry: float) -> float:
-    """Where a joint at rest starts to slide; 0 if dry friction holds it."""
+    """Return the direction in which a joint at rest starts to slide; 0 if dry friction holds it."""
     return np.sign(drive) if abs(drive) > dry else 0.0
 
 
 @_compiled
 def _first_zero(before: float, rate: float, after: float) -> float:
-    """Fraction of the step at which the parabola through both velocities, with the given rate, first changes sign."""
+    """Return the fraction of a step at which the parabola through both velocities and the rate first changes sign."""
     if before == 0:
         return 0.0
     curve = after - before - rate
@@ -393,7 +393,7 @@ _SAMPLE = np.dtype(
 
 @_compiled
 def _read(p: Any, sensors: Any, angle: float, noise: float) -> float:
-    """What the encoder says of an angle."""
+    """Return the reading of the encoder at an angle."""
     seen = angle + p.ecc_e * np.sin(angle + p.ecc_ph) + noise
     if sensors.count == 0:
         return seen
@@ -402,7 +402,7 @@ def _read(p: Any, sensors: Any, angle: float, noise: float) -> float:
 
 @_compiled
 def _controlled(loop: Any, rate: float, now: Any, sample: Any, before: Any) -> float:
-    """The torque that a closed loop asks for at a sample."""
+    """Return the torque that a closed loop asks for at a sample."""
     now.speed += loop.smoothing * ((sample.position - before.position) * rate - now.speed)
     error = sample.reference - sample.position
     if loop.control == _SPEED:
@@ -448,7 +448,7 @@ def _advance(p: Any, loop: Any, sensors: Any, now: Any, samples: Any, pushes: Ar
 
 
 def _record(kind: np.dtype[Any], values: dict[str, Any]) -> Any:
-    """Numbers by name, as compiled functions take them."""
+    """Make a record of numbers by name for compiled functions."""
     record = np.recarray(1, kind)[0]
     for name in kind.names or ():
         record[name] = values[name]
@@ -509,7 +509,7 @@ class _Run:
         _advance(self.p, self.loop, self.sensors, self.now, self.samples, self.pushes)
 
     def recording(self) -> SimulatedRecording:
-        """What a user would have, with the truth behind it."""
+        """Return the recording that a user would have, with its truth."""
         s, experiment = self.samples, self.experiment
         q, v, e, phase = s.angle, s.rate, self.p.ecc_e, self.p.ecc_ph
         exact, turned = q + e * np.sin(q + phase), 1 + e * np.cos(q + phase)
@@ -533,7 +533,7 @@ class _Run:
 
 
 def _pushes(plant: Plant, experiment: Experiment) -> Array:
-    """Random disturbing torque at PUSH_RATE [N m]: knocks and wandering; empty where there is neither."""
+    """Return random disturbing torque at PUSH_RATE [N m]: knocks and wandering; empty where there is neither."""
     p = plant.parameters
     if not (p["knock_rate"] or p["walk_rms"]):
         return np.zeros(0)
@@ -558,7 +558,7 @@ def _pushes(plant: Plant, experiment: Experiment) -> Array:
 
 
 def _inner_steps(plant: Plant, experiment: Experiment) -> int:
-    """Inner steps per sample."""
+    """Return the inner steps per sample."""
     longest = STIFF_STEP if _STIFF & plant.effects.keys() else MAX_STEP
     longest = CONTACT_STEP if _TRANSMISSION & plant.effects.keys() else longest
     return max(1, int(np.ceil(1 / (experiment.rate * longest) - 1e-9)))
@@ -589,7 +589,7 @@ class EffectShare:
 
 
 def effect_share(recording: SimulatedRecording, slowest: float = 0.02) -> EffectShare:
-    """Share of the hidden effect in the torque balance on the exact, noise-free motion faster than `slowest` [rad/s].
+    """Return the share of the hidden effect in the torque, on exact motion faster than `slowest` [rad/s].
 
     The commanded torque is compared with I q'' + mgl sin q + b q' + fc sgn q' of the motion the encoder sees; without
     effects both shares are zero up to rounding.
@@ -619,14 +619,14 @@ class Case:
 
 
 def _around(rng: np.random.Generator, value: float) -> float:
-    """Half to twice the value, evenly in the logarithm."""
+    """Return half to twice the value, evenly in the logarithm."""
     return float(value * 2 ** rng.uniform(-1, 1))
 
 
 def _random_effect(
     rng: np.random.Generator, effect: str, base: dict[str, float], experiment: Experiment, variants: bool
 ) -> dict[str, float]:
-    """Parameters of one effect: half to twice a typical size, random sign and phase where both make sense."""
+    """Draw the parameters of one effect: half to twice a typical size, random sign and phase where both make sense."""
     sign, angle = float(rng.choice([-1, 1])), rng.uniform(0, 2 * np.pi)
     either = bool(rng.integers(2)) and variants  # whether to take the less usual law
 
@@ -720,7 +720,7 @@ def _random_effect(
 def random_case(
     rng: np.random.Generator, effects: Sequence[str] = (), wide: bool = False, variants: bool = False, **overrides: Any
 ) -> Case:
-    """A random plant with the given hidden effects and two experiments on it that differ in their seed.
+    """Draw a random plant with the given hidden effects and two experiments on it that differ in their seed.
 
     Args:
         wide: base parameters half to twice the usual ranges.
@@ -782,7 +782,7 @@ def blind_set(
     misfits: int = 0,
     **options: Any,
 ) -> list[Case]:
-    """`n` random cases: nothing hidden, pairs, effects outside the library, and every library effect in turn.
+    """Return `n` random cases: nothing hidden, pairs, effects outside the library, and every library effect in turn.
 
     Misfits have an effect of the library and one that it lacks. Draws are keyed by effect: see `benchmarks.draws`.
     """

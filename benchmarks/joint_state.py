@@ -37,7 +37,7 @@ class Found:
 
     @property
     def told(self) -> str:
-        """Half of all errors are below the first number, nine in ten below the second [%]."""
+        """Return the median and the 90 % quantile of the errors [%]."""
         half, most = np.quantile(np.abs(self.errors), (0.5, 0.9))
         return f"{_two(100 * half)} ({_two(100 * most)})"
 
@@ -47,7 +47,7 @@ class Found:
 
 
 def _two(value: float) -> str:
-    """Two digits, without an exponent."""
+    """Return two digits, without an exponent."""
     return f"{float(f'{value:.2g}'):g}"
 
 
@@ -58,7 +58,7 @@ def runs_of(rate: float, counts: int, n: int, seed: int) -> list[SimulatedRecord
 
 
 def feed(estimator: OnlineEstimator, runs: Sequence[SimulatedRecording]) -> tuple[Estimates, float]:
-    """Estimates after the runs, and the CPU time a sample [us]."""
+    """Return estimates after the runs, and the CPU time a sample [us]."""
     position, torque = (np.array([getattr(run, name) for run in runs]).T for name in ("position", "torque"))
     torque = np.vstack([np.zeros(len(runs)), torque[:-1]])
     begin = time.process_time()

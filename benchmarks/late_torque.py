@@ -79,7 +79,7 @@ class Found:
 
 
 def _mean_delay(lag: float, period: float) -> float:
-    """By which a first-order filter delays slow torque, from sample to sample [ms]."""
+    """Return the delay of slow torque in a first-order filter, from sample to sample [ms]."""
     return period / float(np.expm1(period / lag)) if lag > 0 else 0.0
 
 
@@ -95,7 +95,7 @@ def log_torque(run: SimulatedRecording, kind: str, ms: float) -> Array:
 
 
 def make(hidden: str, seed: int) -> list[Case]:
-    """Every log under every excitation, at rates in turn."""
+    """Make every log under every excitation, at rates in turn."""
     rng = np.random.default_rng(seed)
     counts = (65_536, 1_024_000)
     plants = [

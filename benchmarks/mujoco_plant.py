@@ -110,21 +110,21 @@ class Plant:
 
     @property
     def torque(self) -> float:
-        """Torque that its motor is good for [N m]."""
+        """Return the torque that its motor is good for [N m]."""
         return 1.6 * (self.gravity + self.coulomb) + 2.0 * self.inertia * (2 * np.pi * MACHINES[self.kind].pace) ** 2
 
     @property
     def speed(self) -> float:
-        """Usual speed [rad/s]."""
+        """Return the usual speed [rad/s]."""
         return 2 * np.pi * MACHINES[self.kind].pace
 
     def effect(self, name: str) -> Hidden:
-        """One of its hidden effects."""
+        """Return one of its hidden effects."""
         return _effect(name, self, self.sizes.get(name, 1.0), np.random.default_rng([self.seed, *name.encode()]))
 
 
 def _effect(name: str, plant: Plant, size: float, rng: np.random.Generator) -> Hidden:
-    """An effect of a size relative to the usual one, which follows the machine's torque and speed."""
+    """Return an effect of a size relative to the usual one, which follows the machine's torque and speed."""
     sin, exp, pace = np.sin, np.exp, MACHINES[plant.kind].pace
     sign, torque, fast, dry = float(rng.choice([-1, 1])), 0.1 * plant.torque * size, plant.speed, plant.coulomb
     phase = rng.uniform(0, 2 * np.pi)
@@ -349,7 +349,7 @@ def _signal(plant: Plant, drive: str, rng: np.random.Generator, time: Array) -> 
 
 
 def _tones(rng: np.random.Generator, time: Array, frequencies: Array) -> Array:
-    """Random sinusoids of some frequencies [Hz], one at the most."""
+    """Return random sinusoids of some frequencies [Hz], one at the most."""
     phases, sizes = rng.uniform(0, 2 * np.pi, len(frequencies)), rng.uniform(0.3, 1, len(frequencies))
     total = np.sin(2 * np.pi * time[:, None] * frequencies + phases) @ sizes
     return np.asarray(total / np.abs(total).max())
@@ -359,7 +359,7 @@ DRIVES = ("sines", "chirp", "track", "steps")
 
 
 def missed(run: Run) -> float:
-    """Share of the commanded torque that inertia, gravity, viscous and dry friction do not explain, in motion."""
+    """Return the share of the commanded torque in motion that the base model does not explain."""
     q, v, a = run.exact
     use = np.abs(v) > 0.02 * np.abs(v).max()
     phi = np.column_stack([a, np.sin(q), v, np.sign(v)])[use]
@@ -368,7 +368,7 @@ def missed(run: Run) -> float:
 
 
 def case(hidden: tuple[str, ...], seed: int) -> tuple[Run, Run, dict[str, Any]]:
-    """A random machine whose effects are made to matter if they can, and two runs under torques of different kinds."""
+    """Return a random machine, its effects enlarged until they matter, and two runs under different torques."""
     for attempt in range(ATTEMPTS):
         try:
             return _case(hidden, seed, np.random.default_rng([seed, attempt]))
@@ -413,7 +413,7 @@ def _case(hidden: tuple[str, ...], seed: int, rng: np.random.Generator) -> tuple
 
 
 def write(folder: Path, name: str, run: Run) -> None:
-    """One recording as NAME.csv.gz."""
+    """Write one recording as NAME.csv.gz."""
     rows = zip(run.time.tolist(), run.position.tolist(), run.torque.tolist(), strict=True)
     body = "\n".join(f"{t:.6f},{q:.9g},{u:.6g}" for t, q, u in rows)
     with gzip.open(folder / f"{name}.csv.gz", "wb", 6) as file:

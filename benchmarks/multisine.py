@@ -28,7 +28,7 @@ def optimise(
     seed: int = 0,
     tell: Progress | None = None,
 ) -> Array:
-    """Weights (2 F,) of the multisine that teaches most, on the average of plants drawn within 30 %.
+    """Find the weights (2 F,) of the multisine that teaches most, on the average of plants drawn within 30 %.
 
     Raises:
         ModuleNotFoundError: if cma is not installed; it is of the extra rl.
@@ -52,7 +52,7 @@ def optimise(
 
 
 def taught(weights: Array, theta: Array, constraint: Constraint) -> Array:
-    """Mean over plants (B, P) of log det information after an episode under each of C signals (2 F, C) [nat]."""
+    """Return the mean over plants (B, P) of log det information after an episode, for C signals (2 F, C) [nat]."""
     torque = multisine_torque(weights, constraint)  # (T, C)
     rest = np.zeros(len(theta))
     rows, usable = predict_rows(np.repeat(torque[:, None], len(theta), axis=1), theta, rest, rest)

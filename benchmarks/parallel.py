@@ -28,7 +28,7 @@ def each(
     terminal: Terminal,
     show: Callable[[Result], None] = lambda result: None,
 ) -> list[Result]:
-    """Results as they come, each shown; on Ctrl-C, or if a worker dies, those that are done."""
+    """Return the results as they come, each shown; on Ctrl-C, or if a worker dies, those that are done."""
     results: list[Result] = []
     for name in THREADS:
         os.environ[name] = "1"  # processes are started anew and read it before they load NumPy
@@ -54,7 +54,7 @@ def _quit_quietly() -> None:
 
 
 def peak_memory() -> float:
-    """Most memory that this process has had so far [MB]; NaN where the system does not say."""
+    """Return the most memory that this process has had so far [MB]; NaN where the system does not say."""
     try:
         status = Path("/proc/self/status").read_text()
     except OSError:

@@ -36,7 +36,7 @@ def row(rate: float, seconds: float, realtime: bool) -> tuple[str, ...]:
 
 
 def measured(config: Path, steps: int) -> tuple[list[float], list[float], int]:
-    """How late samples were and what exchanges took [s], and ticks missed."""
+    """Measure lateness of samples and length of exchanges [s], and missed ticks."""
     env = gym.make(PENDULUM, backend="dm1015b", config=config, max_episode_steps=-1)
     guard = env.unwrapped.backend.guard  # type: ignore[attr-defined]
     late, cost = [], []

@@ -73,7 +73,7 @@ def until_stopped(mishap: str, torque: float, seed: int) -> tuple[float, float]:
 
 
 def patiently(mishap: str, torque: float, seed: int) -> tuple[float, float]:
-    """The same, again where a busy machine disturbed it."""
+    """Repeat a run that a busy machine disturbed."""
     for _ in range(2):
         try:
             return until_stopped(mishap, torque, seed)
@@ -83,7 +83,7 @@ def patiently(mishap: str, torque: float, seed: int) -> tuple[float, float]:
 
 
 def false_stops(samples: int, seed: int = 0) -> tuple[int, int]:
-    """Sound runs of every excitation at several torques and rates, on plants that differ: stops, and samples."""
+    """Run every excitation at several torques and rates on sound plants; return stops and samples."""
     rng, stops, done, batch, seconds = np.random.default_rng(seed), 0, 0, 8, 20.0
     while done < samples:
         for name in EXCITATIONS:
@@ -101,7 +101,7 @@ def false_stops(samples: int, seed: int = 0) -> tuple[int, int]:
 
 
 def sound(position: list[float], command: list[float], rate: float, noise: float) -> bool:
-    """Whether the watch lets a run pass."""
+    """Return whether the watch lets a run pass."""
     watch = PlausibilityCheck(PlantRanges(), STEP, noise)
     watch.check_measurement(0.0, position[0])
     for k, torque in enumerate(command):
@@ -135,7 +135,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _cell(runs: list[tuple[float, float]]) -> str:
-    """Of the runs whose arm moved at all."""
+    """Format the share of the runs in which the arm moved."""
     took = np.array([took for took, travel in runs if travel > 0.01 or np.isfinite(took)])
     if not len(took):
         return "at rest"

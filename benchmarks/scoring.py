@@ -71,29 +71,29 @@ class Outcome:
 
     @property
     def exact(self) -> Exact:
-        """Whether it is right."""
+        """Return whether exactly the hidden effects are named."""
         if self.failure:
             return Exact.NO
         return compare(self.truth.hidden, self.selected, self.groups, self.unexplained is not None)
 
     @property
     def right(self) -> bool:
-        """Exact, or exact but for a choice within a group."""
+        """Return whether the verdict is exact, or exact except for a choice within a group."""
         return self.exact is not Exact.NO
 
     @property
     def spurious(self) -> set[str]:
-        """Effects selected that are not hidden, unless they stand for one that is."""
+        """Return the effects selected that are not hidden, unless they stand for one that is."""
         return set() if self.right else set(self.selected) - set(self.truth.hidden)
 
     def is_right(self, claim: Claim) -> bool:
-        """Whether what is claimed is hidden; a selected effect speaks for its whole group, and so does its score."""
+        """Return whether a claimed effect is hidden; a selected effect and its score stand for their group."""
         group = next((g for g in self.groups if g[0] == claim.effect), ()) if claim.is_selected else ()
         return bool({claim.effect, *group} & set(self.truth.hidden))
 
     @property
     def ratios(self) -> list[tuple[float, float]]:
-        """Held-out errors in torque and in position after each step over those before it."""
+        """Return the held-out errors in torque and in position after each step over those before it."""
         return [
             (new.torque_rms / max(old.torque_rms, 1e-300), new.position_rms / max(old.position_rms, 1e-300))
             for old, new in pairwise(self.errors)
@@ -101,7 +101,7 @@ class Outcome:
 
     @property
     def fall(self) -> tuple[float, float]:
-        """Held-out errors of the base model in torque and in position over those of the final one; 1 if it failed."""
+        """Return base over final held-out errors in torque and position; 1 if the diagnosis failed."""
         if not self.errors:
             return 1.0, 1.0
         first, last = self.errors[0], self.errors[-1]
@@ -109,7 +109,7 @@ class Outcome:
 
     @property
     def line(self) -> str:
-        """All of it on one line."""
+        """Return the result on one line."""
         truth = f"{self.truth.name:28s} {self.truth.label:42s}"
         if self.failure:
             return f"{truth} failed: {self.failure}"
@@ -131,7 +131,7 @@ class Outcome:
 def compare(
     hidden: Sequence[str], selected: Sequence[str], groups: Sequence[Sequence[str]], unexplained: bool
 ) -> Exact:
-    """Judge a selection: what the library lacks cannot be selected, but has to be noticed."""
+    """Judge a selection: an effect outside the library cannot be selected, but has to be noticed."""
     known = set(hidden) & effects().keys()
     if len(known) < len(set(hidden)) and not unexplained:
         return Exact.NO
@@ -194,7 +194,7 @@ def examine_all(folder: Path, truths: Sequence[Truth], workers: int, terminal: T
 
 
 def wilson(hits: int, count: int, z: float = 1.96) -> tuple[float, float]:
-    """Confidence interval of a share, 95 % by default. Source: Wilson, JASA 22, 1927."""
+    """Return the confidence interval of a share, 95 % by default. Source: Wilson, JASA 22, 1927."""
     if count == 0:
         return 0.0, 1.0
     share, weight = hits / count, z**2 / count
@@ -204,7 +204,7 @@ def wilson(hits: int, count: int, z: float = 1.96) -> tuple[float, float]:
 
 
 def rate(hits: int, count: int) -> str:
-    """`57 of 60, 95 % (86 to 98 %)`."""
+    """Return `57 of 60, 95 % (86 to 98 %)`."""
     if count == 0:
         return "none"
     low, high = wilson(hits, count)
@@ -237,7 +237,7 @@ class Curve:
 
     @property
     def rows(self) -> list[tuple[str, str, str]]:
-        """Range, mean and rate of each bin."""
+        """Return the range, mean and rate of each bin."""
         return [
             (f"{low:g} to {high:g}", f"{mean:.3g}", rate(hits, count)) for low, high, hits, count, mean in self.bins
         ]
@@ -249,7 +249,7 @@ def right_of(outcomes: Sequence[Outcome]) -> str:
 
 
 def is_clear(outcome: Outcome) -> bool:
-    """Whether something is hidden that changes the torque enough to be found."""
+    """Return whether something is hidden that changes the torque enough to be found."""
     return outcome.truth.share is not None and outcome.truth.share >= CLEAR
 
 
@@ -316,7 +316,7 @@ def tell_by_share(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
 
 
 def positive(text: str) -> int:
-    """Positive whole number, for argparse."""
+    """Return the positive whole number, for argparse."""
     if (value := int(text)) < 1:
         raise argparse.ArgumentTypeError(f"{text} is less than 1")
     return value

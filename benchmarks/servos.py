@@ -47,7 +47,7 @@ class Case(NamedTuple):
 
 
 def bench(seed: int) -> Case:
-    """A bench with eight known loads and three gains, its friction drawn at random; every fourth is back-driven."""
+    """Make a bench with eight known loads, three gains and random friction; every fourth is back-driven."""
     rng = np.random.default_rng([seed, 0])
     law, is_back_driven = FRICTION[seed % len(FRICTION)], seed % 4 == 3
     constant, inertia = float(rng.uniform(0.25, 0.6)), float(rng.uniform(0.005, 0.02))
@@ -93,7 +93,7 @@ def bench(seed: int) -> Case:
 
 
 def loop(seed: int) -> Case:
-    """A joint in a position or a speed loop, friction a good part of its torque, with an effect that is drawn."""
+    """Make a joint in a position or a speed loop, friction a good part of its torque, with an effect that is drawn."""
     rng = np.random.default_rng([seed, 2])
     hidden, kind = LOOPS[seed % len(LOOPS)], ("pd_loop", "speed_loop")[seed // len(LOOPS) % 2]
     gravity = float(rng.uniform(0.5, 2.0)) if kind == "pd_loop" or hidden == "load_out" else 0.0
@@ -127,12 +127,12 @@ def loop(seed: int) -> Case:
 
 
 def known_of(plant: Plant) -> dict[str, float]:
-    """Parameters of a plant that are counted; what is none cannot be told in per cent."""
+    """Return the counted parameters of a plant: zero has no error in per cent."""
     return {name: value for name in ("inertia", "gravity") if (value := getattr(plant, name))}
 
 
 def logged(number: int, run: SimulatedRecording) -> Recording:
-    """A run whose torque is logged as it is."""
+    """Return a run whose torque is logged as it is."""
     return Recording(f"{number}", run.time, run.position, run.torque)
 
 
@@ -152,7 +152,7 @@ CONTROLS = ("servo", "damped", "speed")
 
 
 def goal(seed: int) -> Case:
-    """A servo under a known controller, of which goals and positions are logged; nothing hides in every fifth."""
+    """Return a servo under a known controller with logged goals and positions; every fifth hides nothing."""
     rng = np.random.default_rng([seed, 3])
     hidden = "" if seed % 5 == 4 else list(SHOWN)[(seed - seed // 5) % len(SHOWN)]
     control = CONTROLS[seed % len(CONTROLS)]

@@ -77,7 +77,7 @@ class Load:
 
 
 def urdf(load: Load | None = None, joints: Sequence[str] = JOINTS) -> str:
-    """The arm as a file, perhaps with a load at its last link."""
+    """Return the arm as a file, perhaps with a load at its last link."""
     text = [f'<robot name="{len(joints)}-joint"><link name="ground"/>']
     for k, joint in enumerate(joints):
         a, b, c = INERTIAS[k]
@@ -108,12 +108,12 @@ class Hidden:
 
     @property
     def name(self) -> str:
-        """As a verdict names it."""
+        """Return the name of the effect in a verdict."""
         count = 2 if self.effect == "coupling" else 1
         return f"{self.effect}@{','.join(SEVEN[self.joint : self.joint + count])}"
 
     def tie(self, spec: Any) -> None:
-        """A motor that turns with two joints: MuJoCo's tendon, of which both angles are the length."""
+        """Return a motor that turns with two joints: MuJoCo's tendon, of which both angles are the length."""
         if self.effect == "coupling":
             motor, j = spec.add_tendon(name="motor"), self.joint
             for joint in SEVEN[j : j + 2]:
@@ -122,7 +122,7 @@ class Hidden:
             motor.armature = 0.3 * ROTORS[j + 1]
 
     def forces(self, rubs: float = 1.0) -> Callable[[float, float, float, float], tuple[float, float]]:
-        """Torque that acts, and dry friction, from position, velocity, torque of the motor and how warm it is [K]."""
+        """Return acting torque and dry friction from position, velocity, motor torque and temperature [K]."""
         dry, viscous = rubs * COULOMB[self.joint], rubs * VISCOUS[self.joint]
         size = self.share * dry
 
@@ -154,7 +154,7 @@ class Hidden:
 def drawn_reference(
     rng: np.random.Generator, sweep: np.ndarray, middle: np.ndarray
 ) -> Callable[[float], tuple[np.ndarray, np.ndarray]]:
-    """A multisine of six harmonics that sweeps so far (n,) about a middle (n,) [rad]: angles and speeds at a time."""
+    """Return angles and speeds of a multisine of six harmonics that sweeps so far (n,) about a middle (n,) [rad]."""
     harmonics = np.arange(1, 7)
     amplitude = rng.normal(size=(len(sweep), 6)) / harmonics**0.5
     amplitude *= (sweep / np.abs(amplitude).sum(axis=1))[:, None]
@@ -177,7 +177,7 @@ def simulate(
     rate: float = RATE,
     noise: Sequence[float] = NOISE,
 ) -> ArmRecording:
-    """A recording of the arm in MuJoCo, perhaps with temperatures of its joints, and so many times the friction.
+    """Record the arm in MuJoCo, perhaps with temperatures of its joints and scaled friction.
 
     It has as many joints as there are such factors. Rate [Hz] and noise of the torque [N m] are those of the log.
     """
@@ -225,7 +225,7 @@ def simulate(
 
 
 def body(joints: Sequence[str] = JOINTS) -> Body:
-    """The arm's links as the file has them."""
+    """Return the arm's links as the file has them."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(urdf(joints=joints))
@@ -233,7 +233,7 @@ def body(joints: Sequence[str] = JOINTS) -> Body:
 
 
 def drawn(run: int, joints: int = 6) -> list[float]:
-    """Factors on the friction of the joints, another arm in each run."""
+    """Draw factors on the friction of the joints, another arm in each run."""
     return np.random.default_rng(run).uniform(0.5, 1.6, joints).tolist()
 
 

@@ -26,7 +26,7 @@ SCATTER = 3 * STD
 
 
 def simulate_rows(size: float, weeks: int, rng: np.random.Generator) -> list[JSON]:
-    """Rows of a survey of one machine; the name of a parameter tells how it changes."""
+    """Simulate the rows of a survey of one machine; the name of a parameter tells how it changes."""
     share = np.arange(weeks) / (weeks - 1)
     shapes = {"drift": share, "jump": share >= 0.5, "": np.zeros(weeks)}
     kinds = ["drift"] * CHANGING + ["jump"] * CHANGING + [""] * (PARAMETERS - 2 * CHANGING)

@@ -32,7 +32,7 @@ PIECE = 0.5  # [s] of one simulation
 
 
 def ours(recording: ArmRecording) -> dict[str, np.ndarray]:
-    """Each quantity of each joint (6,)."""
+    """Return each quantity of each joint (6,)."""
     arm = body()
     estimates = identify(recording, arm_base(arm), [scheme("filtered_dynamic")])["filtered_dynamic"].model.estimates
     links = [estimates[name] for name in arm.names]
@@ -47,7 +47,7 @@ def ours(recording: ArmRecording) -> dict[str, np.ndarray]:
 
 
 def theirs(recording: ArmRecording) -> dict[str, np.ndarray]:
-    """Each quantity of each joint (6,)."""
+    """Return each quantity of each joint (6,)."""
     import mujoco
     from mujoco import sysid
 

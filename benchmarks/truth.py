@@ -38,7 +38,7 @@ class Truth:
 
     @classmethod
     def of(cls, name: str, entry: Mapping[str, Any]) -> Truth:
-        """Truth from an entry of truth.json."""
+        """Return the truth from an entry of truth.json."""
         shares = entry.get("effect_share")
         hidden, rate = tuple(entry["hidden"]), float(entry["rate_hz"])
         return cls(
@@ -54,12 +54,12 @@ class Truth:
 
     @property
     def label(self) -> str:
-        """Hidden effects in words."""
+        """Return the hidden effects in words."""
         return "+".join(self.hidden) or "nothing"
 
 
 def read_truth(folder: str | Path) -> list[Truth]:
-    """Every entry of a folder's truth.json.
+    """Read every entry of a folder's truth.json.
 
     Raises:
         FileNotFoundError: if there is no truth.json, or a recording that it names is missing.
@@ -73,12 +73,12 @@ def read_truth(folder: str | Path) -> list[Truth]:
 
 
 def paths(folder: str | Path, name: str) -> tuple[Path, Path]:
-    """Recording to learn from and recording to be judged on."""
+    """Return the recording to learn from and recording to be judged on."""
     return Path(folder) / f"{name}.train.csv.gz", Path(folder) / f"{name}.holdout.csv.gz"
 
 
 def read_pair(folder: str | Path, name: str) -> tuple[Recording, Recording]:
-    """The same, read."""
+    """Read both recordings of a case."""
     train, holdout = paths(folder, name)
     return read_recording(train), read_recording(holdout)
 
@@ -86,7 +86,7 @@ def read_pair(folder: str | Path, name: str) -> tuple[Recording, Recording]:
 def true_parameters(
     hidden: tuple[str, ...], plant: Mapping[str, float], given: Mapping[str, Any], rate: float
 ) -> dict[str, float]:
-    """True values of the model's parameters; effects outside the library, or of another law, have none."""
+    """Return the true values of the model's parameters; effects outside the library, or of another law, have none."""
     values = dict(plant)
     if given:  # the laws of another simulator have none of these parameters
         for id in hidden:
@@ -95,7 +95,7 @@ def true_parameters(
 
 
 def _effect_parameters(id: str, plant: Mapping[str, float], p: Mapping[str, Any], rate: float) -> dict[str, float]:
-    """Parameters of one effect; the plant adds offset, cogging and disturbance to the torque, the model takes them."""
+    """Return the parameters of one effect; offset, cogging and disturbance have opposite signs in plant and model."""
     match id:
         case "torque_offset":
             return {id: -p["offset"]}

@@ -32,7 +32,7 @@ class TwoLink:
     cogging: tuple[float, float] = (0.0, 0.0)  # torque that comes twelve times a turn [N m]
 
     def urdf(self) -> str:
-        """The same arm for a parser; its axes point so that gravity is the same."""
+        """Return the arm as URDF; its axes point so that gravity is the same."""
         links = "".join(
             f'<link name="{name}"><inertial><origin xyz="0 0 {-c}"/><mass value="{m}"/>'
             f'<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i / 10}"/></inertial></link>'
@@ -50,7 +50,7 @@ class TwoLink:
         return np.array([[m11, m12], [m12, m22]])
 
     def bias(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """C(q, q') q' + g(q)."""
+        """Return C(q, q') q' + g(q)."""
         return np.array(self._bias(*q, *v))
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> float:
@@ -74,7 +74,7 @@ class TwoLink:
     def accelerations(
         self, x: Sequence[float], torque: Sequence[float], sliding: Sequence[float]
     ) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Accelerations with friction in the directions `sliding`, and the reactions of joints that stick (0 there)."""
+        """Return accelerations with friction in directions `sliding`, and reactions of stuck joints (0 there)."""
         q, v = x[:2], x[2:]
         bias = self._bias(*q, *v)
         r1, r2 = (
@@ -103,7 +103,7 @@ class TwoLink:
         v0: tuple[float, float] = (0.0, 0.0),
         rtol: float = 1e-9,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities (N, 2) at the instants."""
+        """Simulate the positions and velocities (N, 2) at the instants."""
         x, t, sliding = np.array([*q0, *v0], dtype=float), float(time[0]), [float(np.sign(v)) for v in v0]
         sliding = self._directions(t, x, torque, sliding) if any(self.coulomb) else [1.0, 1.0]
         done = [x[None]]
@@ -129,7 +129,7 @@ class TwoLink:
         return states[:, :2], states[:, 2:]
 
     def _stretch(self, torque: Signal, sliding: list[float]) -> tuple[Callable, list[Callable]]:
-        """Derivative of the state while friction keeps its directions, and the events that end this."""
+        """Return the derivative of the state while friction keeps its directions, and the events that end this."""
 
         def slope(t: float, x: np.ndarray) -> tuple[float, ...]:
             state = x.tolist()
@@ -147,7 +147,7 @@ class TwoLink:
         return slope, [make(joint) for joint in range(2)] if any(self.coulomb) else []
 
     def _directions(self, t: float, x: np.ndarray, torque: Signal, sliding: list[float]) -> list[float]:
-        """Directions once joints at rest whose reactions are beyond dry friction have broken loose."""
+        """Return the directions once joints at rest whose reactions are beyond dry friction have broken loose."""
         for _ in range(4):
             reaction = self.accelerations(x.tolist(), torque(t), sliding)[1]
             loose = [sliding[k] == 0 and abs(reaction[k]) >= self.coulomb[k] * (1 - 1e-9) for k in range(2)]
@@ -179,7 +179,7 @@ class Multisine:
 
     @classmethod
     def paper(cls, seed: int, scale: tuple[float, ...] = (3.0, 1.5)) -> Multisine:
-        """The paper's two frequencies at each joint, apart a little so that joints differ, random phases."""
+        """Return the paper's two frequencies at each joint, apart a little so that joints differ, random phases."""
         rng = np.random.default_rng(seed)
         n = len(scale)
         frequency = np.array([[12.07, 2.25, 5.1]]) * (1 + 0.13 * np.arange(n)[:, None])

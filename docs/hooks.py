@@ -21,8 +21,8 @@ from pendulum_env.formatting import capitalise, join_words
 from pendulum_env.physics import BASE, effects, list_nameable
 from pendulum_env.physics.description import Symptom
 from workbench.cli import COMMANDS, main
-from workbench.commands.effects import parameters
-from workbench.narrator.effects import description, find_look_alikes, name
+from workbench.commands.effects import list_parameters
+from workbench.narrator.effects import find_description, find_look_alikes, name_effect
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "workbench" / "app" / "assets" / "gallery"  # the app shows the same
@@ -141,8 +141,8 @@ def effects_page() -> str:
             f"## `{id}` {{ #{id} }}",
             _law(kind.law),
             _prose(kind),
-            f"Parameters, of a size that a rig might show: {parameters(kind)}.",
-            f"To show it, a recording needs {description(id).informative_experiment}.{looks}",
+            f"Parameters, of a size that a rig might show: {list_parameters(kind)}.",
+            f"To show it, a recording needs {find_description(id).informative_experiment}.{looks}",
         ]
     return "\n\n".join(parts)
 
@@ -150,7 +150,7 @@ def effects_page() -> str:
 def which_effect() -> str:
     """How each effect shows, with what it is confused and what tells it; `make pages` draws the pictures."""
     library = effects()
-    texts = {id: description(id) for id in library}
+    texts = {id: find_description(id) for id in library}
     rows = {
         symptom: [_link(id) for id, text in texts.items() if text.symptom == symptom] for symptom in get_args(Symptom)
     }
@@ -169,7 +169,7 @@ def which_effect() -> str:
     parts[2] += "".join(f"\n| {symptom} | {', '.join(ids)} |" for symptom, ids in rows.items())
     for id, kind in library.items():
         parts += [
-            f"## {capitalise(name(id))} {{ #{id} }}",
+            f"## {capitalise(name_effect(id))} {{ #{id} }}",
             f"![Residual over angle, velocity, torque and time where {id} is hidden](gallery/{id}.svg)",
             texts[id].signature,
             f"Confused with {join_words([_link(other) for other in find_look_alikes(id)])}. "
@@ -180,7 +180,7 @@ def which_effect() -> str:
 
 
 def _link(id: str) -> str:
-    return f"[{name(id)}](#{id})" if id in effects() else name(id)
+    return f"[{name_effect(id)}](#{id})" if id in effects() else name_effect(id)
 
 
 def schemes_page() -> str:

@@ -16,13 +16,13 @@ from pendulum_env.physics import effects, list_nameable
 from pendulum_env.physics.library import BUILT_IN
 from tests.cases import CASES
 from tools.prose import README, ROOT
-from workbench.narrator.effects import description
+from workbench.narrator.effects import find_description
 
 EXACT = {"seconds": 4.0, "excitation": "two_tone", "counts": None, "torque_noise": 0.0}
 
 
 def is_described(id: str) -> bool:
-    text = description(id)
+    text = find_description(id)
     return all((text.symptom, text.signature, text.resembles, text.informative_experiment, text.omission))
 
 

@@ -30,7 +30,7 @@ from pendulum_env.recording.study import read_sources
 from tests.pendulum_env.recording.test_formats import write_bag, write_xlsx
 from tests.two_link import body
 from workbench.inputs import read_suggestion
-from workbench.mistakes import sentence
+from workbench.mistakes import format_mistake
 
 for module in ("h5py", "pinocchio", "python_calamine", "rosbags"):
     pytest.importorskip(module)
@@ -153,7 +153,7 @@ def refusal(read: Callable[[Path], object], path: Path) -> str | None:
     try:
         found = read(path)
     except UserError as mistake:
-        told = sentence(mistake)
+        told = format_mistake(mistake)
         assert path.name in told and len(told) <= 500 and told.isprintable()
         return told
     if isinstance(found, Recording):

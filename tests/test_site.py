@@ -13,7 +13,7 @@ import pytest
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import effects
 from workbench.cli import COMMANDS
-from workbench.narrator.effects import description
+from workbench.narrator.effects import find_description
 
 for module in ("mkdocs", "material", "mkdocstrings", "latex2mathml"):
     pytest.importorskip(module, reason="building the pages needs the extra docs")
@@ -74,7 +74,11 @@ def test_equations_are_drawn_without_scripts(site):
         assert not re.search(r"\\(frac|dot|theta|operatorname)\b", text(page)), place
 
 
-TEXTS = [text for id in effects() for text in (id, description(id).signature, description(id).informative_experiment)]
+TEXTS = [
+    text
+    for id in effects()
+    for text in (id, find_description(id).signature, find_description(id).informative_experiment)
+]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ LONGEST = 300  # [s] that a cell may take
 
 
 def execute(path: Path) -> Any:
-    """The notebook with fresh outputs; raises nbclient's CellExecutionError where a cell fails."""
+    """Run the notebook with fresh outputs; raises nbclient's CellExecutionError where a cell fails."""
     notebook = nbformat.read(path, nbformat.NO_CONVERT)
     here = str(Path(__file__).parents[1])  # the code beside this file, installed or not
     env = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))}

@@ -40,7 +40,7 @@ def machines(folder: Path, data: Path) -> None:
 
 
 def left(recording: Recording, terms: Sequence[Term] = BASE, units: JointUnits = TURNING) -> list[Profile]:
-    """Residual of a model, fitted to a recording, over angle (within a turn), velocity, torque and time."""
+    """Return the residual of a model, fitted to a recording, over angle (within a turn), velocity, torque and time."""
     prepared, _ = split_recordings([recording], [recording])
     model, fit = fit_terms(prepared, terms)
     noise = prepared.data.noise(model.estimates["inertia"].value)
@@ -48,7 +48,7 @@ def left(recording: Recording, terms: Sequence[Term] = BASE, units: JointUnits =
 
 
 def picture(title: str, profiles: Sequence[Profile]) -> str:
-    """Panels beside each other as SVG, in one scale [N m]."""
+    """Return the panels beside each other as SVG, in one scale [N m]."""
     largest = max(float(np.abs(item.mean).max()) for item in profiles) or 1.0
     panels = "".join(panel(item, k * WIDTH, largest) for k, item in enumerate(profiles))
     size = f'width="{len(profiles) * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {len(profiles) * WIDTH:g} {HEIGHT:g}"'
@@ -58,7 +58,7 @@ def picture(title: str, profiles: Sequence[Profile]) -> str:
 
 
 def panel(item: Profile, left: float, largest: float) -> str:
-    """Mean residual over one quantity: zero as a line, what noise alone would give as a band, the limits below."""
+    """Draw the mean residual over one quantity, with zero as a line and the noise floor as a band."""
     middle, reach = 0.5 * (HEIGHT - 14), 0.5 * (HEIGHT - 14) - MARGIN
     inner = WIDTH - 2 * MARGIN
     low, high = float(item.edges[0]), float(item.edges[-1])

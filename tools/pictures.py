@@ -33,7 +33,7 @@ COLOURS = 256
 
 
 def report(path: Path) -> None:
-    """The report of a diagnosis that finds two effects."""
+    """Write the report of a diagnosis that finds two effects."""
     plant = make_plant(effects=HIDDEN)
     recordings = [
         record(plant, excitation("paper", seed), 30, name=name, rng=seed)
@@ -44,7 +44,7 @@ def report(path: Path) -> None:
 
 
 def keep(tab: Page, name: str, **options: bool) -> None:
-    """What a browser shows, as a picture of the pages."""
+    """Save the shown page as a picture of the pages."""
     tab.wait_for_timeout(500)  # for fonts and plots to settle
     shown = Image.open(io.BytesIO(tab.screenshot(**options)))
     shown.convert("RGB").quantize(COLOURS).save(ROOT / "docs" / f"{name}.png", optimize=True)
@@ -52,7 +52,7 @@ def keep(tab: Page, name: str, **options: bool) -> None:
 
 
 def tour(tab: Page, folder: Path) -> None:
-    """The stages of the app that its page shows, with Stribeck friction hidden."""
+    """Save the stages of the app for its page, with Stribeck friction hidden."""
     write_recording(recorded("swing", 1, 10.0), folder / "swing.csv")
     command = [sys.executable, "-m", "workbench.cli", "app", "--port", "0", "--no-browser", str(folder / "swing.csv")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:

@@ -55,7 +55,7 @@ class Output:
 
 
 def blocks(page: str) -> list[Block]:
-    """Fenced blocks of a page."""
+    """Return the fenced blocks of a page."""
     return [
         Block(found["language"], found["text"], start, page.count("\n", 0, start), found["why"])
         for found in FENCE.finditer(page)
@@ -64,12 +64,12 @@ def blocks(page: str) -> list[Block]:
 
 
 def runnable(path: Path) -> list[Block]:
-    """Blocks of a page that can be run."""
+    """Return the blocks of a page that can be run."""
     return blocks(path.read_text(encoding="utf-8"))
 
 
 def first_untold(expected: str, printed: str) -> str | None:
-    """First line of `expected` that was not printed after the line before; numbers may differ by rounding.
+    """Return the first line of `expected` that was not printed after the line before; numbers may differ by rounding.
 
     Lines may be left out, blanks and where lines break do not matter.
     """
@@ -85,12 +85,12 @@ def first_untold(expected: str, printed: str) -> str | None:
 
 
 def is_left_out(line: str) -> bool:
-    """Whether a shown line stands for others, or for nothing."""
+    """Return whether a shown line stands for others, or for nothing."""
     return line.strip() in ("", "...")
 
 
 def candidates(line: str, printed: str, place: int = 0) -> Iterator[re.Match[str]]:
-    """Where the line stands in what was printed, but for its numbers and blanks."""
+    """Find the line in the printed text, except for its numbers and blanks."""
     words = [re.escape(part).replace(r"\ ", r"\s+") for part in NUMBER.split(" ".join(line.split()))]
     pattern = re.compile(NUMBER.pattern.join(words), re.I)
     while found := pattern.search(printed, place):
@@ -99,7 +99,7 @@ def candidates(line: str, printed: str, place: int = 0) -> Iterator[re.Match[str
 
 
 def _close(wanted: str, printed: str) -> bool:
-    """Whether numbers are the same to a reader: within the standard error behind them, or to rounding without one."""
+    """Return whether numbers agree within their standard errors, or to rounding without one."""
     pairs = zip(MEASURED.finditer(wanted), MEASURED.finditer(printed), strict=True)
     return all(_same(a, b) for a, b in pairs)
 
@@ -118,20 +118,20 @@ def _number(text: str) -> float:
 
 
 def _last_place(text: str) -> float:
-    """One unit of the last decimal, with a little for rounding; nothing for a number without one."""
+    """Return one unit of the last decimal, with a little for rounding; nothing for a number without one."""
     mantissa, _, exponent = text.lower().partition("e")
     decimals = len(mantissa.partition(".")[2])
     return 1.01 * 10.0 ** (int(exponent or 0) - decimals) if decimals else 0.0
 
 
 def commands(text: str) -> list[tuple[list[str], int, str]]:
-    """Commands of a console block, each with the output that the page shows and the characters before that."""
+    """Return the commands of a console block, each with its shown output and the characters before that."""
     found = re.finditer(r"^\$ (?P<command>.*)\n(?P<output>(?:(?!\$ ).*\n)*)", text, re.M)
     return [(shlex.split(one["command"]), one.start("output"), one["output"]) for one in found]
 
 
 def run_command(words: list[str]) -> str:
-    """What a command of this project, or one of its examples, prints; it has to succeed."""
+    """Return the output of a command of this project or of an example, which has to succeed."""
     if words[0] == "python" and words[1].startswith("examples/"):
         return subprocess.check_output([sys.executable, str(ROOT / words[1]), *words[2:]], env=ENVIRONMENT, text=True)
     assert words[0] == "pendulum-ident", f"cannot run {words[0]}"
@@ -145,7 +145,7 @@ def run_command(words: list[str]) -> str:
 
 @contextlib.contextmanager
 def own_folder(folder: Path) -> Iterator[None]:
-    """A folder to run in; what a page adds to the library is forgotten afterwards."""
+    """Run in a folder, and forget afterwards the effects that a page adds to the library."""
     registries: list[dict[str, Any]] = [library._registered, BACKENDS, drive._registered]
     before = [dict(registry) for registry in registries]
     try:

@@ -14,7 +14,7 @@ from tools.prose import PAGES, README, candidates, first_untold, is_left_out, ou
 
 
 def refreshed(shown: str, printed: str) -> tuple[str, list[str]]:
-    """What a page should show instead, and the lines that nothing takes the place of."""
+    """Return the text that a page should show instead, and lines without a successor."""
     if first_untold(shown, printed) is None:
         return shown, []
     lines, gone, place = [], [], 0

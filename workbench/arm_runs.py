@@ -21,9 +21,9 @@ from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.formatting import join_words
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import write_recording
-from workbench.inputs import robot_of, tell_held
+from workbench.inputs import make_robot, report_held
 from workbench.mistakes import InputError
-from workbench.outputs import wrote
+from workbench.outputs import report_files
 from workbench.runs import LEARNT
 from workbench.terminal import Terminal
 
@@ -37,11 +37,11 @@ def record_arm(
             raise InputError(f"--{option} {asked} is for pendulums: arms know {' and '.join(own)} alone")
     if arguments.policy is not None and arguments.excitation != LEARNT:
         raise InputError(f"--policy goes with --excitation {LEARNT} only")
-    body = robot_of(arguments).body()
-    tell_held(body, [], terminal)
-    arm = _simulated(arguments, body)
+    body = make_robot(arguments).body()
+    report_held(body, [], terminal)
+    arm = _make_arm(arguments, body)
     with terminal.progress("choosing the motion"):
-        motion = _motion(arguments, arguments.excitation == LEARNT, body, seconds, rng)
+        motion = _plan_motion(arguments, arguments.excitation == LEARNT, body, seconds, rng)
     with terminal.progress("simulating") as tell:
         recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
@@ -62,13 +62,13 @@ def record_arm(
     terminal.table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
     if arguments.effects:
         terminal.say(f"hidden: {join_words([re.split('[=:]', text)[0] for text in arguments.effects])}")
-    wrote([arguments.output], terminal)
+    report_files([arguments.output], terminal)
 
 
-def _motion(
+def _plan_motion(
     arguments: argparse.Namespace, learnt: bool, body: Body, seconds: float, rng: np.random.Generator
 ) -> Reference:
-    """The reference that is asked for, within the limits; raises InputError if a policy is none for this arm."""
+    """Plan the reference that is asked for, within the limits; raises InputError if a policy is none for this arm."""
     limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
     limits["max_acceleration"] = arguments.max_acceleration
     if learnt:
@@ -76,8 +76,8 @@ def _motion(
     return design_excitation(body, seconds, **limits, rng=rng)
 
 
-def _simulated(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
-    """The arm in pymunk if all joints turn in a vertical plane, else, or where that is asked for, in MuJoCo."""
+def _make_arm(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
+    """Make the arm in pymunk if all joints turn in a vertical plane, else, or where that is asked for, in MuJoCo."""
     seen = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": arguments.noise}
     seen |= {"effects": arguments.effects, "max_torque": MOST_TORQUE}
     if arguments.backend != "mujoco":

@@ -15,7 +15,7 @@ from typing import NoReturn
 from pendulum_env.lookup import find
 from pendulum_env.settings import use_writer
 from pendulum_env.units import show_angles
-from workbench.mistakes import MISTAKES, InputError, sentence, write_option
+from workbench.mistakes import USER_ERRORS, InputError, format_mistake, write_option
 from workbench.terminal import Terminal, abandon
 
 SUCCESS, BAD_INPUT, INTERRUPTED = 0, 2, 130
@@ -50,15 +50,15 @@ class Parser(argparse.ArgumentParser):
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """Arguments of a command; raises InputError if they make no sense."""
+    """Parse the arguments of a command; raises InputError if they make no sense."""
     named = argv[0] if argv and not argv[0].startswith("-") else None
     if named in ELSEWHERE:
         raise InputError(f"there is no command '{named}': {ELSEWHERE[named]}")
     if named is not None:
         find("command", named, COMMANDS)
-    plugins(argv)
+    load_plugins(argv)
     program = Parser(prog=PROGRAM, description=DESCRIPTION)
-    program.add_argument("--version", action="version", version=f"{PROGRAM} {_version()}")
+    program.add_argument("--version", action="version", version=f"{PROGRAM} {_find_version()}")
     commands = program.add_subparsers(metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
@@ -102,7 +102,7 @@ def _refuse_other_kind(arguments: argparse.Namespace) -> None:
             )
 
 
-def plugins(argv: Sequence[str]) -> None:
+def load_plugins(argv: Sequence[str]) -> None:
     """Load the effects of files that are named, before any argument is taken for one of them.
 
     Raises PluginError if a file cannot be used.
@@ -131,7 +131,7 @@ def refuse_other_packages() -> None:
             )
 
 
-def _version() -> str:
+def _find_version() -> str:
     try:
         return version(PROGRAM)
     except PackageNotFoundError:
@@ -146,23 +146,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(end="", flush=True)
         return SUCCESS
     except KeyboardInterrupt as interrupt:
-        return _complain(f"interrupted; {interrupt}" if str(interrupt) else "interrupted", INTERRUPTED)
+        return _print_error(f"interrupted; {interrupt}" if str(interrupt) else "interrupted", INTERRUPTED)
     except BrokenPipeError:  # the reader of a pipe has seen enough
         abandon(sys.stdout)
         return SUCCESS
-    except MISTAKES as mistake:
+    except USER_ERRORS as mistake:
         if isinstance(mistake, OSError) and mistake.errno == errno.ENOSPC and mistake.filename is None:
             mistake.filename = "standard output"  # whoever writes a file names it
-        return _complain(sentence(mistake), BAD_INPUT)
+        return _print_error(format_mistake(mistake), BAD_INPUT)
     except BaseException as error:
         if isinstance(error, SystemExit) and isinstance(error.code, int) and error.code > 128:
             return error.code  # a signal, wherever it came: see `entry.py`
-        of_plugin = _fault_of_effect(error)
+        of_plugin = _find_effect_fault(error)
         if of_plugin is None and isinstance(error, SystemExit):
             of_plugin = InputError("a plugin ended it by sys.exit: take that out")
         if of_plugin is None:
             raise
-        return _complain(sentence(of_plugin), BAD_INPUT)
+        return _print_error(format_mistake(of_plugin), BAD_INPUT)
     finally:
         use_writer(before)
 
@@ -171,20 +171,20 @@ def _run(argv: Sequence[str]) -> None:
     try:
         arguments = parse(argv)
     except SystemExit as done:
-        if not done.code and _fault_of_effect(done) is None:  # argparse leaves so after --help
+        if not done.code and _find_effect_fault(done) is None:  # argparse leaves so after --help
             return
         raise
     with show_angles("deg" if getattr(arguments, "degrees", False) else "rad"):
         arguments.run(arguments, Terminal())
 
 
-def _fault_of_effect(error: BaseException) -> Exception | None:
-    """UserError of an effect of a file or package; None if no effects are loaded, or the error is from elsewhere."""
+def _find_effect_fault(error: BaseException) -> Exception | None:
+    """Find the mistake in an effect of a file or package; None for an error from elsewhere."""
     module = sys.modules.get(PLUGINS)
     return None if module is None else module.describe_fault(error)
 
 
-def _complain(message: str, code: int) -> int:
+def _print_error(message: str, code: int) -> int:
     """Say what went wrong, as far as anybody can be told."""
     try:
         print(end="", flush=True)

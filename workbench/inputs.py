@@ -32,29 +32,29 @@ from workbench.mistakes import InputError
 from workbench.narrator.findings import describe_late
 from workbench.narrator.notes import WARNING, describe_note
 from workbench.outputs import check_outputs
-from workbench.robot import RobotFile, held_text, straying
+from workbench.robot import RobotFile, describe_held, find_straying
 from workbench.terminal import Terminal
 
 Logged = TypeVar("Logged", bound=Recording)
 
 
-def plant_of(arguments: argparse.Namespace) -> Model:
-    """The plant that was asked for, with what is hidden in it; raises ModelError if an effect is hidden twice."""
+def make_plant(arguments: argparse.Namespace) -> Model:
+    """Make the plant that was asked for, with what is hidden in it; raises ModelError if an effect is hidden twice."""
     plant: Model = arguments.theta or paper_plant()
     for text in arguments.effects:
         plant = hide(plant, text)
     return plant
 
 
-def given(arguments: argparse.Namespace, outputs: Sequence[str | None] = ()) -> tuple[Source, ...]:
-    """The recordings that the arguments name, alone or in studies, still unread: first those that are fitted.
+def list_sources(arguments: argparse.Namespace, outputs: Sequence[str | None] = ()) -> tuple[Source, ...]:
+    """List the recordings that the arguments name, alone or in studies, still unread: first those that are fitted.
 
     Raises InputError if one is named twice, or none is to be fitted, StudyError if a study makes no sense, and as
     `check_outputs`, of outputs that would destroy what is read.
     """
     names, held = list(arguments.recordings), list(getattr(arguments, "holdout", []))
-    sources = [source for name in names for source in sources_of(name, arguments)]
-    sources += [replace(source, role="holdout") for name in held for source in sources_of(name, arguments)]
+    sources = [source for name in names for source in read_source_names(name, arguments)]
+    sources += [replace(source, role="holdout") for name in held for source in read_source_names(name, arguments)]
     if (twice := find_duplicate(sources)) is not None:
         raise InputError(f"{twice.file}: is named twice: a recording that is held out must not be fitted as well")
     sources.sort(key=lambda source: source.role == "holdout")
@@ -64,8 +64,8 @@ def given(arguments: argparse.Namespace, outputs: Sequence[str | None] = ()) -> 
     return tuple(sources)
 
 
-def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
-    """The recordings of a study, or the one in a file, read as the arguments ask for.
+def read_source_names(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
+    """Read the recordings of a study, or the one in a file, read as the arguments ask for.
 
     Raises InputError if arguments say what a study says itself, and StudyError if a study makes no sense.
     """
@@ -122,7 +122,7 @@ def read_model(path: str, body: Mechanism = PENDULUM) -> Model:
 
 
 @dataclass(frozen=True)
-class Opened:
+class Inputs:
     """Input of a command after reading."""
 
     model: Model  # that is named, or else one without parameters to start from
@@ -133,33 +133,33 @@ class Opened:
 
     @property
     def body(self) -> Mechanism:
-        """The links of an arm; None of a pendulum."""
+        """Return the links of an arm; None of a pendulum."""
         return self.model.body
 
     def preprocessed(
         self, terminal: Terminal, align: bool | None = None, fixed: Mapping[str, float] | None = None
     ) -> FitData:
-        """Recordings in torque where known loads tell the torque constant, or fixed parameters scale free swings."""
+        """Calibrate torque by known loads or known values, and report its timing."""
         known = find_known_values(self.model.terms) | dict(fixed or {})
         given = FitData.of(self.recordings, self.holdout, self.model.terms, known=known)
         if not self.body.can_simulate:
             align = align or None  # looking takes long, so none is warned unasked
-        return tell_preprocessed(given, align, terminal)
+        return report_timing(given, align, terminal)
 
 
-def opened(
+def open_inputs(
     arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, holdout: bool = True
-) -> Opened:
+) -> Inputs:
     """Refuse what could not be written; read the model, if one is named, and recordings in the format it knows.
 
     Raises as `open_sources`, and InputError, StudyError as `given`.
     """
-    return open_sources(arguments, given(arguments, outputs), terminal, holdout)
+    return open_sources(arguments, list_sources(arguments, outputs), terminal, holdout)
 
 
 def open_sources(
     arguments: argparse.Namespace, sources: Sequence[Source], terminal: Terminal, holdout: bool = True
-) -> Opened:
+) -> Inputs:
     """Read the model, if one is named, and recordings in the format it knows.
 
     Raises:
@@ -167,7 +167,7 @@ def open_sources(
     """
     path = getattr(arguments, "model", None) or ""
     if arguments.robot is not None:
-        return _opened_arm(arguments, sources, path, terminal)
+        return _open_arm(arguments, sources, path, terminal)
     model = read_model(path) if path else Model()
     sources = tuple(apply_log_format(source, model.log_format, path) for source in sources)
     for source in sources:  # also those that are not read
@@ -176,7 +176,7 @@ def open_sources(
     recordings = read_all([own for own in sources if holdout or own.role == "fit"], terminal, Source.read)
     fitted = tuple(own for own in sources if own.role == "fit")
     print_limits(model, path, terminal)
-    return Opened(model, fitted, recordings[: len(fitted)], recordings[len(fitted) :])
+    return Inputs(model, fitted, recordings[: len(fitted)], recordings[len(fitted) :])
 
 
 def print_limits(model: Model, path: str, terminal: Terminal) -> None:
@@ -186,7 +186,7 @@ def print_limits(model: Model, path: str, terminal: Terminal) -> None:
         terminal.say(f"{path}: {name} {range_text}, as given when the model was fitted")
 
 
-def tell_preprocessed(given: FitData, align: bool | None, terminal: Terminal) -> FitData:
+def report_timing(given: FitData, align: bool | None, terminal: Terminal) -> FitData:
     """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
 
     With `align`, torque that is logged late or filtered is corrected, else only said; with None, or where a controller
@@ -204,26 +204,26 @@ def tell_preprocessed(given: FitData, align: bool | None, terminal: Terminal) ->
     return timed if align else given
 
 
-def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Opened:
+def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Inputs:
     """Read the input of a command on an arm."""
     made = ModelOptions.read_from_model(path) if path else ModelOptions()
     sources = [apply_log_format(source, made.log_format, path) for source in sources]
-    asked = robot_of(arguments, sources, made)
+    asked = make_robot(arguments, sources, made)
     robot = asked.with_logged_joints(sources)
     robot.body()  # what is wrong with it comes first
     recordings = read_all(sources, terminal, robot.read)
     body = robot.body(made.held) if made.held else robot.holding(recordings)
     if robot is not asked:
         terminal.say("joints without columns of torque in the log are held; --joints names those that move")
-    tell_held(body, recordings, terminal)
+    report_held(body, recordings, terminal)
     model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
     fitted = tuple(source for source in sources if source.role == "fit")
     print_limits(model, path, terminal)
-    return Opened(model, fitted, [*recordings[: len(fitted)]], [*recordings[len(fitted) :]], robot.read)
+    return Inputs(model, fitted, [*recordings[: len(fitted)]], [*recordings[len(fitted) :]], robot.read)
 
 
-def body_of_arguments(arguments: argparse.Namespace) -> Mechanism:
-    """The robot that the arguments name, its joints as in their model, or else the pendulum.
+def make_body(arguments: argparse.Namespace) -> Mechanism:
+    """Make the robot that the arguments name, its joints as in their model, or else the pendulum.
 
     Raises:
         ModelError, BodyError: as `RobotFile.body`.
@@ -231,13 +231,13 @@ def body_of_arguments(arguments: argparse.Namespace) -> Mechanism:
     if arguments.robot is None:
         return PENDULUM
     made = ModelOptions.read_from_model(arguments.model) if arguments.model else ModelOptions()
-    return robot_of(arguments, made=made).body(made.held)
+    return make_robot(arguments, made=made).body(made.held)
 
 
-def robot_of(
+def make_robot(
     arguments: argparse.Namespace, sources: Sequence[Source] = (), made: ModelOptions | None = None
 ) -> RobotFile:
-    """The robot as the arguments, or else a study or the model that was `made` of it, ask for it."""
+    """Make the robot as the arguments, or else a study or the model that was `made` of it, ask for it."""
     made = made or ModelOptions()  # of a robot, where no model says what it was made of
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
@@ -247,13 +247,13 @@ def robot_of(
     return RobotFile(Path(arguments.robot), joints, arguments.base is not None, rotors, light)
 
 
-def tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:
+def report_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:
     """Say which joints are held, and where recordings have them elsewhere."""
-    if text := held_text(body):
+    if text := describe_held(body):
         terminal.say(text)
     if body.impossible_text:
         terminal.say(f"warning: {body.impossible_text}: only the kinematics of the file are used", style="yellow")
-    for text in straying(body, recordings):
+    for text in find_straying(body, recordings):
         terminal.say(f"warning: {text}", style="yellow")
 
 

@@ -13,13 +13,13 @@ from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
 from pendulum_env.backends.hardware.process import restore_priority
 from pendulum_env.formatting import join_words
-from workbench.narrator.effects import name
-from workbench.processes import End, Worker, attend
+from workbench.narrator.effects import name_effect
+from workbench.processes import TaskEnd, Worker, attend
 
 Sample = tuple[float, float, float]  # time [s], position [rad], torque over the period that ends with it [N m]
 
 
-class Here:
+class OnlineJudge:
     """Diagnoses sample by sample, as the run waits; a verdict stands once its first effect has led for a while."""
 
     steady = 2.0  # [s]
@@ -47,7 +47,7 @@ class Here:
         return self._diagnoser.diagnoses[0]
 
 
-class Apart:
+class ProcessJudge:
     """Diagnoses in a process of its own: a motor does not wait for a grid that is refined."""
 
     together = 50  # samples that are sent at once
@@ -60,7 +60,7 @@ class Apart:
         """
         self._worker = Worker("diagnosis")
         self._worker.send(partial(_diagnose_samples, rate, smoothing))
-        if not self._worker.connection.poll(self.ready) or isinstance(self._worker.hear(), End):
+        if not self._worker.connection.poll(self.ready) or isinstance(self._worker.hear(), TaskEnd):
             self._worker.end()
             raise OSError("the process that diagnoses did not start: try again on a machine that does less")
         self._waiting: list[Sample] = []
@@ -84,7 +84,7 @@ class Apart:
         if not self._stands:
             self._worker.send(self._waiting)
         self._worker.send(None)
-        while not isinstance(word := self._worker.hear(), End):
+        while not isinstance(word := self._worker.hear(), TaskEnd):
             pass
         self._worker.end()
         if word.why:
@@ -96,25 +96,25 @@ class Apart:
 def _diagnose_samples(rate: float, smoothing: Smoothing, connection: Connection[Any, Any]) -> OnlineDiagnosis:
     attend()
     restore_priority()  # a motor's loop, which began this, may be more urgent
-    judge = Here(rate, smoothing)
+    judge = OnlineJudge(rate, smoothing)
     connection.send(False)
     while (samples := connection.recv()) is not None:
         connection.send(judge.take(samples))
     return judge.close()
 
 
-def verdict_text(found: OnlineDiagnosis, stands: bool) -> str:
-    """The verdict in words, and what was not tried, which may look like what was."""
+def describe_verdict(found: OnlineDiagnosis, stands: bool) -> str:
+    """Describe the verdict, and list the effects that were not tried."""
     after = f"after {found.motion:.1f} s of motion"
     if found.kind == "calibrating":
         return "too short to tell what is missing: record some seconds more of motion"
     verdict = f"nothing is surely missing {after}"
     if found.kind == "missing":
         standing = "the verdict stands" if stands else "the verdict does not stand yet"
-        verdict = f"missing: {join_words([name(id) for id in found.group], 'or')} ({standing}, {after})"
+        verdict = f"missing: {join_words([name_effect(id) for id in found.group], 'or')} ({standing}, {after})"
     elif found.kind == "changed":
-        verdict = f"changed during the run: {join_words([name(id) for id in found.changed], 'and')} ({after})"
+        verdict = f"changed during the run: {join_words([name_effect(id) for id in found.changed], 'and')} ({after})"
     if not found.not_run:
         return verdict
-    others = join_words([name(id) for id in found.not_run], "and")
+    others = join_words([name_effect(id) for id in found.not_run], "and")
     return f"{verdict}\nnot tried, as only `diagnose` on the recording does: {others}"

@@ -15,7 +15,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 OPTIONS = {"fixed": "--fix", "bolted": "--base fixed"}  # of arguments that have another name in Python
-MISTAKES = (UserError, OSError, ModuleNotFoundError)  # the last of an extra, whose name it tells
+USER_ERRORS = (UserError, OSError, ModuleNotFoundError)  # the last of an extra, whose name it tells
 LONGEST = 500  # characters of a sentence
 
 
@@ -29,8 +29,8 @@ def write_option(name: str, value: object) -> str:
     return f"{option} {shlex.quote(str(value))}"
 
 
-def sentence(mistake: Exception) -> str:
-    """A user's mistake in one line of at most `LONGEST` characters, none of which a terminal would obey.
+def format_mistake(mistake: Exception) -> str:
+    """Format a user's mistake as one printable line of at most `LONGEST` characters.
 
     Of a longer one the middle is left out.
     """
@@ -38,11 +38,11 @@ def sentence(mistake: Exception) -> str:
         text = f"{mistake.filename}: {mistake.strerror}" if mistake.filename is not None else mistake.strerror
     else:
         text = str(mistake)
-    text = printable(" ".join(text.split()))
+    text = escape_controls(" ".join(text.split()))
     half = LONGEST // 2 - 3
     return text if len(text) <= LONGEST else f"{text[:half]} ... {text[-half:]}"
 
 
-def printable(text: str) -> str:
-    """Text in which every character can be printed and stored: what a name of a file may hold beyond is escaped."""
+def escape_controls(text: str) -> str:
+    """Escape the characters of a text that cannot be printed."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

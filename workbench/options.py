@@ -33,8 +33,8 @@ NEEDS_ROBOT = "is of an arm: give its links with --robot ARM.urdf"
 NO_ROBOT = "is for pendulums: leave it out with --robot"
 
 
-def _with_message(convert: Callable[[str], T]) -> Callable[[str], T]:
-    """Converter that hands on the message of a ValueError; argparse itself would drop it."""
+def _keep_message(convert: Callable[[str], T]) -> Callable[[str], T]:
+    """Make a converter whose ValueError keeps its message; argparse itself would drop it."""
 
     def converted(text: str) -> T:
         try:
@@ -45,23 +45,23 @@ def _with_message(convert: Callable[[str], T]) -> Callable[[str], T]:
     return converted
 
 
-def number(low: float, high: float = LARGE) -> Callable[[str], float]:
-    """Converter for argparse: a number from low to high."""
-    return _within(float, low, high, f"a number from {low:g} to {high:g}")
+def convert_number(low: float, high: float = LARGE) -> Callable[[str], float]:
+    """Make a converter of a number from low to high."""
+    return _convert_within(float, low, high, f"a number from {low:g} to {high:g}")
 
 
-def between(low: float, high: float) -> Callable[[str], float]:
-    """Converter for argparse: a number between low and high, neither of them itself."""
+def convert_between(low: float, high: float) -> Callable[[str], float]:
+    """Make a converter of a number between low and high, both excluded."""
     inside = math.nextafter(low, high), math.nextafter(high, low)
-    return _within(float, *inside, f"a number above {low:g} and below {high:g}")
+    return _convert_within(float, *inside, f"a number above {low:g} and below {high:g}")
 
 
-def whole(low: int, high: int = 10**DIGITS) -> Callable[[str], int]:
-    """Converter for argparse: a whole number from low to high."""
-    return _within(int, low, high, f"a whole number from {low} to {high}")
+def convert_whole(low: int, high: int = 10**DIGITS) -> Callable[[str], int]:
+    """Make a converter of a whole number from low to high."""
+    return _convert_within(int, low, high, f"a whole number from {low} to {high}")
 
 
-def _within(kind: Callable[[str], Number], low: Number, high: Number, asked: str) -> Callable[[str], Number]:
+def _convert_within(kind: Callable[[str], Number], low: Number, high: Number, asked: str) -> Callable[[str], Number]:
     def converted(text: str) -> Number:
         with suppress(ValueError):
             if low <= (value := kind(text)) <= high:
@@ -71,8 +71,8 @@ def _within(kind: Callable[[str], Number], low: Number, high: Number, asked: str
     return converted
 
 
-def one_of(kind: str, known: Iterable[str]) -> Callable[[str], str]:
-    """Converter for argparse: one of the names that are known."""
+def convert_choice(kind: str, known: Iterable[str]) -> Callable[[str], str]:
+    """Make a converter of one of the known names."""
     names = dict.fromkeys(known)
 
     def converted(text: str) -> str:
@@ -82,12 +82,12 @@ def one_of(kind: str, known: Iterable[str]) -> Callable[[str], str]:
     return converted
 
 
-def _effect(text: str) -> str:
+def _convert_effect(text: str) -> str:
     hide(paper_plant(), re.sub("@[^=:]*", "", text, count=1))  # at whatever joint
     return text
 
 
-def _page(text: str) -> str:
+def _convert_page(text: str) -> str:
     """Name of a report's file; raises ValueError if it asks for another format than HTML."""
     suffix = Path(text).suffix.lower()
     if suffix not in ("", ".html", ".htm"):
@@ -96,14 +96,14 @@ def _page(text: str) -> str:
     return text
 
 
-def _names(text: str) -> tuple[str, ...]:
+def _convert_names(text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
         raise InputError(f"{quote_value(text)} should be names of joints with commas between them")
     return names
 
 
-class Gather(argparse.Action):
+class MergeAction(argparse.Action):
     """Option that may be repeated and names several things: all are gathered in one dictionary."""
 
     def __call__(
@@ -113,8 +113,8 @@ class Gather(argparse.Action):
         setattr(namespace, self.dest, {**getattr(namespace, self.dest), **values})
 
 
-def ids(text: str) -> list[str]:
-    """Ids of effects in a list with commas, perhaps at joints (`stribeck@elbow`); raises ValueError if one is unknown.
+def parse_effects(text: str) -> list[str]:
+    """Parse ids of effects with commas, perhaps at joints (`stribeck@elbow`); raises ValueError if one is unknown.
 
     What follows `coupling@elbow,` is its second joint, as long as it is no effect.
     """
@@ -123,27 +123,27 @@ def ids(text: str) -> list[str]:
         if found and found[-1].startswith(f"{COUPLING}@") and "," not in found[-1] and "@" not in id:
             found[-1] += f",{id}"
         else:
-            found.append(known_effect(id.partition("@")[0]) + "".join(id.partition("@")[1:]))
+            found.append(find_effect(id.partition("@")[0]) + "".join(id.partition("@")[1:]))
     return found
 
 
-def known_effect(id: str, known: Callable[[str], type[Term]] | None = None) -> str:
-    """Id of an effect, by default of those that may be named, or of the one that only arms have.
+def find_effect(id: str, known: Callable[[str], type[Term]] | None = None) -> str:
+    """Find the id of an effect, by default of those that may be named, or of the one that only arms have.
 
     Raises ValueError if there is none; the message names the nearest.
     """
     return id if id == COUPLING else (find("effect", id, list_nameable()) if known is None else known(id)).id
 
 
-def known(text: str) -> dict[str, float]:
-    """Values by parameter, of `gravity=2.01,...`; raises ValueError if it is something else."""
-    return {name: _bound(value) for name, value in _pairs(text, "NAME=VALUE, such as gravity=2.01")}
+def parse_values(text: str) -> dict[str, float]:
+    """Parse the values by parameter, of `gravity=2.01,...`; raises ValueError if it is something else."""
+    return {name: _bound(value) for name, value in _split_pairs(text, "NAME=VALUE, such as gravity=2.01")}
 
 
-def ranges(text: str) -> dict[str, tuple[float, float]]:
-    """Bounds by parameter, of `viscous=0:0.5,...`; raises ValueError if it is something else."""
+def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
+    """Parse the bounds by parameter, of `viscous=0:0.5,...`; raises ValueError if it is something else."""
     bounds, asked = {}, "NAME=LOW:HIGH, such as viscous=0:0.5"
-    for name, both in _pairs(text, asked):
+    for name, both in _split_pairs(text, asked):
         low, colon, high = (word.strip() for word in both.partition(":"))
         if not colon:
             raise InputError(f"{quote_value(f'{name}={both}')} should be {asked}")
@@ -151,8 +151,8 @@ def ranges(text: str) -> dict[str, tuple[float, float]]:
     return bounds
 
 
-def _pairs(text: str, asked: str) -> Iterator[tuple[str, str]]:
-    """Names and what is said of each, of `NAME=VALUE,...`; raises InputError, which says what was asked for."""
+def _split_pairs(text: str, asked: str) -> Iterator[tuple[str, str]]:
+    """Split `NAME=VALUE,...` into names and values; raises InputError with the expected form."""
     for part in text.split(","):
         name, equals, value = (word.strip() for word in part.partition("="))
         if not (name and equals):
@@ -170,14 +170,14 @@ def _bound(text: str) -> float:
     return value
 
 
-def _drive(text: str) -> ServoDrive:
-    """A drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
-    pairs = _pairs(text, "KEY=VALUE, such as kp=200")
+def _convert_drive(text: str) -> ServoDrive:
+    """Convert a drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
+    pairs = _split_pairs(text, "KEY=VALUE, such as kp=200")
     words = ("preset", *WORDS)
     return ServoDrive.from_settings({name: value if name in words else _bound(value) for name, value in pairs})
 
 
-def _columns(text: str) -> dict[str, str]:
+def _convert_columns(text: str) -> dict[str, str]:
     """Parse expressions of columns by quantity; a comma belongs to a name unless another `QUANTITY=` follows."""
     columns: dict[str, str] = {}
     for part in re.split(r",(?=\s*\w+\s*=)", text):
@@ -230,8 +230,8 @@ recordings RECORDING  {KINDS}; fitted jointly
 """
 
 
-def _declared(text: str, settings: dict[str, Any]) -> Iterator[Declared]:
-    """Names and arguments of each option in a text, see `declare`; none where a line only names options."""
+def _read_options(text: str, settings: dict[str, Any]) -> Iterator[Declared]:
+    """Read the names and arguments of each option in a text, see `declare`; none where a line only names options."""
     for entry in re.split(r"\n(?! )", cleandoc(text)):
         usage, _, about = entry.partition("  ")
         words = usage.split()
@@ -250,31 +250,31 @@ def _declared(text: str, settings: dict[str, Any]) -> Iterator[Declared]:
         elif usage.startswith("-") and "metavar" not in own:
             own["action"] = "store_true"
         if "type" in own:
-            own["type"] = _with_message(own["type"])
+            own["type"] = _keep_message(own["type"])
         yield names, own
 
 
 SETTINGS: dict[str, Any] = {  # of these, see `declare`
     "recordings": {"nargs": "+"},
-    "effect": {"dest": "effects", "action": "append", "type": _effect, "default": []},
+    "effect": {"dest": "effects", "action": "append", "type": _convert_effect, "default": []},
     "theta": lambda text: paper_plant(read_parameters(text)),
     "holdout": {"action": "append", "default": []},
-    "columns": _columns,
-    "drive": _drive,
-    "joints": _names,
+    "columns": _convert_columns,
+    "drive": _convert_drive,
+    "joints": _convert_names,
     "base": {"choices": ("fixed",)},
-    "only": ids,
-    "without": (ids, []),
-    "fix": {"dest": "fixed", "type": known, "action": Gather, "default": {}},
-    "bound": {"dest": "bounds", "type": ranges, "action": Gather, "default": {}},
+    "only": parse_effects,
+    "without": (parse_effects, []),
+    "fix": {"dest": "fixed", "type": parse_values, "action": MergeAction, "default": {}},
+    "bound": {"dest": "bounds", "type": parse_bounds, "action": MergeAction, "default": {}},
     "instruments": {"choices": ("reference",)},
-    "seed": (whole(0), 0),
-    "report": _page,
+    "seed": (convert_whole(0), 0),
+    "report": _convert_page,
 }
-OPTIONS = {names[-1]: (names, own) for names, own in _declared(SHARED, SETTINGS)}
+OPTIONS = {names[-1]: (names, own) for names, own in _read_options(SHARED, SETTINGS)}
 
 
-def declare(
+def add_options(
     parser: argparse.ArgumentParser, text: str, arms: Sequence[str] = (), pendulums: Sequence[str] = (), **settings: Any
 ) -> None:
     """Declare options by a text like that of `--help`: names, what the option takes, two spaces, what it is for.
@@ -286,7 +286,7 @@ def declare(
     `arms` and `pendulums` name options that make sense for one of them only, beside those of `ROBOT` and of
     `OF_PENDULUMS`; `cli.parse` refuses them for the other.
     """
-    for names, own in _declared(text, settings):
+    for names, own in _read_options(text, settings):
         if not own or (names[-1] in OPTIONS and "metavar" not in own):
             names, shared = OPTIONS[names[-1]]
             own = shared | {key: value for key, value in own.items() if key != "action"}

@@ -70,7 +70,7 @@ def write_page(path: str | None, terminal: Terminal, page: str, *shown: Any) -> 
             write_whole(path, render(*shown))
 
 
-def wrote(paths: Sequence[str | Path | None], terminal: Terminal) -> None:
+def report_files(paths: Sequence[str | Path | None], terminal: Terminal) -> None:
     """Say what was written."""
     written = [str(path) for path in paths if path is not None]
     if written:

@@ -27,7 +27,7 @@ from estimators.progress import Progress
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import describe_fault, list_plugins
 from pendulum_env.settings import use_writer
-from workbench.mistakes import MISTAKES, InputError, sentence, write_option
+from workbench.mistakes import USER_ERRORS, InputError, format_mistake, write_option
 
 LOST = "the work ended unexpectedly: try again"
 LIBRARIES = ("workbench.cli", "workbench.commands.record", "estimators.diagnosis.addition")  # of the tasks of the app
@@ -37,7 +37,7 @@ Task = Callable[[Progress], Any]  # of the app; it travels to another process, a
 
 
 @contextmanager
-def interrupts_wait() -> Iterator[None]:
+def hold_interrupts() -> Iterator[None]:
     """Let an interrupt come when what is done here is done; processes that are begun meanwhile never hear of one."""
     if os.name == "posix":
         resource_tracker.ensure_running()  # else it is begun below, and takes the block away
@@ -58,7 +58,7 @@ def interrupts_wait() -> Iterator[None]:
 
 
 def attend() -> None:
-    """Called by a worker first: it ends with whoever began it, even if that one is killed."""
+    """End this worker with the process that began it, even if that one is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -71,7 +71,7 @@ def _follow(parent: BaseProcess) -> None:
 
 
 @dataclass(frozen=True)
-class End:
+class TaskEnd:
     """The last word of a task: what it came to, or a sentence on why that is nothing."""
 
     came: Any = None
@@ -97,7 +97,7 @@ class Worker:
         context = multiprocessing.get_context("spawn")  # a copy of a process with threads would be unsound
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_work, args=(theirs, list_plugins(), libraries), daemon=True, name=name)
-        with interrupts_wait():
+        with hold_interrupts():
             self.process.start()
         theirs.close()
 
@@ -107,11 +107,11 @@ class Worker:
             self.connection.send(message)
 
     def hear(self) -> Any:
-        """The next thing that it tells, whenever that comes; an `End` if the process has died."""
+        """Wait for the next message; a `TaskEnd` if the process has died."""
         try:
             return self.connection.recv()
         except (EOFError, OSError):
-            return End(why=LOST)
+            return TaskEnd(why=LOST)
 
     def end(self) -> None:
         """End the process, whatever it does."""
@@ -131,15 +131,15 @@ def _work(connection: Connection[Any, Any], files: Sequence[Path], libraries: Se
         try:
             for file in files:
                 load_plugin(file)
-            word = End(connection.recv()(connection))
+            word = TaskEnd(connection.recv()(connection))
         except (EOFError, BrokenPipeError):
             return
-        except MISTAKES as mistake:
-            word = End(why=sentence(mistake))
+        except USER_ERRORS as mistake:
+            word = TaskEnd(why=format_mistake(mistake))
         except BaseException as error:
             if (of_plugin := describe_fault(error)) is None:
                 raise
-            word = End(why=sentence(of_plugin))
+            word = TaskEnd(why=format_mistake(of_plugin))
         connection.send(word)
 
 
@@ -158,7 +158,7 @@ class Workers:
                 self._spare = Worker("pendulum-ident worker", LIBRARIES)
 
     def take(self) -> Worker:
-        """The worker that waits, or a new one."""
+        """Return the worker that waits, or a new one."""
         with self._lock:
             worker, self._spare = self._spare, None
         return worker if worker is not None and worker.process.is_alive() else Worker("pendulum-ident worker")
@@ -175,7 +175,7 @@ class Workers:
 class Job:
     """Task in a worker process, which starts immediately."""
 
-    def __init__(self, title: str, task: Task, workers: Workers, ended: Callable[[Job, End], None]) -> None:
+    def __init__(self, title: str, task: Task, workers: Workers, ended: Callable[[Job, TaskEnd], None]) -> None:
         """Take the task, who does it, and what is told how it ended."""
         self.title = title  # what it does, as a heading
         self.what, self.share = "starting", 0.0  # what is being done, and how much of all is done
@@ -197,7 +197,7 @@ class Job:
         self.over.set()
 
     def _listen(self) -> None:
-        while not isinstance(word := self._worker.hear(), End):
+        while not isinstance(word := self._worker.hear(), TaskEnd):
             self.what, self.share = word
         try:
             if self.running:
@@ -220,13 +220,13 @@ class _LocalPool(ProcessPoolExecutor):
 
     def submit(self, task: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Schedule a task; processes start here."""
-        with interrupts_wait():
+        with hold_interrupts():
             return super().submit(task, *args, **kwargs)
 
 
 @contextmanager
-def local_workers(count: int) -> Iterator[Executor]:
-    """Processes on this computer, which end with this one, and at once if it is interrupted.
+def open_local_workers(count: int) -> Iterator[Executor]:
+    """Open the processes on this computer, which end with this one, and at once if it is interrupted.
 
     They know the effects of the users' files.
     """

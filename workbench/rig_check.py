@@ -15,7 +15,7 @@ from pendulum_env.backends.port import Sample, Start, Status
 
 
 @dataclass(frozen=True)
-class Trial:
+class CheckSettings:
     """Steps of the check, by hand and by the motor."""
 
     quarter: float = 0.5 * math.pi  # [rad], that the arm is turned by hand
@@ -26,7 +26,7 @@ class Trial:
     patience: float = 3.0  # watchdog times after which the drive must have let go
 
 
-TRIAL = Trial()
+TRIAL = CheckSettings()
 
 
 Confirm = Callable[[str], bool]  # asks whoever stands beside the rig for something, or whether something is so
@@ -36,7 +36,7 @@ class CheckFailed(RuntimeError):
     """A step came out wrong; the message says what to change."""
 
 
-def check(config: RigConfig, say: Callable[[str], None], confirm: Confirm) -> None:
+def check_rig(config: RigConfig, say: Callable[[str], None], confirm: Confirm) -> None:
     """Go through all steps with a person; notes beside the configuration that they have passed.
 
     Raises:
@@ -57,8 +57,8 @@ def check(config: RigConfig, say: Callable[[str], None], confirm: Confirm) -> No
     say(f"\npassed: up to {config.limits.torque:g} N m are allowed (noted in {note})")
 
 
-def _wiring(rig: Rig, confirm: Confirm) -> str:
-    _need(
+def _check_wiring(rig: Rig, confirm: Confirm) -> str:
+    _require(
         confirm(
             "The emergency stop cuts the motor's power and is within reach, nobody is within reach of the arm, and it "
             "can turn all the way round. Is that so?"
@@ -70,14 +70,14 @@ def _wiring(rig: Rig, confirm: Confirm) -> str:
     return f"the drive answers; counts {reading.counts}, {reading.fault or 'no fault'}"
 
 
-def _encoder(rig: Rig, confirm: Confirm) -> str:
+def _check_encoder(rig: Rig, confirm: Confirm) -> str:
     _, before = rig.guard.read()
     _ask(confirm, "Without power: turn the arm a quarter turn counter-clockwise by hand and hold it. Done?")
     moved = rig.guard.read()[1] - before
     encoder, degrees = rig.config.encoder, f"{math.degrees(moved):.0f} degrees"
-    _need(abs(moved) > 0.01, "the counts do not change: check the encoder's cable and supply")
-    _need(moved > 0, f"the counts go the wrong way: set encoder.sign = {-encoder.sign}")
-    _need(
+    _require(abs(moved) > 0.01, "the counts do not change: check the encoder's cable and supply")
+    _require(moved > 0, f"the counts go the wrong way: set encoder.sign = {-encoder.sign}")
+    _require(
         abs(moved - TRIAL.quarter) < TRIAL.roughly,
         f"a quarter turn came as {degrees}: encoder.counts is nearer to "
         f"{round(encoder.counts * moved / TRIAL.quarter)} (after quadrature: four times the lines)",
@@ -85,11 +85,11 @@ def _encoder(rig: Rig, confirm: Confirm) -> str:
     return f"turned by {degrees}"
 
 
-def _zero(rig: Rig, confirm: Confirm) -> str:
+def _check_zero(rig: Rig, confirm: Confirm) -> str:
     _ask(confirm, "Let the arm hang down and rest, touching nothing. Done?")
     off = math.degrees(math.remainder(rig.guard.read()[1], 2 * math.pi))
     counts = rig.guard.drive.read().counts
-    _need(
+    _require(
         abs(off) < math.degrees(TRIAL.roughly),
         f"it hangs at {off:.0f} degrees: start the check with the arm hanging down, or set encoder.zero to {counts}",
     )
@@ -99,11 +99,11 @@ def _zero(rig: Rig, confirm: Confirm) -> str:
     )
 
 
-def _torque(rig: Rig, confirm: Confirm) -> str:
+def _check_torque(rig: Rig, confirm: Confirm) -> str:
     most = rig.traits.max_torque
     _ask(confirm, f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?")
-    _need(
-        _moved_without_power(rig, most) < TRIAL.moved,
+    _require(
+        _measure_motion(rig, most) < TRIAL.moved,
         "the arm moves although it must have no power: servo-enable does not get through to the drive, so nothing "
         "takes a torque away: check that line, that it is pulled down, and the drive's setting for it",
     )
@@ -116,11 +116,11 @@ def _torque(rig: Rig, confirm: Confirm) -> str:
             if abs(moved) > TRIAL.moved:
                 break
         rig.disable()
-        _need(
+        _require(
             abs(moved) > TRIAL.moved,
             f"the arm does not move under {most:g} N m: check motor and drive, or free the arm",
         )
-        _need(
+        _require(
             moved * direction > 0,
             f"a torque of {torque:+.2g} N m turned it by {math.degrees(moved):+.0f} degrees: set torque_sign = "
             f"{-rig.config.torque_sign}",
@@ -131,7 +131,7 @@ def _torque(rig: Rig, confirm: Confirm) -> str:
     )
 
 
-def _moved_without_power(rig: Rig, most: float) -> float:
+def _measure_motion(rig: Rig, most: float) -> float:
     """Measure the motion of the arm by a torque while the drive must have no power [rad]."""
     rig.disable()
     drive, sign, moved = rig.guard.drive, rig.config.torque_sign, 0.0
@@ -148,16 +148,16 @@ def _moved_without_power(rig: Rig, most: float) -> float:
     return moved
 
 
-def _clamp(rig: Rig, confirm: Confirm) -> str:
+def _check_clamp(rig: Rig, confirm: Confirm) -> str:
     rig.enable(Start())
     most = rig.traits.max_torque
     largest = max(abs(sample.torque) for sample in _run(rig, lambda t: 100.0 * (-1) ** int(t / 0.05), 0.2))
     rig.disable()
-    _need(largest <= most * (1 + 1e-6), f"{largest:.3g} N m were let pass where {most:.3g} are allowed")
+    _require(largest <= most * (1 + 1e-6), f"{largest:.3g} N m were let pass where {most:.3g} are allowed")
     return f"100 N m were asked for, no more than {largest:.3g} N m came"
 
 
-def _watchdog(rig: Rig, confirm: Confirm) -> str:
+def _check_watchdog(rig: Rig, confirm: Confirm) -> str:
     patience = TRIAL.patience * rig.config.limits.watchdog
     rig.enable(Start())
     for _ in _run(rig, lambda t: 0.0, 0.2):
@@ -165,7 +165,7 @@ def _watchdog(rig: Rig, confirm: Confirm) -> str:
     time.sleep(patience)  # a program that hangs
     fault = rig.guard.drive.read().fault
     rig.disable()
-    _need(
+    _require(
         fault is not None,
         f"the drive keeps its power {patience:g} s after the last command: it has no watchdog, or does not take "
         "limits.watchdog",
@@ -174,17 +174,17 @@ def _watchdog(rig: Rig, confirm: Confirm) -> str:
 
 
 STEPS: tuple[tuple[str, Callable[[Rig, Confirm], str]], ...] = (
-    ("wiring", _wiring),
-    ("sign and scale of the encoder", _encoder),
-    ("zero", _zero),
-    ("sign of the torque", _torque),
-    ("limit of the torque", _clamp),
-    ("the drive's watchdog", _watchdog),
+    ("wiring", _check_wiring),
+    ("sign and scale of the encoder", _check_encoder),
+    ("zero", _check_zero),
+    ("sign of the torque", _check_torque),
+    ("limit of the torque", _check_clamp),
+    ("the drive's watchdog", _check_watchdog),
 )
 
 
 def _run(rig: Rig, torque: Callable[[float], float], seconds: float) -> Iterator[Sample]:
-    """Samples of a run under a torque over time."""
+    """Run the rig under a torque over time; yield the samples."""
     now = 0.0
     while now < seconds:
         sample = rig.exchange(torque(now))
@@ -194,10 +194,10 @@ def _run(rig: Rig, torque: Callable[[float], float], seconds: float) -> Iterator
         yield sample
 
 
-def _need(right: bool, remedy: str) -> None:
+def _require(right: bool, remedy: str) -> None:
     if not right:
         raise CheckFailed(remedy)
 
 
 def _ask(confirm: Confirm, text: str) -> None:
-    _need(confirm(text), "the check was left: nothing is noted")
+    _require(confirm(text), "the check was left: nothing is noted")

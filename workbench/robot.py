@@ -29,11 +29,11 @@ class RobotFile:
     weightless: bool = False  # whether the driver takes gravity's torque off what it logs
 
     def body(self, held: Mapping[str, float] | None = None) -> Body:
-        """Its links, other joints held at the given places, or at zero; raises BodyError as `read_body`."""
+        """Return the links, other joints held at the given places, or at zero; raises BodyError as `read_body`."""
         import_pinocchio()
         status = self.file.stat() if self.file.exists() else None
         changed = (status.st_mtime_ns, status.st_size) if status else None
-        return _body(self, tuple((held or {}).items()), changed)
+        return _read_body(self, tuple((held or {}).items()), changed)
 
     def with_logged_joints(self, sources: Sequence[Source]) -> "RobotFile":
         """Copy with every joint held that has no columns in the sources, unless the moving joints are named."""
@@ -45,12 +45,12 @@ class RobotFile:
         return replace(self, joints=moving) if moving and moving != every else self
 
     def read(self, source: Source) -> ArmRecording:
-        """A recording of it; raises RecordingError as `read_arm_source`."""
+        """Read a recording of it; raises RecordingError as `read_arm_source`."""
         body = self.body()
         return read_arm_source(source, body.joints, [at for at in (*body.held, *body.links) if at not in body.joints])
 
     def read_study(self, path: str | Path) -> tuple[Body, list[ArmRecording], list[ArmRecording]]:
-        """Its links, and recordings of a study to fit and to hold out; raises RecordingError if one cannot be read."""
+        """Read links, and recordings of a study to fit and to hold out; raises RecordingError for a bad one."""
         sources = read_sources(path)
         recordings = [self.read(source) for source in sources]
         both = list(zip(sources, recordings, strict=True))
@@ -58,15 +58,15 @@ class RobotFile:
         return self.holding(recordings), fitted, held_out
 
     def holding(self, recordings: Sequence[ArmRecording]) -> Body:
-        """Its links, other joints held where recordings have them on average."""
+        """Return the links, other joints held where recordings have them on average."""
         body = self.body()
         seen = {joint: [np.mean(one.still[joint]) for one in recordings if joint in one.still] for joint in body.held}
         return self.body({joint: float(np.mean(places)) for joint, places in seen.items() if places})
 
 
 @lru_cache(maxsize=8)
-def _body(robot: RobotFile, held: tuple[tuple[str, float], ...], changed: Hashable) -> Body:
-    """Links of a file of that time and size; the last ones are kept."""
+def _read_body(robot: RobotFile, held: tuple[tuple[str, float], ...], changed: Hashable) -> Body:
+    """Read the links of a file, and keep the last ones by time and size of the file."""
     body = read_body(robot.file, joints=robot.joints, held=dict(held), bolted=robot.bolted, rotors=robot.rotors)
     return body.weightless if robot.weightless else body
 
@@ -79,15 +79,15 @@ def describe_links(body: Mechanism) -> list[str]:
     return [f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters", *combined]
 
 
-def held_text(body: Body) -> str:
-    """Which joints are held where; empty if all move."""
+def describe_held(body: Body) -> str:
+    """List the held joints with their angles; empty if all move."""
     units = {joint: body.units(joint).unit("rad") for joint in body.held}
     places = [f"{joint} at {f'{q:.4g} {units[joint]}' if q else 'zero'}" for joint, q in body.held.items()]
     return f"held: {', '.join(places)}" if places else ""
 
 
-def straying(body: Body, recordings: Sequence[ArmRecording]) -> list[str]:
-    """Joints that are held and that recordings have elsewhere, a sentence each."""
+def find_straying(body: Body, recordings: Sequence[ArmRecording]) -> list[str]:
+    """Describe each held joint that recordings have elsewhere, a sentence each."""
     found = []
     for recording, (joint, q) in product(recordings, body.held.items()):
         if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > STILL:

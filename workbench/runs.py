@@ -26,10 +26,10 @@ from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.registration import PENDULUM
 from pendulum_env.spaces import MAX_TORQUE
 from pendulum_env.wrappers import RecordMeasurements
-from workbench.inputs import plant_of, read_suggestion
-from workbench.judges import Apart, verdict_text
+from workbench.inputs import make_plant, read_suggestion
+from workbench.judges import ProcessJudge, describe_verdict
 from workbench.mistakes import InputError, Interrupted
-from workbench.outputs import wrote
+from workbench.outputs import report_files
 from workbench.terminal import Terminal
 
 SECONDS = 30.0  # length of a recording
@@ -58,12 +58,12 @@ class Plan:
         Raises InputError if the arguments do not go together, a configuration or a policy cannot be used, or a
         diagnosis suggests nothing, and ModelError if an effect is hidden twice.
         """
-        rig = _configured(arguments)
+        rig = _load_config(arguments)
         rate = arguments.rate if rig is None else rig.rate
-        command, seconds, release = _experiment(arguments, rng, rate)
+        command, seconds, release = _choose_experiment(arguments, rng, rate)
         if release is not None and (arguments.backend not in (None, "simulated") or arguments.until is not None):
             raise InputError("a free swing is simulated as a whole: leave out --backend and --until")
-        return cls(arguments, rig, plant_of(arguments), rate, command, seconds, release)
+        return cls(arguments, rig, make_plant(arguments), rate, command, seconds, release)
 
     def environment(self) -> gym.Env[Any, Any]:
         """Create the environment: a simulated plant, a replayed recording, or a rig without power.
@@ -102,10 +102,10 @@ class Plan:
         return f"torque is cut at {rig.max_torque:g} N m ({until}), {most:g} were asked for"
 
 
-def _experiment(
+def _choose_experiment(
     arguments: argparse.Namespace, rng: np.random.Generator, rate: float
 ) -> tuple[Excitation | Pilot, float, float | None]:
-    """Torque command, length [s] and angle of release [rad]: drawn, as a diagnosis suggests, or by a policy.
+    """Choose the torque command, length [s] and angle of release [rad]: drawn, as a diagnosis suggests, or by a policy.
 
     Raises as `Plan.of`.
     """
@@ -139,8 +139,8 @@ def _experiment(
     return excitation(kind or "paper", rng, seconds, arguments.amplitude), seconds, None
 
 
-def _configured(arguments: argparse.Namespace) -> RigConfig | None:
-    """Configuration of the rig, if one is to be recorded; raises as `Plan.of`."""
+def _load_config(arguments: argparse.Namespace) -> RigConfig | None:
+    """Load the configuration of the rig, if one is to be recorded; raises as `Plan.of`."""
     if (arguments.backend == "dm1015b") != (arguments.config is not None):
         raise InputError("--backend dm1015b and --config FILE belong together: give both or neither")
     if arguments.config is None:
@@ -167,10 +167,10 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
         if len(late) % rate < 1:
             show(f"{info['time']:.0f} s", len(late) / steps)
 
-    judge: Apart | None = None
+    judge: ProcessJudge | None = None
     env = RecordMeasurements(plan.environment(), output, overwrite=True)
     try:
-        judge = Apart(rate, find_smoothing(env, rate)) if plan.arguments.until is not None else None
+        judge = ProcessJudge(rate, find_smoothing(env, rate)) if plan.arguments.until is not None else None
         if plan.remark:
             terminal.say(plan.remark)
         with terminal.progress("running") as show:
@@ -192,15 +192,15 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
             f"at worst {1e3 * worst:.0f} ms late, over which samples are interpolated: a diagnosis would find that, "
             "record again on a machine that does nothing else, or with realtime = true"
         )
-    describe(recording, terminal)
+    describe_recording(recording, terminal)
     if judge is not None:
-        terminal.say(verdict_text(judge.close(), len(recording) < steps))
+        terminal.say(describe_verdict(judge.close(), len(recording) < steps))
     if "fault" in last:
         raise InputError(f"{last['fault']}; what was measured until then is in {output}")
-    wrote([output], terminal)
+    report_files([output], terminal)
 
 
-def describe(recording: Recording, terminal: Terminal) -> None:
+def describe_recording(recording: Recording, terminal: Terminal) -> None:
     """Say what was recorded."""
     turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
     terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")

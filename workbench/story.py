@@ -9,21 +9,21 @@ from pendulum_env.physics.model import shorten_name
 from workbench.narrator.diagnosis import (
     describe_disagreement,
     describe_errors,
+    describe_next_step,
     describe_refit,
     describe_region,
+    describe_result,
     describe_unexplained,
-    headline,
-    next_step,
-    remarks,
+    list_remarks,
 )
-from workbench.narrator.results import Part, of_diagnosis
+from workbench.narrator.results import Part, narrate_diagnosis
 from workbench.terminal import Terminal
 
 MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"
 ALL = ": --all shows them"
 
 
-def tell(parts: Sequence[Part], terminal: Terminal) -> None:
+def print_parts(parts: Sequence[Part], terminal: Terminal) -> None:
     """Print the parts of a result."""
     for part in parts:
         terminal.heading(part.title)
@@ -37,7 +37,7 @@ def tell(parts: Sequence[Part], terminal: Terminal) -> None:
                     terminal.say(f"- {line}")
 
 
-def tell_diagnosis(
+def print_diagnosis(
     found: Diagnosis, terminal: Terminal, verbose: bool = False, every: bool = False, more: str = MORE
 ) -> None:
     """Print a diagnosis; of several joints, which have many, parameters of effects alone.
@@ -48,10 +48,10 @@ def tell_diagnosis(
     if len(found.floors) > 1:
         added = [term.id for term in found.model.terms if term.id in found.selected]
         estimates = {name: own for id in added for name, own in found.model.get_parameters(id).items()}
-    step = next_step(found)
+    step = describe_next_step(found)
     lines = [*found.laws, describe_errors(found)]
     lines += [describe_refit(found.refit)] if found.refit is not None else []
-    lines += parameters_line(estimates, bool(found.unexplained))
+    lines += list_parameters(estimates, bool(found.unexplained))
     first = {region.at: region for region in reversed(found.unexplained)}  # of each joint
     lines += [
         f"left: {describe_unexplained(found, region)}"
@@ -59,17 +59,17 @@ def tell_diagnosis(
         if describe_region(region) != step
     ]
     lines += [f"{describe_disagreement(one)} It is not fitted: diagnose it on its own." for one in found.disagreements]
-    lines += [f"note: {remark}" for remark in remarks(found)[: None if verbose else 2]]
-    terminal.heading(headline(found))
+    lines += [f"note: {remark}" for remark in list_remarks(found)[: None if verbose else 2]]
+    terminal.heading(describe_result(found))
     for line in (*lines, f"next: {step}"):
         terminal.say(line)
     if verbose:
-        tell(of_diagnosis(found, every, ALL), terminal)
+        print_parts(narrate_diagnosis(found, every, ALL), terminal)
     elif more:
         terminal.say(more)
 
 
-def parameters_line(estimates: Mapping[str, Estimate], is_biased: bool) -> list[str]:
-    """Parameters with standard errors on one line, if there are any."""
+def list_parameters(estimates: Mapping[str, Estimate], is_biased: bool) -> list[str]:
+    """List the parameters with standard errors on one line, if there are any."""
     values = ", ".join(f"{shorten_name(name)} {own}" for name, own in estimates.items())
     return [f"parameters{' (biased by what is left)' if is_biased else ''}: {values}"] if values else []

@@ -24,8 +24,8 @@ class Terminal:
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):
                 stream.reconfigure(errors="replace")  # a sign that the terminal lacks must not end a diagnosis
-        self._out = _console(stderr=False, quiet=quiet)
-        self._err = _console(stderr=True, quiet=quiet)
+        self._out = _make_console(stderr=False, quiet=quiet)
+        self._err = _make_console(stderr=True, quiet=quiet)
 
     def heading(self, text: str) -> None:
         """Start a new part."""
@@ -68,7 +68,7 @@ class Terminal:
 
     @contextmanager
     def progress(self, title: str, timed: bool = False, lines: bool = False) -> Iterator[Callable[[str, float], None]]:
-        """Bar on stderr, gone when the work is done: call what is yielded with what is being done and its share.
+        """Show a bar on stderr while work goes on: call the yielded function with the current step and the share done.
 
         `timed` adds the time that is left. With `lines`, a stderr that is no terminal gets a line for each tenth.
         """
@@ -95,7 +95,7 @@ class Terminal:
             yield lambda what, share: bars.update(task, description=what, completed=share)
 
 
-class _Patient(Console):
+class _PatientConsole(Console):
     """A console whose reader may leave: what else the command does, as writing files, is done all the same."""
 
     def on_broken_pipe(self) -> None:
@@ -110,8 +110,8 @@ def abandon(stream: IO[str]) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _console(*, stderr: bool, quiet: bool) -> Console:
-    console = _Patient(stderr=stderr, quiet=quiet, markup=False, highlight=False, emoji=False)
+def _make_console(*, stderr: bool, quiet: bool) -> Console:
+    console = _PatientConsole(stderr=stderr, quiet=quiet, markup=False, highlight=False, emoji=False)
     if not console.is_terminal:
         console.width = PLAIN_WIDTH
     return console

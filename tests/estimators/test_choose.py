@@ -14,7 +14,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Model
 from pendulum_env.plant import make_plant, paper_plant
 from pendulum_env.recording import Recording
-from workbench.narrator.comparison import caveat
+from workbench.narrator.comparison import describe_unstable
 
 
 def run(seed: int = 1, seconds: float = 6.0, plant: Model | None = None, torque_noise: float = 0.02) -> Recording:
@@ -105,7 +105,7 @@ def test_windows_with_the_arm_upright_are_not_counted():
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(time))
     recording = Recording("lifted", time, position, torque + noise)
     held, lifted = compare(model, recording), RegressionData.of([recording])
-    assert 0.3 < held.joint.unstable < 0.6 and "small error grows tenfold" in str(caveat(held))
+    assert 0.3 < held.joint.unstable < 0.6 and "small error grows tenfold" in str(describe_unstable(held))
     assert held.json()["joint"]["unstable"] == held.joint.unstable
     assert held.joint.errors.position_rms < 0.5 * lifted.errors(model).position_rms
-    assert caveat(compare(paper_plant(), run())) is None
+    assert describe_unstable(compare(paper_plant(), run())) is None

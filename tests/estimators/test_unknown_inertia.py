@@ -14,7 +14,7 @@ from pendulum_env.plant import make_plant
 from pendulum_env.recording import Recording
 from tests.cases import diagnosed
 from workbench.narrator.addition import describe_addition
-from workbench.narrator.comparison import caveat
+from workbench.narrator.comparison import describe_unstable
 
 JOINT = {"gravity": 0.02, "viscous": 0.05, "coulomb": 0.3}
 
@@ -63,7 +63,7 @@ def test_the_model_is_saved_as_unknown_and_compared_in_torque_alone(run, tmp_pat
     model = Model.load(tmp_path / "m.json")
     assert model.estimates["inertia"].is_unknown
     compared = compare(model, [run])
-    assert np.isnan(compared.joint.errors.position_rms) and caveat(compared)
+    assert np.isnan(compared.joint.errors.position_rms) and describe_unstable(compared)
     assert compared.joint.errors.torque_rms < 1.2 * compared.joint.noise_floor
     assert not any(np.isfinite(own.simulated_position).any() for own in compared.recordings)
 

@@ -343,4 +343,4 @@ def test_every_effect_that_may_be_hidden_can_be_simulated():
 )
 def test_the_verdict_is_honest(selected, ambiguous, told):
     found = Diagnosis(tuple(Step(one, Model(), {}) for one in (None, *selected)), (), ambiguous, (), 0.0, ())
-    assert demo.verdict(["spring@elbow"], found).startswith(told)
+    assert demo.judge_diagnosis(["spring@elbow"], found).startswith(told)

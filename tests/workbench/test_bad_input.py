@@ -13,7 +13,7 @@ import pytest
 import agents
 from pendulum_env.plant import hide, paper_plant
 from workbench.cli import main
-from workbench.mistakes import LONGEST, InputError, sentence
+from workbench.mistakes import LONGEST, InputError, format_mistake
 
 MODEL = paper_plant().json()
 DIAGNOSIS: dict[str, Any] = {"schema": "pendulum-ident/diagnosis@1", "suggestion": None}
@@ -212,9 +212,9 @@ def test_the_largest_numbers_that_are_taken_give_no_warning(capsys, options):
 
 
 def test_a_sentence_is_short_and_holds_nothing_that_a_terminal_obeys() -> None:
-    told = sentence(InputError(f"a{'b' * 1000}c \x1b[31m\n\td"))
+    told = format_mistake(InputError(f"a{'b' * 1000}c \x1b[31m\n\td"))
     assert len(told) < LONGEST and told.startswith("ab") and told.endswith("bc \\x1b[31m d") and " ... " in told
-    assert sentence(InputError("plain ± text")) == "plain ± text"
+    assert format_mistake(InputError("plain ± text")) == "plain ± text"
 
 
 @pytest.mark.parametrize(("command", "kind"), [("train", "package"), ("evaluate", "module")])

@@ -16,7 +16,7 @@ from pendulum_env.physics import Model, effects
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import read_recording
 from workbench.cli import COMMANDS, main
-from workbench.narrator.effects import description
+from workbench.narrator.effects import find_description
 
 FEW = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogging")  # a search among them is quick
 
@@ -189,7 +189,7 @@ def test_effects_are_listed_with_their_laws_or_told_how_they_show(done):
     out = done("effects")
     assert all(id in out and kind.law in out for id, kind in effects().items())
     out = done("effects", "backlash", *TABLES)
-    assert description("backlash").signature in out and "joint flexibility" in out and "stribeck:" not in out
+    assert find_description("backlash").signature in out and "joint flexibility" in out and "stribeck:" not in out
     for id, table in TABLES.items():
         assert f"{id}: {table.law}\n" in out and str(table.__doc__).partition("\n")[0] in out
 

@@ -33,9 +33,9 @@ if __name__ == "__main__":
 """,
     "pool": """
 import time
-from workbench.processes import local_workers
+from workbench.processes import open_local_workers
 if __name__ == "__main__":
-    with local_workers(1) as pool:
+    with open_local_workers(1) as pool:
         pool.submit(int).result()
         print("running", flush=True)
         pool.submit(time.sleep, 1000).result()

@@ -12,7 +12,7 @@ from stable_baselines3 import A2C
 from agents import DESIGN, load
 from agents.comparison import PolicyComparison
 from agents.evaluation import Outcome
-from workbench.commands.evaluate import show
+from workbench.commands.evaluate import print_figures
 from workbench.terminal import Terminal
 
 
@@ -76,5 +76,5 @@ def test_what_a_policy_never_reaches_is_told_without_a_number(capsys):
     assert sooner["information"]["ratio"] == pytest.approx(np.exp(4 / 4))
     assert (sooner["error 2 s"]["ratio"], never["error 2 s"]["ratio"]) == pytest.approx((2.0, 0.1))
     assert never["time to 1 %"]["ratio"] is None
-    show(figures, Terminal())
+    print_figures(figures, Terminal())
     assert "nan" not in capsys.readouterr().out

@@ -16,7 +16,7 @@ from pendulum_env.servo.drive import ServoDrive
 from tests.cases import recording
 from tests.two_link import recorded
 from tools.prose import ROOT
-from workbench.narrator.diagnosis import comparison_json, diagnosis_json, identification_json
+from workbench.narrator.diagnosis import write_comparison, write_diagnosis, write_identification
 
 PAGE = (ROOT / "docs" / "how-to" / "results.md").read_text(encoding="utf-8").partition("## Files of `--json`")[2]
 OF_COMMANDS = {"payload", "nearest_body"}  # which commands add
@@ -58,7 +58,7 @@ def files(request, tmp_path_factory):
         robot.write_text(TwoLink().urdf())
         terms, runs = arm_base(read_body(robot)), [recorded(seconds=6.0, rate=500.0, offset=(0.0, 0.3))]
     found, estimates = diagnose(runs, (), terms, only=FEW), identify(runs, terms, ["dynamic", "filtered_dynamic"])
-    written = diagnosis_json(found), comparison_json(compare(found.model, runs)), identification_json(estimates)
+    written = write_diagnosis(found), write_comparison(compare(found.model, runs)), write_identification(estimates)
     return [json.loads(json.dumps(one, allow_nan=False)) for one in written]
 
 

@@ -18,7 +18,7 @@ from pendulum_env.physics.table import TABLES, PowerOfSpeed
 from pendulum_env.physics.terms import find_untested_ends
 from pendulum_env.units import JointUnits, show_angles
 from workbench.narrator.diagnosis import describe_detectable, describe_region, describe_suggestion
-from workbench.narrator.effects import EFFECTS, description, find_look_alikes, name
+from workbench.narrator.effects import EFFECTS, find_description, find_look_alikes, name_effect
 from workbench.narrator.findings import DESCRIBED, describe
 from workbench.narrator.reasons import REASONS, describe_objection
 
@@ -66,21 +66,21 @@ def test_every_kind_is_described():
 
 @pytest.mark.parametrize("id", [kind.id for kind in BUILT_IN])
 def test_every_built_in_effect_has_a_symptom_a_signature_and_effects_that_resemble_it(id):
-    text = description(id)
+    text = find_description(id)
     assert text.symptom in get_args(Symptom) and text.informative_experiment
     assert text.signature.endswith(".") and text.signature.count(". ") <= 1  # a sentence or two
     assert text.resembles and id not in text.resembles and set(text.resembles) <= EFFECTS.keys()
-    assert name(id) == (text.title or id.replace("_", " "))
+    assert name_effect(id) == (text.title or id.replace("_", " "))
 
 
 def test_an_effect_is_confused_with_those_that_name_it():
-    assert "temperature_dependent_friction" not in description("friction_drift").resembles
+    assert "temperature_dependent_friction" not in find_description("friction_drift").resembles
     assert find_look_alikes("friction_drift")[-1] == "temperature_dependent_friction"
 
 
 def test_texts_are_of_terms_that_exist_and_show_every_symptom():
     assert list_nameable().keys() | TABLES.keys() <= EFFECTS.keys() | {PowerOfSpeed.id}
-    assert {description(kind.id).symptom for kind in BUILT_IN} == set(get_args(Symptom))
+    assert {find_description(kind.id).symptom for kind in BUILT_IN} == set(get_args(Symptom))
 
 
 def test_a_user_s_effect_has_a_title_from_its_id_or_its_own_description():
@@ -91,8 +91,11 @@ def test_a_user_s_effect_has_a_title_from_its_id_or_its_own_description():
         id = "seal"
         description = Description(title="a seal that rubs", informative_experiment="slow motion")
 
-    assert name("slow_wobble@elbow") == "slow wobble at elbow" and description(Wobble.id) == Description()
-    assert name(Seal.id) == "a seal that rubs" and description("seal@elbow").informative_experiment == "slow motion"
+    assert name_effect("slow_wobble@elbow") == "slow wobble at elbow" and find_description(Wobble.id) == Description()
+    assert (
+        name_effect(Seal.id) == "a seal that rubs"
+        and find_description("seal@elbow").informative_experiment == "slow motion"
+    )
 
 
 def limits(gate: str, value: float, limit: float, unit: str = "") -> Finding:

@@ -14,9 +14,9 @@ from tests.patience import wait_until
 from tests.workbench.app.plants import recorded
 from workbench.cli import main
 from workbench.report import render, render_comparison
-from workbench.report.case import Case
-from workbench.report.numbers import errors, ladder
-from workbench.report.page import assemble
+from workbench.report.case import ReportData
+from workbench.report.numbers import make_errors, plot_errors
+from workbench.report.page import render_page
 
 TELEPHONE = {"width": 420, "height": 900}  # [px]
 CUT = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
@@ -48,13 +48,13 @@ def of_many_curves(folder: Path) -> str:
     diagnosis = found()
     base, step = diagnosis.steps[:2]
     several = tuple(replace(step, added=id) for id in ("coulomb_asymmetry", "position_dependent_friction", "stribeck"))
-    case = Case(replace(diagnosis, steps=(base, *several)))
+    case = ReportData(replace(diagnosis, steps=(base, *several)))
     time = np.linspace(0.0, 10.0, 50)
     curves = [line(time, np.sin(k + time), f"a curve with a name, {k}", "--base", "rad") for k in range(10)]
     many = Figure("many", "Many", curves, {"xaxis": axis("time [s]"), "yaxis": axis("angle [rad]")})
-    figures = [many, ladder(case, "torque_rms", "torque error [N m]", 0.01)]
-    section = errors(Case(diagnosis))
-    return assemble([replace(section, content={**section.content, "figures": figures})], "curves")
+    figures = [many, plot_errors(case, "torque_rms", "torque error [N m]", 0.01)]
+    section = make_errors(ReportData(diagnosis))
+    return render_page([replace(section, content={**section.content, "figures": figures})], "curves")
 
 
 def of_a_comparison(folder: Path) -> str:

@@ -18,7 +18,7 @@ from pendulum_env.plant import make_plant
 from pendulum_env.recording import Note, NoteKind, Recording
 from tests.feeding import played
 from tests.terms import CubicDamping
-from workbench.narrator.diagnosis import describe_region, headline
+from workbench.narrator.diagnosis import describe_region, describe_result
 
 HOSTILE = "</div><script>alert('1')</script>&\"{{ 7 * 7 }}"
 PENDULUM = "pendulum_env/DirectDrivePendulum-v0"
@@ -113,10 +113,12 @@ def test_headline_says_no_more_than_was_looked_for(results):
     found = results["diagnosis"]
     base = replace(found, steps=found.steps[:1])
     region = Region("position", 0.1, 0.2, 0.05, 9.0, "rad")
-    assert headline(base) == "Nothing is missing"
-    assert headline(replace(base, unexplained=(region,))) == "Something is missing, and no known effect explains it"
-    assert headline(replace(base, candidates=())) == "The model explains what was measured"
-    assert headline(replace(base, candidates=(), unexplained=(region,))) == "Something is missing in this model"
+    assert describe_result(base) == "Nothing is missing"
+    assert (
+        describe_result(replace(base, unexplained=(region,))) == "Something is missing, and no known effect explains it"
+    )
+    assert describe_result(replace(base, candidates=())) == "The model explains what was measured"
+    assert describe_result(replace(base, candidates=(), unexplained=(region,))) == "Something is missing in this model"
 
 
 def test_laws_of_users_are_escaped():

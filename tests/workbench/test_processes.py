@@ -15,7 +15,7 @@ from tests.patience import PATIENCE, wait_until
 from tests.pendulum_env.physics.test_limits import PLUGIN
 from workbench import processes
 from workbench.mistakes import InputError
-from workbench.processes import LOST, End, Job, Workers, local_workers
+from workbench.processes import LOST, Job, TaskEnd, Workers, open_local_workers
 
 
 def count(to: int, tell: Progress) -> int:
@@ -49,10 +49,10 @@ class Witness:
     """A job and what came of it."""
 
     def __init__(self, task: Any, workers: Workers) -> None:
-        self.outcome: list[End] = []
+        self.outcome: list[TaskEnd] = []
         self.job = Job("a job", task, workers, lambda _, word: self.outcome.append(word))
 
-    def wait(self) -> End:
+    def wait(self) -> TaskEnd:
         assert self.job.over.wait(PATIENCE)
         assert not self.job.running
         return self.outcome[0]
@@ -61,14 +61,14 @@ class Witness:
 def test_a_job_ends_with_its_result_or_with_a_sentence(workers):
     workers.warm()
     first = Witness(functools.partial(count, 3), workers)
-    assert first.wait() == End(3) and first.job.what == "step 2"
-    assert Witness(refuse, workers).wait() == End(why="the data are too few")
-    assert Witness(vanish, workers).wait() == End(why=LOST)
+    assert first.wait() == TaskEnd(3) and first.job.what == "step 2"
+    assert Witness(refuse, workers).wait() == TaskEnd(why="the data are too few")
+    assert Witness(vanish, workers).wait() == TaskEnd(why=LOST)
     workers.warm()
     assert workers._spare is not None
     workers._spare.process.kill()  # nor is one that dies while it waits any trouble
     workers._spare.process.join()
-    assert Witness(functools.partial(count, 1), workers).wait() == End(1)
+    assert Witness(functools.partial(count, 1), workers).wait() == TaskEnd(1)
 
 
 def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers):
@@ -80,7 +80,7 @@ def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers):
 
 
 def test_local_workers_end_in_the_middle_of_a_task():
-    with pytest.raises(KeyboardInterrupt), local_workers(1) as executor:
+    with pytest.raises(KeyboardInterrupt), open_local_workers(1) as executor:
         assert executor.submit(abs, -1).result(PATIENCE) == 1
         late = executor.submit(time.sleep, 2 * PATIENCE)
         raise KeyboardInterrupt
@@ -95,4 +95,4 @@ def test_a_file_of_effects_that_has_gone_is_told(tmp_path, monkeypatch, workers)
     assert told.why.startswith(f"{file}: ")
     file.write_text(PLUGIN)
     workers.close()  # also the one that waits, and has read what was there
-    assert Witness(functools.partial(count, 1), workers).wait() == End(1)
+    assert Witness(functools.partial(count, 1), workers).wait() == TaskEnd(1)

@@ -21,7 +21,7 @@ from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
 from workbench.narrator.reasons import describe_reason
 from workbench.report import render
-from workbench.report.failures import profile_figure
+from workbench.report.failures import plot_profile
 from workbench.report.page import SECTIONS
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
@@ -150,7 +150,7 @@ def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn():
     x = Samples(time, 1.5 * time, np.sin(time), np.cos(time))
     cogs = 0.1 * np.cos(7 * x.position)
     (around,) = compute_profiles(x, cogs, 0.01, ["position"])
-    drawn = profile_figure(curves, [around], find_regions(x, cogs, 0.01), (), 0.2)
+    drawn = plot_profile(curves, [around], find_regions(x, cogs, 0.01), (), 0.2)
     angle = np.array(drawn.data[-1]["x"])
     assert "wrapped" in drawn.layout["xaxis"]["title"]["text"] and np.abs(angle).max() <= np.pi
     assert np.corrcoef(drawn.data[-1]["y"], np.cos(7 * angle))[0, 1] > 0.98  # not smeared over all turns

@@ -10,7 +10,7 @@ from estimators.online import OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
 from pendulum_env.physics import BASE
 from pendulum_env.recording import read_recording
-from workbench.judges import Apart, Here, verdict_text
+from workbench.judges import OnlineJudge, ProcessJudge, describe_verdict
 
 
 def test_a_recording_ends_when_the_verdict_stands(tmp_path: Path, done) -> None:
@@ -24,7 +24,7 @@ def test_a_process_of_its_own_says_the_same() -> None:
     plant = Plant(effects={"torque_offset": {"offset": 0.4}})
     (run,) = simulate([(plant, Experiment(rate=250.0, seconds=9.0, counts=65_536, torque_noise=0.05))])
     smoothing = Smoothing.of_encoder(65_536, 250.0)
-    judges = Here(250.0, smoothing), Apart(250.0, smoothing)
+    judges = OnlineJudge(250.0, smoothing), ProcessJudge(250.0, smoothing)
     stood = [False, False]
     for t, q, tau in zip(run.time[:2200], run.position, np.r_[0.0, run.torque[:-1]], strict=False):
         info = {"time": float(t), "position": float(q), "torque": float(tau)}
@@ -33,15 +33,15 @@ def test_a_process_of_its_own_says_the_same() -> None:
             break
     here, apart = (judge.close() for judge in judges)
     assert stood[0] and (here.kind, here.group) == (apart.kind, apart.group) and "torque_offset" in here.group
-    assert "stands" in verdict_text(here, True)
+    assert "stands" in describe_verdict(here, True)
 
 
 def test_what_was_not_tried_is_said_and_a_run_too_short_says_nothing_of_what_is_missing():
     not_run = {"backlash": Obstacle.HAS_STATE, "dead_time": Obstacle.IS_DELAY}
     said = OnlineDiagnosis("missing", BASE, group=("torque_saturation",), motion=3.0, not_run=not_run)
-    missing, not_tried = verdict_text(said, True).splitlines()
+    missing, not_tried = describe_verdict(said, True).splitlines()
     assert missing.startswith("missing: torque saturation") and "3.0 s" in missing
     assert not_tried.endswith("backlash and dead time of the torque")
-    assert "too short to tell" in verdict_text(OnlineDiagnosis("calibrating", BASE), False)
+    assert "too short to tell" in describe_verdict(OnlineDiagnosis("calibrating", BASE), False)
     changed = OnlineDiagnosis("changed", BASE, motion=3.0, changed={"inertia": (0.03, 0.001)})
-    assert "inertia" in verdict_text(changed, False)
+    assert "inertia" in describe_verdict(changed, False)

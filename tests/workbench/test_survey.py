@@ -24,10 +24,10 @@ from tests.workbench.surveys import BEGAN, surveyed_rows
 from workbench.cli import main
 from workbench.commands.survey import configure
 from workbench.mistakes import InputError
-from workbench.processes import local_workers
-from workbench.survey.diagnosis import Settings, joint_rows
+from workbench.processes import open_local_workers
+from workbench.survey.diagnosis import Settings, make_rows
 from workbench.survey.recordings import TABLES, find_recordings
-from workbench.survey.run import DIED, RESULTS, survey
+from workbench.survey.run import DIED, RESULTS, run_survey
 from workbench.survey.table import find_series
 
 FEW = ("stribeck", "quadratic_drag", "spring")
@@ -77,7 +77,7 @@ class Counted:
 def run(folder, output, *task, options=(), start=ThreadPoolExecutor, workers=1):
     asked = arguments(folder, *options)
     found = find_recordings(folder, asked)
-    return survey(found, Settings.of(asked), output, start, workers, **({"task": task[0]} if task else {}))
+    return run_survey(found, Settings.of(asked), output, start, workers, **({"task": task[0]} if task else {}))
 
 
 @pytest.fixture
@@ -149,7 +149,7 @@ def test_recordings_of_one_file_each_have_their_own_result(tmp_path):
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="a signal of Unix")
 def test_a_worker_that_is_killed_costs_its_recording_alone(folder, tmp_path):
     (folder / "arm/2026-01-12.csv").write_text("deadly")
-    rows = run(folder, tmp_path / "out", read_values, start=local_workers, workers=2)
+    rows = run(folder, tmp_path / "out", read_values, start=open_local_workers, workers=2)
     assert {row["recording"]: row.get("error") for row in rows} == {
         f"{machine}/{day}.csv": DIED if (machine, day) == ("arm", "2026-01-12") else None
         for machine in ("arm", "leg")
@@ -268,10 +268,10 @@ def test_biased_and_unknown_estimates_are_in_no_trend(rows):
 def test_a_row_has_no_value_of_an_unknown_parameter_and_says_what_is_biased(swing):
     found = diagnose(swing, only=FEW)
     first, second, *_ = found.model.estimates
-    assert not joint_rows(found)[0]["biased"] and None not in joint_rows(found)[0]["parameters"][first].values()
+    assert not make_rows(found)[0]["biased"] and None not in make_rows(found)[0]["parameters"][first].values()
     *steps, last = found.steps
     found = replace(found, steps=(*steps, replace(last, model=last.model.mark_biased().withhold([first]))))
-    (row,) = joint_rows(found)
+    (row,) = make_rows(found)
     assert row["biased"] and (row["parameters"][first]["value"], row["parameters"][first]["std"]) == (None, None)
     assert row["parameters"][second]["value"] == found.model.estimates[second].value
 

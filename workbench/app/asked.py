@@ -9,13 +9,13 @@ from typing import Any
 from estimators.arguments import apply_limits, select_effects
 from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import Term
-from workbench.options import ids as effects_of
-from workbench.options import known as values_of
-from workbench.options import ranges
+from workbench.options import parse_bounds
+from workbench.options import parse_effects as effects_of
+from workbench.options import parse_values as values_of
 
 
 @dataclass(frozen=True)
-class Asked:
+class SearchChoices:
     """Effects to look for, values that are known and bounds of others, each in the words of the command line."""
 
     only: str = ""  # ids of the effects that are looked for, with commas; empty: all
@@ -24,7 +24,7 @@ class Asked:
     bound: str = ""  # `viscous=0:0.5,...`
 
     @classmethod
-    def of(cls, form: Mapping[str, Any]) -> Asked:
+    def of(cls, form: Mapping[str, Any]) -> SearchChoices:
         """Return the values of the form fields `ask-only` and so on: ids in a list, or text."""
         values = (form.get(f"ask-{field.name}") or "" for field in fields(cls))
         return cls(*(",".join(map(str, value)) if isinstance(value, list) else str(value).strip() for value in values))
@@ -39,7 +39,7 @@ class Asked:
         """Return the limits of parameters for `diagnose` and `add`; raises as the command line."""
         return {
             "fixed": values_of(self.fix) if self.fix else {},
-            "bounds": ranges(self.bound) if self.bound else {},
+            "bounds": parse_bounds(self.bound) if self.bound else {},
         }
 
     def check(self, terms: Sequence[Term]) -> None:
@@ -48,12 +48,12 @@ class Asked:
         apply_limits(terms, {}, **self.limits)
 
     def options(self, *fields: str) -> list[str]:
-        """Some fields as words of a command."""
+        """Write some fields as words of a command."""
         return [f"--{field}={getattr(self, field)}" for field in fields if getattr(self, field)]
 
     def arguments(self, *kinds: dict[str, Any]) -> str:
-        """Arguments of Python that are given, each with a comma before it."""
+        """Write the given arguments of Python, each with a comma before it."""
         return "".join(f", {name}={value!r}" for kind in kinds for name, value in kind.items() if value)
 
 
-NOTHING = Asked()  # every effect is looked for, and nothing is known
+NO_CHOICES = SearchChoices()  # every effect is looked for, and nothing is known

@@ -25,7 +25,7 @@ from pendulum_env.recording.expression import NUMBER, Expression, normalise_name
 from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
 from pendulum_env.thinning import thin
-from workbench.app.parts import UNWRAP, aria, button, graph, labelled, panel, table
+from workbench.app.parts import UNWRAP, label_control, make_aria, make_button, make_graph, make_panel, make_table
 
 COLUMN = "column"  # kind of a plot that a range is brushed in
 NEEDED = 2  # columns with numbers: time and position
@@ -44,11 +44,13 @@ HINTS = {  # of what is done with a column
     "reference": "/6 or *-1 or +90",
 }
 CALLED = {"A": "A: current", "V": "V: voltage", "duty": "duty: share of the supply"}
-Ends = tuple[float | None, float | None]  # of a range [s] from the first row; None where it goes to the first or last
+TimeRange = tuple[
+    float | None, float | None
+]  # of a range [s] from the first row; None where it goes to the first or last
 
 
 @dataclass(frozen=True)
-class Choice:
+class ColumnChoice:
     """Choice for one column: role, unit and conversion; empty without a choice."""
 
     role: str = ""
@@ -62,53 +64,53 @@ class Choice:
         return f"{header}{f':{unit}' if unit else ''}{gain}{then}"
 
     @classmethod
-    def of(cls, role: str, told: Expression) -> Choice:
+    def of(cls, role: str, told: Expression) -> ColumnChoice:
         """Parse an expression into a choice."""
         gain = "".join([*(["*-1"] if told.negative else []), *told.factors])
         offset = (told.offset or "") + ("" if told.offset_unit is None else f":{told.offset_unit}")
         return cls(role, told.unit or "", gain + offset)
 
 
-def quantity(role: str) -> str:
+def get_quantity(role: str) -> str:
     """Return the quantity of a role: `position` of `position_elbow`."""
     return role.partition("_")[0]
 
 
-def units(role: str) -> list[str]:
-    """Units that a column of a role may be in."""
-    what = quantity(role)
+def list_units(role: str) -> list[str]:
+    """List the units that a column of a role may be in."""
+    what = get_quantity(role)
     return [*TOLD.get(what, "").split(", "), *LINEAR.get(what, {})] if what in TOLD else []
 
 
-def understood(role: str, text: str, headers: Sequence[str]) -> str:
+def describe_unit(role: str, text: str, headers: Sequence[str]) -> str:
     """Describe the unit of the column of an expression; empty without a unit."""
     try:
-        column = parse_column(quantity(role), text, headers)
+        column = parse_column(get_quantity(role), text, headers)
     except RecordingError:
         return "not clear yet"
     if column.unit is not None:
-        written = {normalise_name(unit): unit for unit in units(role)}
+        written = {normalise_name(unit): unit for unit in list_units(role)}
         return f"{written.get(column.unit, column.unit)} (named)"
-    if not (unit := SI[quantity(role)]):
+    if not (unit := SI[get_quantity(role)]):
         return ""
     return f"{unit} (after gain)" if column.is_unit_told else f"{unit} (assumed)"
 
 
 @dataclass(frozen=True, eq=False)
-class Card:
+class ColumnCard:
     """A file whose columns a person is asked about."""
 
     source: Source  # how it is to be read; its columns and range are those of `choices` and `ends` instead
-    choices: tuple[Choice, ...]  # what is said of each column
+    choices: tuple[ColumnChoice, ...]  # what is said of each column
     preview: Preview  # what is in the file
-    ends: Ends = (None, None)  # of the range to use
+    ends: TimeRange = (None, None)  # of the range to use
     known: str = ""  # id of the recording that it is of; empty while that waits for an answer
     why: str = ""  # what is wrong with it, in a sentence; empty if a person asked to see it
     joints: tuple[str, ...] = ()  # of the arm that it is of; none of a pendulum
     is_free: bool = False  # whether nothing drives the joint, so that a missing torque is zero
 
     @classmethod
-    def of(cls, source: Source, known: str = "", why: str = "", joints: tuple[str, ...] = ()) -> Card:
+    def of(cls, source: Source, known: str = "", why: str = "", joints: tuple[str, ...] = ()) -> ColumnCard:
         """Look at a file, beginning with what is said of it or what the names of its columns tell.
 
         Raises RecordingError if it cannot be read, or has too few columns to choose from.
@@ -122,17 +124,17 @@ class Card:
         if joints:
             plain = strip_units(shown.headers)
             guessed = {role: plain[role] for role in card.roles if role in plain}
-        said = {name: Choice(role) for role, name in guessed.items() if role not in source.columns}
+        said = {name: ColumnChoice(role) for role, name in guessed.items() if role not in source.columns}
         for role, text in source.columns.items():
-            what = quantity(role)
+            what = get_quantity(role)
             try:
                 told = parse_expression(
                     text, shown.headers, {**UNITS[what], **RAW.get(what, {}), **LINEAR.get(what, {})}
                 )
             except RecordingError:
                 continue  # `none`, or a mistake that reading has told of
-            said[told.name] = Choice.of(role, told)
-        return replace(card, choices=tuple(said.get(header, Choice()) for header in shown.headers))
+            said[told.name] = ColumnChoice.of(role, told)
+        return replace(card, choices=tuple(said.get(header, ColumnChoice()) for header in shown.headers))
 
     @property
     def roles(self) -> tuple[str, ...]:
@@ -140,23 +142,23 @@ class Card:
         own = (f"{what}_{joint}" for joint in self.joints for what in ("position", "torque"))
         return ("time", *own) if self.joints else tuple(ALIASES)
 
-    def told(self, choices: Sequence[Choice], unwrap: bool, ends: Ends) -> Card:
-        """The card with other choices."""
+    def told(self, choices: Sequence[ColumnChoice], unwrap: bool, ends: TimeRange) -> ColumnCard:
+        """Return the card with other choices."""
         return replace(self, choices=tuple(choices), source=replace(self.source, unwrap=unwrap), ends=ends)
 
-    def filled(self, form: Mapping[str, Any]) -> Card:
-        """The card as the controls of the page have it."""
+    def filled(self, form: Mapping[str, Any]) -> ColumnCard:
+        """Return the card as the controls of the page have it."""
         columns = range(len(self.choices))
-        choices = [Choice(*(form.get(f"{what}:{k}") or "" for what in ("role", "unit", "then"))) for k in columns]
+        choices = [ColumnChoice(*(form.get(f"{what}:{k}") or "" for what in ("role", "unit", "then"))) for k in columns]
         free = replace(self, is_free=bool(form.get("free:0")))
         return free.told(choices, bool(form.get("unwrap:0")), (form.get("from:0"), form.get("to:0")))
 
-    def is_as(self, other: Card) -> bool:
+    def is_as(self, other: ColumnCard) -> bool:
         """Return whether another card has the same roles and units."""
         return [(one.role, one.unit) for one in self.choices] == [(one.role, one.unit) for one in other.choices]
 
     def asked(self) -> Source:
-        """The source as the choices have it.
+        """Return the source as the choices have it.
 
         Raises ColumnError if two columns have the same role, or one has to be named yet, and RecordingError if the
         range is none.
@@ -190,7 +192,7 @@ class Card:
         return None if told is None else self.preview.read_seconds(told)
 
     @property
-    def _pairs(self) -> list[tuple[str, Choice]]:
+    def _pairs(self) -> list[tuple[str, ColumnChoice]]:
         return list(zip(self.preview.headers, self.choices, strict=True))
 
     def _expression(self, role: str) -> str | None:
@@ -198,19 +200,19 @@ class Card:
         return next((choice.expression(header) for header, choice in self._pairs if choice.role == role), None)
 
 
-def show(card: Card) -> Component:
+def show(card: ColumnCard) -> Component:
     """Render the content of the file, and the choices of its columns."""
     brush = "Drag over a plot to choose the range."
     if card.seconds is None:
         brush = "The range can be chosen once time is."
     ends = [
-        labelled(label, dcc.Input(value, type="number", id=_id(end), min=0, placeholder=empty, debounce=True))
+        label_control(label, dcc.Input(value, type="number", id=_make_id(end), min=0, placeholder=empty, debounce=True))
         for label, end, value, empty in (
             ("Use it from [s]", "from", card.ends[0], "first row"),
             ("to [s]", "to", card.ends[1], "last row"),
         )
     ]
-    return panel(
+    return make_panel(
         f"What the columns of {card.source.file.name} mean",
         *([html.P(f"{card.why}.", className="why", role="alert")] if card.why else []),
         html.P(
@@ -220,22 +222,22 @@ def show(card: Card) -> Component:
             f"{'' if card.joints else ', or *? to find it from known loads'}. {brush}",
             className="note",
         ),
-        table(
+        make_table(
             dict.fromkeys(("Column", "First rows", "All rows", "It is", "In", "Gain, ratio, offset"), False),
-            [_row(card, k) for k in range(len(card.choices))],
+            [_make_row(card, k) for k in range(len(card.choices))],
             "Columns",
         ),
         html.Div(ends, className="fields"),
-        dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], ["unwrap"] * card.source.unwrap, id=_id("unwrap")),
+        dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], ["unwrap"] * card.source.unwrap, id=_make_id("unwrap")),
         *(
             []
             if card.joints
-            else [dcc.Checklist([{"label": FREE, "value": "free"}], ["free"] * card.is_free, id=_id("free"))]
+            else [dcc.Checklist([{"label": FREE, "value": "free"}], ["free"] * card.is_free, id=_make_id("free"))]
         ),
         html.Div(
             [
-                button("Read it again" if card.known else "Load it", "card-load", primary=True),
-                button("Leave it as it is" if card.known else "Leave it out", "card-close"),
+                make_button("Read it again" if card.known else "Load it", "card-load", primary=True),
+                make_button("Leave it as it is" if card.known else "Leave it out", "card-close"),
             ],
             className="row",
         ),
@@ -243,28 +245,28 @@ def show(card: Card) -> Component:
     )
 
 
-def _id(what: str, k: int = 0) -> dict[str, Any]:
-    """A control of the card; all by pattern, since they come and go."""
+def _make_id(what: str, k: int = 0) -> dict[str, Any]:
+    """Make a control of the card; all by pattern, since they come and go."""
     return {"field": what, "of": k}
 
 
-def _row(card: Card, k: int) -> tuple[Any, ...]:
-    """A column: what is in it, and the choice of what it means."""
+def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
+    """Make the row of a column: its content, and the choice of its meaning."""
     header, choice, values = card.preview.headers[k], card.choices[k], card.preview.values[k]
     first, plot = "no numbers", None
     if values is not None:
         first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"  # that are shown
-        plot = graph(_plot(k, header, values, card.seconds), kind=COLUMN, bar=False)
+        plot = make_graph(_plot(k, header, values, card.seconds), kind=COLUMN, bar=False)
     roles = {"": "unused"} | {role: role for role in card.roles}
     unsaid = replace(choice, unit="").expression(header)
-    unit = (understood(choice.role, unsaid, card.preview.headers) if choice.role else "") or "–"
-    known = {"": unit} | {one: CALLED.get(one, one) for one in [*units(choice.role), choice.unit] if one}
+    unit = (describe_unit(choice.role, unsaid, card.preview.headers) if choice.role else "") or "–"
+    known = {"": unit} | {one: CALLED.get(one, one) for one in [*list_units(choice.role), choice.unit] if one}
     more: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": values is None}
     then = dcc.Input(
         choice.then,
         type="text",
-        id=_id("then", k),
-        placeholder=HINTS.get(quantity(choice.role), ""),
+        id=_make_id("then", k),
+        placeholder=HINTS.get(get_quantity(choice.role), ""),
         disabled=values is None or not choice.role,
         persistence=card.source.file.name,  # what is typed stays while this card is drawn anew
         persistence_type="memory",
@@ -273,14 +275,18 @@ def _row(card: Card, k: int) -> tuple[Any, ...]:
         html.Strong(header),
         first,
         plot,
-        html.Div(dcc.Dropdown(roles, choice.role, id=_id("role", k), **more), **aria(label=f"Role of {header}")),
-        html.Div(dcc.Dropdown(known, choice.unit, id=_id("unit", k), **more), **aria(label=f"Unit of {header}")),
+        html.Div(
+            dcc.Dropdown(roles, choice.role, id=_make_id("role", k), **more), **make_aria(label=f"Role of {header}")
+        ),
+        html.Div(
+            dcc.Dropdown(known, choice.unit, id=_make_id("unit", k), **more), **make_aria(label=f"Unit of {header}")
+        ),
         then,
     )
 
 
 def _plot(k: int, header: str, values: Array, seconds: Array | None) -> Figure:
-    """A column over time, over rows while there is no time."""
+    """Plot a column over time, over rows while there is no time."""
     x = seconds if seconds is not None and len(seconds) == len(values) else np.arange(len(values), dtype=float)
     kept = thin(np.nan_to_num(values), 300)  # of a plot
     bare = axis("", visible=False, fixedrange=True)

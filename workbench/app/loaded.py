@@ -11,12 +11,12 @@ from workbench.mistakes import InputError
 
 
 def read_one(source: Source) -> Recording:
-    """A recording of a pendulum; raises RecordingError, in the words of the command line."""
+    """Read a recording of a pendulum; raises RecordingError, in the words of the command line."""
     return replace(source.read(), drive=None)  # pages draw it by its torque
 
 
 @dataclass(frozen=True, eq=False)
-class Loaded:
+class LoadedRecording:
     """A recording of a session."""
 
     id: str  # by which the page names it: that of its file, with a number where several are of one file
@@ -28,10 +28,10 @@ class Loaded:
     def of(
         cls,
         source: Source,
-        known: Sequence[Loaded] = (),
+        known: Sequence[LoadedRecording] = (),
         origin: tuple[str, ...] = (),
         read: Callable[[Source], Recording] = read_one,
-    ) -> Loaded:
+    ) -> LoadedRecording:
         """Read a recording beside those that are known, of whose files it may be another range.
 
         Raises InputError if it is known already, and RecordingError if it cannot be read, in the words of the command

@@ -11,7 +11,7 @@ from pendulum_env.arms.joints import list_effects, place_effects
 from pendulum_env.formatting import capitalise
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
-from workbench.narrator.effects import name
+from workbench.narrator.effects import name_effect
 from workbench.report import page
 from workbench.report.section import Section
 
@@ -26,8 +26,8 @@ EMPTY = {"layout": {"xaxis": HIDDEN, "yaxis": HIDDEN, "paper_bgcolor": CLEAR, "p
 KEPT: dict[str, Any] = {"persistence": True, "persistence_type": "session"}  # what a tab has entered, over a reload
 
 
-def graph(figure: Figure, caption: Content = None, kind: str = PLOT, bar: bool = True) -> Component:
-    """A figure of the report, perhaps with a bar of buttons; the page fills in its colours, in light and dark."""
+def make_graph(figure: Figure, caption: Content = None, kind: str = PLOT, bar: bool = True) -> Component:
+    """Make a figure of the report, perhaps with a bar of buttons; the page fills in its colours, in light and dark."""
     buttons = [*BUTTONS[:2], "select2d", *BUTTONS[2:]] if figure.layout.get("dragmode") == "select" else BUTTONS
     config: Any = {"displaylogo": False, "modeBarButtons": [buttons]} if bar else {"displayModeBar": False}
     style, id = {"height": figure.height}, {"kind": kind, "of": figure.id}
@@ -35,77 +35,79 @@ def graph(figure: Figure, caption: Content = None, kind: str = PLOT, bar: bool =
     drawn = dcc.Graph(id=id, figure=EMPTY, responsive=True, config=config, style=style)
     parts: list[Component] = [html.Figcaption(caption)] if caption is not None else []
     parts.append(dcc.Store(id={"kind": f"{kind}-{SPEC}", "of": figure.id}, data=spec))
-    parts.append(html.Div(drawn, role="group", className="plot", style=style, **aria(label=figure.label)))
+    parts.append(html.Div(drawn, role="group", className="plot", style=style, **make_aria(label=figure.label)))
     return html.Figure(parts)
 
 
-def aria(**attributes: str) -> dict[str, Any]:
-    """Attributes for those who cannot see the page: `label` becomes `aria-label`."""
+def make_aria(**attributes: str) -> dict[str, Any]:
+    """Make the attributes for those who cannot see the page: `label` becomes `aria-label`."""
     return {f"aria-{name}": value for name, value in attributes.items()}
 
 
-def fragment(section: Section) -> Component:
-    """Text and tables of a section of the report, in its own words; figures are left to `graph`."""
+def make_fragment(section: Section) -> Component:
+    """Make text and tables of a section of the report; figures are left to `make_graph`."""
     return html.Div(
         [
-            dcc.Store(id={"kind": "markup", "of": section.id}, data=page.fragment(section)),
+            dcc.Store(id={"kind": "markup", "of": section.id}, data=page.render_fragment(section)),
             html.Div(id={"kind": "fragment", "of": section.id}, className="fragment"),
         ]
     )
 
 
-def button(label: Content, does: str | dict[str, str], of: str = "", primary: bool = False, **more: Any) -> Component:
-    """A button, by the name of the action that it does and by what it does it to, or by another id."""
+def make_button(
+    label: Content, does: str | dict[str, str], of: str = "", primary: bool = False, **more: Any
+) -> Component:
+    """Make a button for an action on an object, or with another id."""
     id = {"do": does, "of": of} if isinstance(does, str) else does
     look = {"className": "action primary" if primary else "action", "n_clicks": 0}
     return html.Button(label, id=id, type="button", **(look | more))
 
 
-def saves(file: str, what: str, of: str = "", primary: bool = False, **more: Any) -> Component:
-    """A button that saves a file; `what` is one of `export.FILES`."""
-    return button(file, {"save": what, "of": of}, primary=primary, **more)
+def make_save_button(file: str, what: str, of: str = "", primary: bool = False, **more: Any) -> Component:
+    """Make a button that saves a file; `what` is one of `export.FILES`."""
+    return make_button(file, {"save": what, "of": of}, primary=primary, **more)
 
 
-def effects_to_choose(body: Mechanism = PENDULUM, nothing: str = "", tables: bool = False) -> dict[str, str]:
-    """Names of effects by id, and perhaps of none, and of tables; of an arm at its joints, or at every one."""
+def list_choices(body: Mechanism = PENDULUM, nothing: str = "", tables: bool = False) -> dict[str, str]:
+    """List names of effects by id, perhaps with tables and none; of an arm at single joints and at every joint."""
     kinds = list_effects(body) | (TABLES if tables else {})
     ids = dict.fromkeys([*([] if tables else kinds), *(kind.id for kind in place_effects(kinds.values(), body))])
-    return ({"": nothing} if nothing else {}) | {id: capitalise(name(id)) for id in ids}
+    return ({"": nothing} if nothing else {}) | {id: capitalise(name_effect(id)) for id in ids}
 
 
-def field(name: str) -> dict[str, str]:
-    """Id of a control whose value actions are told."""
+def name_field(name: str) -> dict[str, str]:
+    """Return the id of a control whose value goes to the actions."""
     return {"field": name}
 
 
-def dropdown(name: str, options: Mapping[str, str] | Sequence[Any], value: Any, **more: Any) -> Component:
-    """A choice of one thing."""
-    return dcc.Dropdown(options, value, id=field(name), clearable=False, **more)
+def make_dropdown(name: str, options: Mapping[str, str] | Sequence[Any], value: Any, **more: Any) -> Component:
+    """Make a choice of one thing."""
+    return dcc.Dropdown(options, value, id=name_field(name), clearable=False, **more)
 
 
-def number_field(name: str, value: float | None, **more: Any) -> Component:
-    """A field for a number, which a tab keeps."""
-    return dcc.Input(value, type="number", id=field(name), **more, **KEPT)
+def make_number_field(name: str, value: float | None, **more: Any) -> Component:
+    """Make a field for a number, which a tab keeps."""
+    return dcc.Input(value, type="number", id=name_field(name), **more, **KEPT)
 
 
-def drop(label: Content, does: str, several: bool = False) -> Component:
-    """A place to choose files at, or to drop them on; assets/app.js reads them and names the action that takes them."""
+def make_drop_area(label: Content, does: str, several: bool = False) -> Component:
+    """Make an area for files to choose or drop; assets/app.js reads them and names the action that takes them."""
     told: dict[str, Any] = {"data-files": "several" if several else "one"}
     return html.Button(label, id=does, type="button", className="drop", **told)
 
 
-def labelled(label: str, control: Component, note: str = "") -> Component:
-    """A control with its label, and a word on it."""
+def label_control(label: str, control: Component, note: str = "") -> Component:
+    """Label a control, perhaps with a note."""
     return html.Label([html.Span(label), control, *([html.Small(note)] if note else [])], className="field")
 
 
-def panel(title: str, *content: Component | str, className: str = "") -> Component:
-    """A framed part with a heading."""
+def make_panel(title: str, *content: Component | str, className: str = "") -> Component:
+    """Make a framed part with a heading."""
     return html.Section([html.H2(title), *content], className=f"panel {className}".strip())
 
 
-def table(headers: Mapping[str, bool], rows: Sequence[Sequence[Any]], label: str) -> Component:
-    """Rows under headers, of which each tells whether its column holds numbers. Wide ones scroll by keyboard, too."""
+def make_table(headers: Mapping[str, bool], rows: Sequence[Sequence[Any]], label: str) -> Component:
+    """Make a table; each header tells whether its column holds numbers. A wide table scrolls by keyboard, too."""
     of = ["number" if number else None for number in headers.values()]
     head = html.Tr([html.Th(name, scope="col", className=kind) for name, kind in zip(headers, of, strict=True)])
     body = [html.Tr([html.Td(x, className=kind) for x, kind in zip(row, of, strict=True)]) for row in rows]
@@ -114,5 +116,5 @@ def table(headers: Mapping[str, bool], rows: Sequence[Sequence[Any]], label: str
         className="scroll",
         tabIndex=0,
         role="region",
-        **aria(label=label),
+        **make_aria(label=label),
     )

@@ -19,8 +19,8 @@ from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording.record import PER_INERTIA
-from workbench.app.asked import Asked
-from workbench.app.loaded import Loaded
+from workbench.app.asked import SearchChoices
+from workbench.app.loaded import LoadedRecording
 from workbench.mistakes import InputError
 from workbench.narrator.findings import describe
 
@@ -28,7 +28,7 @@ SCHEMES = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")  # of an arm, 
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedRecordings:
     """Recordings that a model can be fitted to."""
 
     data: FitData  # in N m, with their torque in time if that is asked for
@@ -38,7 +38,9 @@ class Prepared:
 
 
 @lru_cache(maxsize=4)  # states of the same choices share it
-def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: bool, asked: Asked) -> Prepared:
+def prepare(
+    loaded: tuple[LoadedRecording, ...], terms: tuple[Term, ...], is_aligned: bool, asked: SearchChoices
+) -> PreparedRecordings:
     """Prepare recordings for fits; `asked` has the fixed and bounded parameters of the base model.
 
     Raises InputError if no known load tells a gain, and IdentificationError if there is too little motion.
@@ -52,21 +54,23 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
     own = timed if is_aligned else given
     base = fit(*own.parts, make_swing_terms(terms, own.recordings))
     model = restore_known(add_torque_constant(base.model, own.parts[0].data), terms, own.recordings)
-    return Prepared(own, timed, replace(base, model=model))
+    return PreparedRecordings(own, timed, replace(base, model=model))
 
 
 @lru_cache(maxsize=4)
-def prepare_arm(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: bool, asked: Asked) -> Prepared:
+def prepare_arm(
+    loaded: tuple[LoadedRecording, ...], terms: tuple[Term, ...], is_aligned: bool, asked: SearchChoices
+) -> PreparedRecordings:
     """Prepare recordings of an arm for fits, without alignment; raises as `prepare`."""
     train, holdout = ([one.recording for one in loaded if one.held_out is held] for held in (False, True))
     fitted, _ = split_arm(train, holdout)
     found = identify(fitted, terms, SCHEMES)
     model, data = found[SAVED].model, FitData.of(train, holdout, found[SAVED].model.terms)
     errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
-    return Prepared(data, data, Step(None, model, errors), found)
+    return PreparedRecordings(data, data, Step(None, model, errors), found)
 
 
-def unexplained(prepared: RegressionData, model: Model) -> tuple[Region, ...]:
+def find_unexplained(prepared: RegressionData, model: Model) -> tuple[Region, ...]:
     """Find regions of the residual above noise in the fitted data, by joint."""
     residual: Array = prepared.with_link_states(model).residual(model.terms, model.theta)
     felt, data, regions = prepared.inertias(prepared.base), prepared.data, list[Region]()

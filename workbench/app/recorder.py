@@ -16,13 +16,13 @@ from pendulum_env.files import write_whole
 from pendulum_env.formatting import capitalise
 from pendulum_env.physics.library import MEASURED
 from pendulum_env.recording import Source
-from workbench.app.loaded import Loaded
-from workbench.app.parts import KEPT, dropdown, effects_to_choose, labelled, number_field
+from workbench.app.loaded import LoadedRecording
+from workbench.app.parts import KEPT, label_control, list_choices, make_dropdown, make_number_field
 from workbench.app.session import Session
 from workbench.app.state import State
 from workbench.cli import parse
 from workbench.mistakes import InputError
-from workbench.narrator.diagnosis import diagnosis_json
+from workbench.narrator.diagnosis import write_diagnosis
 from workbench.terminal import Terminal
 
 DIAGNOSIS = "diagnosis.json"
@@ -32,7 +32,7 @@ DEMO, DEMO_HOLDOUT = "demo.csv", "demo-holdout.csv"
 Options = tuple[str, ...]  # of `record`
 
 
-class Quiet(Terminal):
+class QuietTerminal(Terminal):
     """A terminal that prints nothing and hands on progress."""
 
     def __init__(self, tell: Progress) -> None:
@@ -47,14 +47,18 @@ class Quiet(Terminal):
         yield lambda what, share: self._tell(title, share)
 
 
-def record(folder: Path, wishes: Mapping[str, Options], held_out: Collection[str], progress: Progress) -> list[Loaded]:
+def record(
+    folder: Path, wishes: Mapping[str, Options], held_out: Collection[str], progress: Progress
+) -> list[LoadedRecording]:
     """Run `pendulum-ident record` for each file that is wished for, and read what it wrote."""
     loaded = []
     for name, options in wishes.items():
         arguments = parse(["record", *options, f"--output={folder / name}"])
-        arguments.run(arguments, Quiet(progress))
+        arguments.run(arguments, QuietTerminal(progress))
         origin = tuple(word.replace(f"{folder}/", "") for word in options)
-        loaded.append(Loaded.of(Source(folder / name, "holdout" if name in held_out else "fit"), origin=origin))
+        loaded.append(
+            LoadedRecording.of(Source(folder / name, "holdout" if name in held_out else "fit"), origin=origin)
+        )
     return loaded
 
 
@@ -85,44 +89,44 @@ def start_suggested(session: Session) -> None:
     Raises InputError if it suggests none, or the recordings are not of a simulated pendulum.
     """
     state = session.state
-    plant = simulated(state)
+    plant = find_plant_options(state)
     if state.diagnosis is None or state.diagnosis.suggestion is None or plant is None:
         raise InputError("there is no experiment to record: only a simulated pendulum can be recorded from here")
     folder = session.place()
-    write_whole(folder / DIAGNOSIS, json.dumps(diagnosis_json(state.diagnosis)))
+    write_whole(folder / DIAGNOSIS, json.dumps(write_diagnosis(state.diagnosis)))
     words = ("--excitation=suggested", f"--diagnosis={folder / DIAGNOSIS}", f"--seed={1 + len(state.loaded)}")
-    start(session, {free_name(state): (*plant, *words)}, folder=folder)
+    start(session, {choose_name(state): (*plant, *words)}, folder=folder)
 
 
-def simulated(state: State) -> Options | None:
-    """Options of `record` that make the plant of the first recording, None if it was not recorded here."""
+def find_plant_options(state: State) -> Options | None:
+    """Find the options of `record` that make the plant of the first recording, None if it was not recorded here."""
     if not state.loaded or not state.loaded[0].origin:
         return None
     return tuple(word for word in state.loaded[0].origin if word.startswith("--effect="))
 
 
-def free_name(state: State) -> str:
+def choose_name(state: State) -> str:
     """Choose a name for the next recording."""
     known = {one.id for one in state.loaded}
     return next(name for k in range(1, 1000) if (name := f"recording-{k}.csv") not in known)
 
 
-def fields() -> list[Component]:
+def make_fields() -> list[Component]:
     """Make the form of a run: its torque, and what is hidden in the plant; `options` reads it."""
     torques = {id: capitalise(id) for id in EXCITATIONS}
     torques |= {id: f"Learnt policy, {bound} torque bounded" for id, bound in LEARNT.items()}
-    hidden = {id: text for id, text in effects_to_choose(nothing="nothing").items() if id not in MEASURED}
+    hidden = {id: text for id, text in list_choices(nothing="nothing").items() if id not in MEASURED}
     return [
-        labelled("Excitation", dropdown("excitation", torques, "paper", searchable=False, **KEPT)),
-        labelled("Hidden effect", dropdown("effect", hidden, "", **KEPT)),
-        labelled("Peak torque [N m]", number_field("amplitude", None, min=0, placeholder="usual")),
-        labelled("Length [s]", number_field("seconds", 20, min=1, max=LONGEST)),
-        labelled("Seed", number_field("seed", 0, min=0, step=1)),
+        label_control("Excitation", make_dropdown("excitation", torques, "paper", searchable=False, **KEPT)),
+        label_control("Hidden effect", make_dropdown("effect", hidden, "", **KEPT)),
+        label_control("Peak torque [N m]", make_number_field("amplitude", None, min=0, placeholder="usual")),
+        label_control("Length [s]", make_number_field("seconds", 20, min=1, max=LONGEST)),
+        label_control("Seed", make_number_field("seed", 0, min=0, step=1)),
     ]
 
 
-def options(form: Mapping[str, Any]) -> Options:
-    """Options of `record` from the controls of a form; each is one word, so that none can be taken for another."""
+def read_options(form: Mapping[str, Any]) -> Options:
+    """Read the options of `record` from the controls of a form, one word each."""
     torque, effect, amplitude, seconds = (form.get(field) for field in ("excitation", "effect", "amplitude", "seconds"))
     if seconds is None or not 1 <= seconds <= LONGEST:
         raise InputError(f"a run from here lasts from 1 to {LONGEST:g} s: use the command line for more")

@@ -19,12 +19,12 @@ from pendulum_env.errors import ColumnError
 from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
 from workbench.app import uploads
-from workbench.app.card import Card
-from workbench.app.loaded import Loaded
+from workbench.app.card import ColumnCard
+from workbench.app.loaded import LoadedRecording
 from workbench.app.state import State
 from workbench.inputs import read_model
-from workbench.mistakes import MISTAKES, InputError, sentence
-from workbench.processes import End, Job, Task, Workers
+from workbench.mistakes import USER_ERRORS, InputError, format_mistake
+from workbench.processes import Job, Task, TaskEnd, Workers
 from workbench.robot import RobotFile
 
 MOST, IDLE = 16, 12 * 3600.0  # sessions, and time [s] after which one that no page has asked for ends
@@ -45,7 +45,7 @@ class Session:
         self.lock = RLock()
         self.state = State()  # what the session knows now
         self._past = deque[tuple[str, State]](maxlen=UNDONE)  # what was done, and the state before
-        self.cards: tuple[Card, ...] = ()  # recordings whose columns a person is asked about, the first one now
+        self.cards: tuple[ColumnCard, ...] = ()  # recordings whose columns a person is asked about, the first one now
         self.notice = ""  # a sentence for the user: what went wrong
         self.version = time.time_ns() // 1_000_000  # grows with all that the page shows; no two sessions share one
         self.asked = time.monotonic()  # when somebody asked for the session last
@@ -94,12 +94,12 @@ class Session:
                 if self.busy():
                     raise InputError("wait for what is running, or cancel it first")
                 do()
-            except MISTAKES as mistake:
+            except USER_ERRORS as mistake:
                 self.notice = self.told(mistake)
 
     def told(self, mistake: Exception) -> str:
-        """A mistake in the words of the command line, files from the page without their folders."""
-        return re.sub(rf"{re.escape(str(self.folder))}/(tmp\w+/)?", "", sentence(mistake))
+        """Describe a mistake as the command line does, without the folders of files from the page."""
+        return re.sub(rf"{re.escape(str(self.folder))}/(tmp\w+/)?", "", format_mistake(mistake))
 
     # ------------------------------------------------------------------------------------------------- work
 
@@ -110,7 +110,7 @@ class Session:
     def work(self, title: str, task: Task, keep: Callable[[Any], None]) -> None:
         """Do a task in the background and keep what comes of it, unless the user lets go of it; called by `act`."""
 
-        def ended(job: Job, word: End) -> None:
+        def ended(job: Job, word: TaskEnd) -> None:
             with self.lock:
                 if self.job is job:
                     self.job = None
@@ -148,8 +148,8 @@ class Session:
         if came.models:
             try:
                 self.begin_from(came.models[-1])
-            except MISTAKES as mistake:
-                refused.append(sentence(mistake))
+            except USER_ERRORS as mistake:
+                refused.append(format_mistake(mistake))
         _refuse(refused)
 
     def begin_from(self, file: Path) -> None:
@@ -176,22 +176,22 @@ class Session:
 
     def _read(self, sources: Iterable[Source]) -> list[str]:
         """Read recordings as `load` does; returns what is wrong with those that cannot be read."""
-        loaded, refused = list[Loaded](), list[str]()
+        loaded, refused = list[LoadedRecording](), list[str]()
         for source in sources:
             try:
-                loaded.append(Loaded.of(source, [*self.state.loaded, *loaded], read=self.state.read))
+                loaded.append(LoadedRecording.of(source, [*self.state.loaded, *loaded], read=self.state.read))
             except ColumnError as error:
                 try:
-                    self.cards = (*self.cards, Card.of(source, why=self.told(error), joints=self.state.moving))
+                    self.cards = (*self.cards, ColumnCard.of(source, why=self.told(error), joints=self.state.moving))
                 except RecordingError:
-                    refused.append(sentence(error))
-            except MISTAKES as mistake:
-                refused.append(sentence(mistake))
+                    refused.append(format_mistake(error))
+            except USER_ERRORS as mistake:
+                refused.append(format_mistake(mistake))
         if loaded:
             self.keep(*loaded)
         return refused
 
-    def keep(self, *loaded: Loaded) -> None:
+    def keep(self, *loaded: LoadedRecording) -> None:
         """Add recordings; the ladder starts anew; raises InputError as `State.having`."""
         self.change(f"load {join_words([one.recording.name for one in loaded])}", self.state.having(loaded))
 
@@ -212,10 +212,10 @@ class Session:
 
     def ask(self, id: str) -> None:
         """Ask about the columns of a recording that is loaded; raises RecordingError if there is nothing to choose."""
-        card = Card.of(self.state.find(id).source, known=id, joints=self.state.moving)
+        card = ColumnCard.of(self.state.find(id).source, known=id, joints=self.state.moving)
         self.cards = (card, *(other for other in self.cards if other.known != id))
 
-    def answer(self, card: Card) -> None:
+    def answer(self, card: ColumnCard) -> None:
         """Read the first card's file as a person says, and waiting ones with the same columns alike.
 
         What is wrong is told by the card, which stays.
@@ -224,8 +224,8 @@ class Session:
         self.cards = rest
         others = [one for one in self.state.loaded if one.id != card.known]
         try:
-            first = Loaded.of(card.asked(), others, read=self.state.read)
-        except MISTAKES as mistake:
+            first = LoadedRecording.of(card.asked(), others, read=self.state.read)
+        except USER_ERRORS as mistake:
             self.cards = (replace(card, why=self.told(mistake)), *rest)
             return
         if card.known:
@@ -269,7 +269,7 @@ class Sessions:
         self._lock = RLock()
 
     def of(self, id: object) -> Session:
-        """Session of an id, a new one if there is none; raises InputError if it is no id."""
+        """Return the session of an id, a new one if there is none; raises InputError if it is no id."""
         if not isinstance(id, str) or ID.fullmatch(id) is None:
             raise InputError("this page has no session: load it again")
         now = time.monotonic()

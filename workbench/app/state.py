@@ -22,13 +22,13 @@ from pendulum_env.errors import UserError
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.recording import Recording, RecordingError, Source
-from workbench.app.asked import NOTHING, Asked
-from workbench.app.loaded import Loaded, read_one
-from workbench.app.prepared import Prepared, prepare, prepare_arm, unexplained
-from workbench.app.uploads import safe_name
+from workbench.app.asked import NO_CHOICES, SearchChoices
+from workbench.app.loaded import LoadedRecording, read_one
+from workbench.app.prepared import PreparedRecordings, find_unexplained, prepare, prepare_arm
+from workbench.app.uploads import clean_name
 from workbench.mistakes import InputError
-from workbench.report.case import Case
-from workbench.robot import RobotFile, straying
+from workbench.report.case import ReportData
+from workbench.robot import RobotFile, find_straying
 
 NO_RECORDING = "load a recording first"
 
@@ -37,11 +37,11 @@ NO_RECORDING = "load a recording first"
 class State:
     """Choices of the user and results of jobs; other values are computed from these on demand."""
 
-    loaded: tuple[Loaded, ...] = ()  # recordings
+    loaded: tuple[LoadedRecording, ...] = ()  # recordings
     terms: tuple[Term, ...] = ()  # of the base model, of an arm those at its joints; empty: the usual ones
     model_file: str = ""  # name of the file that they came from; empty for the usual ones
     is_aligned: bool = False  # whether torque that was logged late or filtered is corrected
-    asked: Asked = NOTHING  # which effects are looked for, and which values are known
+    asked: SearchChoices = NO_CHOICES  # which effects are looked for, and which values are known
     # The ladder once effects were added: the base model, then one step for each; empty before
     grown: tuple[Step, ...] = ()
     diagnosis: Diagnosis | None = None  # the last one of these recordings
@@ -50,11 +50,11 @@ class State:
 
     @property
     def moving(self) -> tuple[str, ...]:
-        """Joints of an arm that recordings are of; none of a pendulum."""
+        """Return the joints of an arm that recordings are of; none of a pendulum."""
         return self.robot.body().joints if self.robot is not None else ()
 
     def read(self, source: Source) -> Recording:
-        """A recording, as it is for this state; raises RecordingError, and InputError if it is of other joints."""
+        """Read a recording, as it is for this state; raises RecordingError, and InputError if it is of other joints."""
         if self.robot is None:
             return read_one(source)
         if source.joints not in (None, self.robot.joints):
@@ -63,7 +63,7 @@ class State:
 
     @cached_property
     def body(self) -> Mechanism:
-        """Joints of the recordings; those of an arm that do not move are where the recordings have them."""
+        """Return the joints of the recordings; those of an arm that do not move are where the recordings have them."""
         return self.robot.holding(self._arms) if self.robot is not None else PENDULUM
 
     @property
@@ -78,20 +78,20 @@ class State:
     @cached_property
     def questions(self) -> list[str]:
         """List doubts about the recordings of an arm, one sentence each."""
-        return straying(find_links(self.base_terms), self._arms)
+        return find_straying(find_links(self.base_terms), self._arms)
 
     def anew(self, **choices: Any) -> State:
-        """Other choices, from which the ladder begins anew."""
+        """Return other choices, from which the ladder begins anew."""
         return replace(self, **choices, grown=(), diagnosis=None, started=())
 
-    def having(self, loaded: Sequence[Loaded]) -> State:
-        """The state with more recordings; raises InputError if they are not of its arm."""
+    def having(self, loaded: Sequence[LoadedRecording]) -> State:
+        """Return the state with more recordings; raises InputError if they are not of its arm."""
         if self.robot is not None and not all(isinstance(one.recording, ArmRecording) for one in loaded):
             raise InputError("this session is of an arm: leave the robot first, in the stage Data")
         return self.anew(loaded=(*self.loaded, *loaded))
 
-    def swapping(self, old: Loaded, *new: Loaded) -> State:
-        """The state with one recording for another, or for none."""
+    def swapping(self, old: LoadedRecording, *new: LoadedRecording) -> State:
+        """Return the state with one recording for another, or for none."""
         return self.anew(loaded=tuple(own for one in self.loaded for own in (new if one is old else (one,))))
 
     def of_robot(self, robot: RobotFile) -> State:
@@ -107,27 +107,27 @@ class State:
         except UserError as error:
             raise InputError(f"what is loaded is not of this robot: {error}") from None
 
-    def find(self, id: str) -> Loaded:
-        """The recording of an id; raises InputError if there is none."""
+    def find(self, id: str) -> LoadedRecording:
+        """Find the recording of an id; raises InputError if there is none."""
         for one in self.loaded:
             if one.id == id:
                 return one
-        raise InputError(f"{safe_name(id)}: is not loaded any more")
+        raise InputError(f"{clean_name(id)}: is not loaded any more")
 
     @cached_property
-    def _prepared(self) -> Prepared | str:
+    def _prepared(self) -> PreparedRecordings | str:
         """Return the data for fits, or the reason why there are none."""
         if all(one.held_out for one in self.loaded):
             return "every recording is held out: keep one to fit the model to" if self.loaded else NO_RECORDING
         try:
-            known = Asked(fix=self.asked.fix, bound=self.asked.bound)
+            known = SearchChoices(fix=self.asked.fix, bound=self.asked.bound)
             make = prepare if self.body.can_simulate else prepare_arm
             return make(self.loaded, self.base_terms, self.is_aligned, known)
         except (UserError, IdentificationError) as error:
             return str(error)
 
     @property
-    def prepared(self) -> Prepared:
+    def prepared(self) -> PreparedRecordings:
         """Return the data for fits; raises InputError if there are none."""
         if isinstance(self._prepared, str):
             raise InputError(self._prepared)
@@ -135,12 +135,12 @@ class State:
 
     @property
     def trouble(self) -> str:
-        """Why nothing can be fitted; empty if there is a model."""
+        """Return the reason why nothing can be fitted; empty if there is a model."""
         return self._prepared if isinstance(self._prepared, str) else ""
 
     @property
     def ladder(self) -> tuple[Step, ...]:
-        """The base model, then one step for each effect that was added; empty while nothing can be fitted."""
+        """Return the base model, then one step for each effect that was added; empty while nothing can be fitted."""
         return () if self.trouble else self.grown or (self.prepared.base,)
 
     @property
@@ -153,50 +153,50 @@ class State:
 
     @property
     def train(self) -> tuple[Recording, ...]:
-        """Recordings that are fitted."""
+        """Return the recordings that are fitted."""
         return self.prepared.data.recordings
 
     @property
     def holdout(self) -> tuple[Recording, ...]:
-        """Recordings to check on; empty if the ends of the fitted ones are."""
+        """Return the recordings to check on; empty if the ends of the fitted ones are."""
         return self.prepared.data.holdout
 
     @property
     def model(self) -> Model:
-        """The model at the end of the ladder; there has to be one."""
+        """Return the model at the end of the ladder."""
         return self.ladder[-1].model
 
     @property
     def added(self) -> tuple[str, ...]:
-        """Effects on the ladder."""
-        return ids(self.ladder)
+        """Return the effects on the ladder."""
+        return list_added(self.ladder)
 
     @property
     def called_for(self) -> tuple[Step, ...]:
-        """The ladder as the diagnosis would have it; empty before there is one."""
+        """Return the ladder as the diagnosis would have it; empty before there is one."""
         return (*self.started, *self.diagnosis.steps[1:]) if self.diagnosis is not None else ()
 
     @property
     def called(self) -> tuple[str, ...]:
-        """Its effects."""
-        return ids(self.called_for)
+        """Return the effects of that ladder."""
+        return list_added(self.called_for)
 
     @property
     def found(self) -> tuple[str, ...]:
-        """Effects that the diagnosis calls for beyond the ladder."""
+        """Return the effects that the diagnosis calls for beyond the ladder."""
         return tuple(effect for effect in self.called if effect not in self.added)
 
     def diagnosed(self, found: Diagnosis) -> State:
-        """The state with a diagnosis that started from its ladder."""
+        """Return the state with a diagnosis that started from its ladder."""
         return replace(self, diagnosis=found, started=self.ladder)
 
     def with_step(self, addition: Addition) -> State:
-        """The state with one more step; the effect's own refit of the model before it replaces the last step."""
+        """Return the state with one more step; the effect's own refit of the model before it replaces the last step."""
         last = replace(addition.before, added=self.ladder[-1].added)
         return replace(self, grown=(*self.ladder[:-1], last, addition.after))
 
     def without_step(self) -> State:
-        """The state without the last effect that was added."""
+        """Return the state without the last effect that was added."""
         return replace(self, grown=self.ladder[:-1]) if self.added else self
 
     @cached_property
@@ -210,7 +210,7 @@ class State:
 
     @cached_property
     def disagreements(self) -> tuple[Disagreement, ...]:
-        """Recordings that show another plant than the others, as the diagnosis has it, or would begin with."""
+        """Return the recordings that show another plant than the others."""
         if self.diagnosis is not None:
             return self.diagnosis.disagreements
         if self.trouble:
@@ -235,27 +235,27 @@ class State:
         if data.terms and self.added:  # perhaps what joints share
             data = replace(data, terms=self.model.terms)
         if found is not None:
-            left = found.unexplained if self.added == self.called else unexplained(data.parts[0], self.model)
+            left = found.unexplained if self.added == self.called else find_unexplained(data.parts[0], self.model)
             return replace(found, steps=self.ladder, unexplained=left)
-        left = unexplained(data.parts[0], self.model)
+        left = find_unexplained(data.parts[0], self.model)
         return Diagnosis(self.ladder, (), (), left, data.parts[0].floors, self.doubts, data=data)
 
     @cached_property
-    def case(self) -> Case:
+    def case(self) -> ReportData:
         """Return the data of the sections of the report."""
-        return Case(self.told)
+        return ReportData(self.told)
 
     @cached_property
-    def standing(self) -> Case:
+    def standing(self) -> ReportData:
         """Return the state with all recordings and added steps, without the effects of the diagnosis."""
-        return Case(replace(self.told, steps=self.ladder, data=self.prepared.data))
+        return ReportData(replace(self.told, steps=self.ladder, data=self.prepared.data))
 
     @property
     def seconds(self) -> float:
-        """Length of all recordings [s]."""
+        """Return the length of all recordings [s]."""
         return float(np.sum([one.recording.duration for one in self.loaded]))
 
 
-def ids(steps: Sequence[Step]) -> tuple[str, ...]:
-    """Effects that steps added."""
+def list_added(steps: Sequence[Step]) -> tuple[str, ...]:
+    """List the effects that steps added."""
     return tuple(step.added for step in steps if step.added is not None)

@@ -10,7 +10,7 @@ from pathlib import Path
 from pendulum_env.recording import Source
 from pendulum_env.recording.formats import READERS
 from pendulum_env.recording.study import read_sources
-from workbench.mistakes import MISTAKES, InputError, sentence
+from workbench.mistakes import USER_ERRORS, InputError, format_mistake
 from workbench.robot import FORMATS
 
 STUDY, MODEL = "study.toml", "model.json"  # as the stage Export names them
@@ -19,8 +19,8 @@ LARGEST = 48_000_000  # bytes of files that are loaded at once, a quarter of an 
 LONGEST = 80  # characters of a file's name
 
 
-def safe_name(name: str) -> str:
-    """File name without folders and without letters that mean something to a system, its ending kept."""
+def clean_name(name: str) -> str:
+    """Return the file name without folders and without letters that mean something to a system, its ending kept."""
     last = re.split(r"[/\\]", name)[-1]
     plain = re.sub(r"[^\w .()+-]", "_", last).strip(" .")
     ending = next((ending for ending in ENDINGS if plain.lower().endswith(ending)), "")
@@ -29,7 +29,7 @@ def safe_name(name: str) -> str:
 
 
 @dataclass(frozen=True)
-class Uploaded:
+class UploadedFiles:
     """Uploaded files of one request, by kind."""
 
     robots: list[Path] = field(default_factory=list)
@@ -38,7 +38,7 @@ class Uploaded:
     refused: list[str] = field(default_factory=list)  # what is wrong with other files, a sentence each
 
 
-def sort_files(place: Path, coming: Sequence[tuple[str, str]], unwrap: bool) -> Uploaded:
+def sort_files(place: Path, coming: Sequence[tuple[str, str]], unwrap: bool) -> UploadedFiles:
     """Write files from the page to a folder, and tell what they are.
 
     Args:
@@ -46,16 +46,16 @@ def sort_files(place: Path, coming: Sequence[tuple[str, str]], unwrap: bool) -> 
         coming: name and data URL of each file.
         unwrap: whether recordings that no study speaks of are unwrapped.
     """
-    files, of_study, uploaded = list[Path](), list[Source](), Uploaded()
+    files, of_study, uploaded = list[Path](), list[Source](), UploadedFiles()
     for name, content in coming:
         try:
             file = unpack(place, name, content)
             if file.suffix == ".toml":
-                of_study += [replace(one, file=place / safe_name(one.file.name)) for one in read_sources(file)]
+                of_study += [replace(one, file=place / clean_name(one.file.name)) for one in read_sources(file)]
             else:
                 files.append(file)
-        except MISTAKES as mistake:
-            uploaded.refused.append(sentence(mistake))
+        except USER_ERRORS as mistake:
+            uploaded.refused.append(format_mistake(mistake))
     named = {one.file for one in of_study}
     for file in named.difference(files):
         uploaded.refused.append(f"{STUDY}: names {file.name}: drop both here together")
@@ -75,7 +75,7 @@ def unpack(folder: Path, name: str, content: str) -> Path:
 
     Raises InputError if it did not arrive whole.
     """
-    file = folder / safe_name(name)
+    file = folder / clean_name(name)
     head, _, body = content.partition(",")
     try:
         if not head.startswith("data:"):

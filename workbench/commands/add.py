@@ -7,19 +7,19 @@ from estimators.diagnosis.addition import add
 from estimators.free_swings import find_scaling_values
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics.library import find_addition
-from workbench.inputs import opened
+from workbench.inputs import open_inputs
 from workbench.mistakes import InputError
-from workbench.narrator.effects import description
-from workbench.narrator.results import of_addition
-from workbench.options import LIMITS, READING, ROBOT, declare, known_effect
-from workbench.outputs import write_model, wrote
-from workbench.story import tell
+from workbench.narrator.effects import find_description
+from workbench.narrator.results import narrate_addition
+from workbench.options import LIMITS, READING, ROBOT, add_options, find_effect
+from workbench.outputs import report_files, write_model
+from workbench.story import print_parts
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, effect, recordings and output."""
-    declare(
+    add_options(
         parser,
         f"""
         model
@@ -27,13 +27,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         recordings --holdout {READING} --drive {ROBOT} --align {LIMITS} --degrees
         -o, --output MODEL.json  write the model with the effect
         """,
-        effect=_effect,
+        effect=_convert_effect,
     )
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
-    asked = opened(arguments, [arguments.output], terminal)
+    asked = open_inputs(arguments, [arguments.output], terminal)
     given = asked.preprocessed(terminal, arguments.align, find_scaling_values(asked.model, arguments.fixed))
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
@@ -42,13 +42,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         except IdentificationError as error:
             if not error.effect:
                 raise
-            raise InputError(f"{error}: it takes {description(error.effect).informative_experiment}") from error
-    tell(of_addition(added), terminal)
-    wrote([write_model(added.after.model, arguments.output, terminal)], terminal)
+            raise InputError(f"{error}: it takes {find_description(error.effect).informative_experiment}") from error
+    print_parts(narrate_addition(added), terminal)
+    report_files([write_model(added.after.model, arguments.output, terminal)], terminal)
 
 
-def _effect(text: str) -> str:
+def _convert_effect(text: str) -> str:
     if Path(text).is_file():
         raise argparse.ArgumentTypeError(f"{text} is a file: the order is MODEL.json EFFECT RECORDING")
-    known_effect(text.partition("@")[0], find_addition)
+    find_effect(text.partition("@")[0], find_addition)
     return text

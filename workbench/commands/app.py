@@ -9,16 +9,16 @@ from threading import Timer
 
 from pendulum_env.errors import ColumnError
 from pendulum_env.recording import Source
-from workbench.inputs import given, read_all, robot_of
+from workbench.inputs import list_sources, make_robot, read_all
 from workbench.mistakes import InputError
-from workbench.options import KINDS, READING, ROBOT, declare, whole
-from workbench.processes import interrupts_wait
+from workbench.options import KINDS, READING, ROBOT, add_options, convert_whole
+from workbench.processes import hold_interrupts
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
-    declare(
+    add_options(
         parser,
         f"""
         recordings  {KINDS}; to begin with
@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --no-browser  open none, only print the address
         """,
         recordings={"nargs": "*"},
-        port=(whole(0, 65535), 8050),
+        port=(convert_whole(0, 65535), 8050),
     )
 
 
@@ -35,8 +35,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Serve until interrupted."""
     if find_spec("dash") is None:
         raise InputError("the workbench in a browser needs the extra app: pip install 'pendulum-ident[app]'")
-    recordings = given(arguments)
-    robot = robot_of(arguments, recordings) if arguments.robot is not None else None
+    recordings = list_sources(arguments)
+    robot = make_robot(arguments, recordings) if arguments.robot is not None else None
     if robot is not None:
         robot.body()  # complains now
     for source in recordings:
@@ -62,5 +62,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     except KeyboardInterrupt:
         terminal.say("ended")
     finally:
-        with interrupts_wait():  # whoever presses the keys again
+        with hold_interrupts():  # whoever presses the keys again
             server.close()

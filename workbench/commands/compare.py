@@ -16,19 +16,19 @@ from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import apply_log_format
-from workbench.inputs import Opened, opened, read_all, sources_of, tell_preprocessed
+from workbench.inputs import Inputs, open_inputs, read_all, read_source_names, report_timing
 from workbench.mistakes import InputError
-from workbench.narrator.diagnosis import comparison_json
-from workbench.narrator.results import Part, of_comparison
-from workbench.options import KINDS, READING, ROBOT, between, declare
-from workbench.outputs import check_outputs, write_json, write_page, wrote
-from workbench.story import tell
+from workbench.narrator.diagnosis import write_comparison
+from workbench.narrator.results import Part, narrate_comparison
+from workbench.options import KINDS, READING, ROBOT, add_options, convert_between
+from workbench.outputs import check_outputs, report_files, write_json, write_page
+from workbench.story import print_parts
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
-    declare(
+    add_options(
         parser,
         f"""
         model
@@ -46,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         """,
         arms=("payload", "without"),
         pendulums=("loop", "horizon"),
-        horizon=between(0.0, LARGE),
+        horizon=convert_between(0.0, LARGE),
         payload={"nargs": "?", "const": ""},  # no joint is named
         without={"action": "append", "default": []},
     )
@@ -58,12 +58,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, [arguments.model])
-    asked = opened(arguments, outputs, terminal)
+    asked = open_inputs(arguments, outputs, terminal)
     model, recordings = asked.model, [*asked.recordings, *asked.holdout]
     if arguments.loop and not are_driven(recordings):
         raise InputError(f"{recordings[0].name}: --loop needs its controller: give --drive, or [drive] in a study")
     if not isinstance(asked.body, Body):
-        given = tell_preprocessed(convert_to_model_unit(model, recordings), arguments.align, terminal)
+        given = report_timing(convert_to_model_unit(model, recordings), arguments.align, terminal)
     else:
         given = asked.preprocessed(terminal, arguments.align)
     recordings = [*given.recordings, *given.holdout]
@@ -71,24 +71,24 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = compare(model, recordings, horizon=arguments.horizon)
     payload, is_asked = None, arguments.payload is not None
     if isinstance(asked.body, Body):
-        payload = carried(arguments, asked, recordings, terminal)
+        payload = find_carried_load(arguments, asked, recordings, terminal)
     payload_json = payload.json() if payload is not None and is_asked else None
-    write_json(arguments.json, comparison_json(found) | {"payload": payload_json})
+    write_json(arguments.json, write_comparison(found) | {"payload": payload_json})
     write_page(arguments.report, terminal, "workbench.report:render_comparison", found)
-    tell(of_comparison(found), terminal)
+    print_parts(narrate_comparison(found), terminal)
     if payload is not None and is_asked:
-        tell(of_payload(payload, find_links(model.terms)), terminal)
+        print_parts(narrate_payload(payload, find_links(model.terms)), terminal)
     elif payload is not None and payload.stands_out:
         mass = payload.estimates["m"].text
         terminal.say(f"\nA payload of {mass} kg behind {payload.joint} would explain most of it: see --payload")
-    wrote(outputs, terminal)
+    report_files(outputs, terminal)
 
 
-def carried(
-    arguments: argparse.Namespace, asked: Opened, recordings: Sequence[Recording], terminal: Terminal
+def find_carried_load(
+    arguments: argparse.Namespace, asked: Inputs, recordings: Sequence[Recording], terminal: Terminal
 ) -> Payload | None:
     """Find the payload of an arm in recordings relative to a model; None if it is unknown and was not requested."""
-    sources = [source for name in arguments.without for source in sources_of(name, arguments)]
+    sources = [source for name in arguments.without for source in read_source_names(name, arguments)]
     sources = [apply_log_format(own, asked.model.log_format, arguments.model) for own in sources]
     empty = replace(asked, recordings=read_all(sources, terminal, asked.read), holdout=[])
     without = empty.preprocessed(terminal, arguments.align).recordings if sources else ()
@@ -100,7 +100,7 @@ def carried(
         return None
 
 
-def of_payload(found: Payload, body: Body) -> list[Part]:
+def narrate_payload(found: Payload, body: Body) -> list[Part]:
     """Describe the payload of an arm, and its effect on the errors."""
     rows = [(name, one.text, one.unit) for name, one in found.estimates.items()]
     rows += [(f"centre {axis}", one.text, one.unit) for axis, one in found.center.items()]

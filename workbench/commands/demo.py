@@ -27,9 +27,9 @@ from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.spaces import MAX_TORQUE
-from workbench.options import declare
-from workbench.outputs import check_outputs, write_page, wrote
-from workbench.story import tell_diagnosis
+from workbench.options import add_options
+from workbench.outputs import check_outputs, report_files, write_page
+from workbench.story import print_diagnosis
 from workbench.terminal import Terminal
 
 FOLDER = Path("pendulum-ident-demo")  # made where the command runs, unless another place is named
@@ -38,7 +38,7 @@ SPREAD = 0.25  # of what nobody told, to either side
 JOINTS = name_joints(len(TWO_LINK))
 
 
-class Hidden(NamedTuple):
+class HiddenPlant(NamedTuple):
     """A simulated plant with an effect hidden in it."""
 
     title: str
@@ -51,7 +51,7 @@ class Hidden(NamedTuple):
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare seed and output."""
-    declare(
+    add_options(
         parser,
         f"""
         --robot  an arm instead of a pendulum (needs the extra arms)
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     robots = [report.with_name(f"{report.stem}.{part}.urdf") for part in ("robot", "truth")] if arguments.robot else []
     check_outputs([str(path) for path in (report, *files, *robots)])
     rng = np.random.default_rng(arguments.seed)
-    hidden = hidden_arm(robots[0], robots[1], rng) if robots else hidden_pendulum(rng)
+    hidden = make_arm(robots[0], robots[1], rng) if robots else make_pendulum(rng)
     terminal.heading(hidden.title)
     recordings = []
     for file in files:
@@ -84,18 +84,18 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terminal.say(f"recorded twice for {SECONDS:g} s: once to learn from, once to check on")
     with terminal.progress("diagnosing") as progress:
         found = diagnose(train, holdout, hidden.terms, progress)
-    tell_diagnosis(found, terminal, arguments.verbose, more="")
+    print_diagnosis(found, terminal, arguments.verbose, more="")
     options = ["--robot", str(robots[0])] if robots else []
     line = shlex.join(["pendulum-ident", "diagnose", str(files[0]), "--holdout", str(files[1]), *options])
     write_page(str(report), terminal, "workbench.report:render", found, line)
-    reveal(hidden, found, terminal)
-    wrote([report, *robots, *files], terminal)
+    print_truth(hidden, found, terminal)
+    report_files([report, *robots, *files], terminal)
     kind, how = ("pendulum", "") if arguments.robot is None else ("arm", f" --robot {arguments.robot}")
     terminal.say(f"another {kind}: pendulum-ident demo{how} --seed {arguments.seed + 1}")
 
 
-def hidden_pendulum(rng: np.random.Generator) -> Hidden:
-    """A pendulum like the paper's, with one effect of the library hidden in it."""
+def make_pendulum(rng: np.random.Generator) -> HiddenPlant:
+    """Make a pendulum like the paper's, with one effect of the library hidden in it."""
     theta = np.array(list(PAPER.values())) * rng.uniform(1 - SPREAD, 1 + SPREAD, len(PAPER))
     kind = BUILT_IN[rng.integers(len(BUILT_IN))]
     parameters = draw_effect(kind, rng)
@@ -105,7 +105,7 @@ def hidden_pendulum(rng: np.random.Generator) -> Hidden:
         if parameter.name in parameters
     }
     plant = Model.build(BASE, theta).add(kind(**nonlinear), np.array(list(parameters.values())))
-    return Hidden(
+    return HiddenPlant(
         "A pendulum whose parameters nobody told, with one effect that the paper's model does not know",
         kind.id,
         effect(kind.id).law,
@@ -115,8 +115,8 @@ def hidden_pendulum(rng: np.random.Generator) -> Hidden:
     )
 
 
-def hidden_arm(robot: Path, truth: Path, rng: np.random.Generator) -> Hidden:
-    """An arm like that of a file with one effect hidden in it; writes the file, and another one of the true arm."""
+def make_arm(robot: Path, truth: Path, rng: np.random.Generator) -> HiddenPlant:
+    """Make an arm with a hidden effect; write a file of about that arm, and a file of the true arm."""
     links, hidden = tuple(draw_link(link, rng) for link in TWO_LINK), hide_somewhere(rng)
     write_whole(robot, write_urdf(TWO_LINK, JOINTS))  # right lengths, nominal masses and inertias
     write_whole(truth, write_urdf(links, JOINTS))
@@ -134,29 +134,29 @@ def hidden_arm(robot: Path, truth: Path, rng: np.random.Generator) -> Hidden:
     for joint, model in zip(JOINTS, arm.models, strict=True):
         parameters |= {f"{name}@{joint}": own for name, own in model.estimates.items()}
     title = f"{title}, with one effect at a joint that nobody told"
-    return Hidden(title, at, parse_effect(at, JOINTS)[0].law, parameters, arm_base(body), record)
+    return HiddenPlant(title, at, parse_effect(at, JOINTS)[0].law, parameters, arm_base(body), record)
 
 
 def draw_link(link: Link, rng: np.random.Generator) -> Link:
-    """A link as long as that of the file, all else about as there."""
+    """Draw a link of the length in the file, and about its other values."""
     names = ("mass", "center", "inertia", "viscous", "coulomb")
     factors = rng.uniform(1 - SPREAD, 1 + SPREAD, len(names)).tolist()
     return replace(link, **{name: getattr(link, name) * factor for name, factor in zip(names, factors, strict=True)})
 
 
 def hide_somewhere(rng: np.random.Generator) -> str:
-    """One effect of the library at one of the joints, as text: `stribeck@elbow:stribeck=0.4,stribeck_velocity=0.3`."""
+    """Draw an effect at one of the joints, as text: `stribeck@elbow:stribeck=0.4,stribeck_velocity=0.3`."""
     known = [kind for kind in BUILT_IN if kind.id in joint_effects()]
     kind, joint = known[rng.integers(len(known))], JOINTS[int(rng.integers(len(JOINTS)))]
     parameters = ",".join(f"{name}={value:.4g}" for name, value in draw_effect(kind, rng).items())
     return f"{kind.id}@{joint}:{parameters}"
 
 
-def reveal(hidden: Hidden, found: Diagnosis, terminal: Terminal) -> None:
+def print_truth(hidden: HiddenPlant, found: Diagnosis, terminal: Terminal) -> None:
     """Print what was hidden, whether it was found, and the true parameters beside the estimates."""
     terminal.heading("The truth")
     terminal.say(f"hidden was {hidden.effect}: {hidden.law}")
-    terminal.say(verdict([hidden.effect], found))
+    terminal.say(judge_diagnosis([hidden.effect], found))
     truth, estimates = hidden.truth, found.model.estimates
     rows = [
         (
@@ -170,7 +170,7 @@ def reveal(hidden: Hidden, found: Diagnosis, terminal: Terminal) -> None:
     terminal.table(("parameter", "truth", "estimate", "unit"), rows, left=("unit",))
 
 
-def verdict(hidden: Sequence[str], found: Diagnosis) -> str:
+def judge_diagnosis(hidden: Sequence[str], found: Diagnosis) -> str:
     """Return whether the diagnosis was right as a sentence."""
     true, named = set(hidden), set(found.selected)
     alike = {effect for group in found.ambiguous if true & set(group) for effect in group} - true

@@ -9,11 +9,11 @@ from estimators.selection.criterion import Criterion
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
-from workbench.inputs import opened
-from workbench.narrator.diagnosis import diagnosis_json
-from workbench.options import LIMITS, READING, ROBOT, between, declare, number
-from workbench.outputs import write_json, write_model, write_page, wrote
-from workbench.story import MORE, tell_diagnosis
+from workbench.inputs import open_inputs
+from workbench.narrator.diagnosis import write_diagnosis
+from workbench.options import LIMITS, READING, ROBOT, add_options, convert_between, convert_number
+from workbench.outputs import report_files, write_json, write_model, write_page
+from workbench.story import MORE, print_diagnosis
 from workbench.terminal import Terminal
 
 ASKED = "only without fixed bounds max_torque max_angle max_speed horizon".split()  # of a diagnosis, as it is
@@ -21,7 +21,7 @@ ASKED = "only without fixed bounds max_torque max_angle max_speed horizon".split
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, model to start from, and outputs."""
-    declare(
+    add_options(
         parser,
         f"""
         recordings --holdout {READING} --drive {ROBOT}
@@ -43,18 +43,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         -o, --output MODEL.json  write the final model
         """,
         pendulums=("max_torque", "max_angle", "max_speed", "experiment", "horizon"),
-        significance=(between(0.0, 1.0), Criterion.p_value),
-        max_torque=number(0.1, MOST_TORQUE),
-        max_angle=number(0.01, math.inf),
-        max_speed=number(0.01, math.inf),
-        horizon=between(0.0, LARGE),
+        significance=(convert_between(0.0, 1.0), Criterion.p_value),
+        max_torque=convert_number(0.1, MOST_TORQUE),
+        max_angle=convert_number(0.01, math.inf),
+        max_speed=convert_number(0.01, math.inf),
+        horizon=convert_between(0.0, LARGE),
     )
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the story, write what is asked for."""
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
-    asked = opened(arguments, outputs, terminal)
+    asked = open_inputs(arguments, outputs, terminal)
     given = asked.preprocessed(terminal, fixed=arguments.fixed)
     with terminal.progress("diagnosing") as progress:
         found = diagnose(
@@ -69,13 +69,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     has_signal = found.suggestion is not None and found.suggestion.signal is not None
     if arguments.experiment is not None and found.suggestion is not None and has_signal:
         write_whole(arguments.experiment, found.suggestion.csv())
-    write_json(arguments.json, diagnosis_json(found))
+    write_json(arguments.json, write_diagnosis(found))
     write_page(arguments.report, terminal, "workbench.report:render", found, arguments.line)
     hint = MORE if arguments.report is None else ""
-    tell_diagnosis(found, terminal, arguments.verbose or arguments.all, arguments.all, hint)
+    print_diagnosis(found, terminal, arguments.verbose or arguments.all, arguments.all, hint)
     if arguments.experiment is not None and not has_signal:
         why = "there is no experiment" if found.suggestion is None else "the experiment has no torque"
         terminal.say(f"{arguments.experiment} is not written: {why}")
         outputs[0] = None
     outputs[-1] = write_model(found.model, arguments.output, terminal)
-    wrote(outputs, terminal)
+    report_files(outputs, terminal)

@@ -7,26 +7,26 @@ from pendulum_env.physics import BASE, Term, list_nameable
 from pendulum_env.physics.library import find_addition
 from pendulum_env.physics.table import TABLES, Table
 from pendulum_env.plant import get_typical_values
-from workbench.narrator.effects import description, find_look_alikes, name
-from workbench.options import declare
+from workbench.narrator.effects import find_description, find_look_alikes, name_effect
+from workbench.options import add_options
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Take effects to tell more of."""
     what = "shown EFFECT  describe how this one shows, and what reveals it"
-    declare(parser, what, shown={"nargs": "*", "type": find_addition})
+    add_options(parser, what, shown={"nargs": "*", "type": find_addition})
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """List the effects with kind, law, parameters and units, or tell more of some."""
     for kind in arguments.shown:
         terminal.heading(f"{kind.id}: {kind.law}")
-        for line in described(kind):
+        for line in describe_effect(kind):
             terminal.say(line)
     if arguments.shown:
         return
-    rows = [(id, kind.kind, kind.law, parameters(kind)) for id, kind in list_nameable().items()]
+    rows = [(id, kind.kind, kind.law, list_parameters(kind)) for id, kind in list_nameable().items()]
     terminal.heading(f"torque = {' + '.join(term.law for term in BASE)} + any of {len(rows)} effects")
     terminal.table(
         ("effect", "kind", "law", "parameters, of typical size"),
@@ -43,19 +43,19 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     )
 
 
-def described(kind: type[Term]) -> list[str]:
+def describe_effect(kind: type[Term]) -> list[str]:
     """Describe an effect: symptom, similar effects, informative experiment and parameters; for a table, its use."""
     if issubclass(kind, Table):
         return [str(kind.__doc__).partition("\n")[0], "Parameters: coefficients of a spline, by `add`."]
-    text = description(kind.id)
-    look_alikes = [name(id) for id in find_look_alikes(kind.id)]
+    text = find_description(kind.id)
+    look_alikes = [name_effect(id) for id in find_look_alikes(kind.id)]
     alike = f"Confused with {join_words(look_alikes)}." if look_alikes else ""
-    values = f"Parameters, of typical size: {parameters(kind)}."
+    values = f"Parameters, of typical size: {list_parameters(kind)}."
     return [line for line in (text.signature, alike, f"What tells: {text.informative_experiment}.", values) if line]
 
 
-def parameters(kind: type[Term]) -> str:
-    """Parameters of an effect as its text form takes them: `stribeck 0.45 N m, stribeck_velocity 0.5 rad/s`."""
+def list_parameters(kind: type[Term]) -> str:
+    """List the parameters of an effect in order: `stribeck 0.45 N m, stribeck_velocity 0.5 rad/s`."""
     nonlinear = kind.nonlinear_parameters
     units = [column.unit for column in kind().columns] + [parameter.unit for parameter in nonlinear]
     further = {

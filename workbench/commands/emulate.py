@@ -5,8 +5,8 @@ from pathlib import Path
 
 from pendulum_env.backends.emulators import MISHAPS, emulate, make_serial
 from pendulum_env.backends.hardware.drive import find_adapter
-from workbench.inputs import plant_of
-from workbench.options import declare, number, whole
+from workbench.inputs import make_plant
+from workbench.options import add_options, convert_number, convert_whole
 from workbench.outputs import check_outputs
 from workbench.terminal import Terminal
 
@@ -15,7 +15,7 @@ RATE = 1000.0  # [Hz], that the serial rig holds
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare kind, plant and outputs."""
-    declare(
+    add_options(
         parser,
         f"""
         kind  how the drive is reached
@@ -30,10 +30,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         """,
         kind={"choices": ["serial"]},
         output={"default": "rig.toml"},
-        rate=(number(10.0, 5000.0), RATE),
-        first_count=(whole(0, 2**32 - 1), 0),
-        watchdog=(number(0.005, 5.0), 0.08),
-        reply=(number(0.001, 5.0), 0.25),
+        rate=(convert_number(10.0, 5000.0), RATE),
+        first_count=(convert_whole(0, 2**32 - 1), 0),
+        watchdog=(convert_number(0.005, 5.0), 0.08),
+        reply=(convert_number(0.001, 5.0), 0.25),
     )
 
 
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     }
     emulate(
         make_serial,
-        plant_of(arguments),
+        make_plant(arguments),
         Path(arguments.output),
         arguments.rate,
         {"limits": limits},

@@ -19,9 +19,9 @@ from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.lookup import find
 from workbench.mistakes import InputError
-from workbench.options import declare, number, one_of, whole
-from workbench.outputs import check_outputs, write_json, wrote
-from workbench.processes import local_workers
+from workbench.options import add_options, convert_choice, convert_number, convert_whole
+from workbench.outputs import check_outputs, report_files, write_json
+from workbench.processes import open_local_workers
 from workbench.terminal import Terminal
 
 SHIPPED = "agent"  # the policy that ships for the constraint
@@ -31,7 +31,7 @@ PLANNER = "look-ahead"  # with which the agent's information and time are compar
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare policies, plants and output."""
     known = f"{SHIPPED} (which ships), {', '.join(BASELINES)}"
-    declare(
+    add_options(
         parser,
         f"""
         policies POLICY  {known}; a file NAME.npz that `train` wrote, a model NAME.zip of stable-baselines3, which runs
@@ -48,13 +48,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --json FILE  write all figures there
         """,
         policies={"nargs": "*"},
-        constraint=(one_of("constraint", CONSTRAINTS), "peak"),
-        plants=(whole(2, 10_000), 160),  # they take a quarter of an hour for each policy
-        spread=(number(0.0, 0.9), 0.3),
-        max_speed=number(0.1),
-        max_turns=number(0.01),
-        workers=(whole(1, 1000), os.cpu_count() or 1),
-        scheme=(one_of("scheme", [item.id for item in SCHEMES]), "filtered_dynamic"),
+        constraint=(convert_choice("constraint", CONSTRAINTS), "peak"),
+        plants=(convert_whole(2, 10_000), 160),  # they take a quarter of an hour for each policy
+        spread=(convert_number(0.0, 0.9), 0.3),
+        max_speed=convert_number(0.1),
+        max_turns=convert_number(0.01),
+        workers=(convert_whole(1, 1000), os.cpu_count() or 1),
+        scheme=(convert_choice("scheme", [item.id for item in SCHEMES]), "filtered_dynamic"),
     )
 
 
@@ -63,10 +63,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs([arguments.json], [name for name in arguments.policies if name.endswith((".npz", ".zip"))])
     names = dict.fromkeys([BASELINE, *(arguments.policies or [*BASELINES, SHIPPED])])
     baselines = [name for name in names if name in BASELINES]
-    policies = {name: _policy(name, arguments.constraint) for name in names if name not in BASELINES}
+    policies = {name: _load_policy(name, arguments.constraint) for name in names if name not in BASELINES}
     pool: AbstractContextManager[Executor | None] = nullcontext()
     if arguments.workers > 1:
-        pool = local_workers(arguments.workers)
+        pool = open_local_workers(arguments.workers)
     try:
         with pool as executor, terminal.progress("evaluating", lines=True) as tell:
             comparison = compare_policies(
@@ -86,12 +86,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     except BrokenExecutor:
         raise InputError("a worker process was killed: memory may be too small, give fewer --workers") from None
     figures = comparison.json()
-    show(figures, terminal)
+    print_figures(figures, terminal)
     write_json(arguments.json, figures)
-    wrote([arguments.json], terminal)
+    report_files([arguments.json], terminal)
 
 
-def show(report: JSON, terminal: Terminal) -> None:
+def print_figures(report: JSON, terminal: Terminal) -> None:
     """Print the figures of a `PolicyComparison`."""
     policies = report["policies"]
     first = policies[report["baseline"]]
@@ -102,11 +102,11 @@ def show(report: JSON, terminal: Terminal) -> None:
     plants = f"{report['plants']} plants within {100 * report['spread']:g} %"
     terminal.say(f"{plants}, 10 s, constraint {report['constraint']}; medians over plants")
     terminal.heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
-    table((*(f"at {moment}" for moment in first["error"]), *first["time_to"]), _errors)
+    table((*(f"at {moment}" for moment in first["error"]), *first["time_to"]), _format_errors)
     terminal.heading(f"Gain over {report['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
-    table(first["gain"], lambda figures: map(_gain, figures["gain"].values()))
+    table(first["gain"], lambda figures: map(_format_gain, figures["gain"].values()))
     terminal.heading("What it takes")
-    table(("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision for all [ms]"), _use)
+    table(("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision for all [ms]"), _format_use)
     for note in report["notes"]:
         terminal.say(note)
     if PLANNER in policies and SHIPPED in policies:
@@ -117,28 +117,28 @@ def show(report: JSON, terminal: Terminal) -> None:
         terminal.say(f"\nthe agent {told}")
 
 
-def _errors(figures: JSON) -> Iterator[str]:
+def _format_errors(figures: JSON) -> Iterator[str]:
     for error, bound in zip(figures["error"].values(), figures["cramer_rao"].values(), strict=True):
         yield f"{100 * error[1]:.3f}" + ("" if bound[1] is None else f" ({100 * bound[1]:.3f})")
-    yield from (_number(quartiles[1]) for quartiles in figures["time_to"].values())
+    yield from (_format_number(quartiles[1]) for quartiles in figures["time_to"].values())
 
 
-def _use(figures: JSON) -> Iterator[str]:
+def _format_use(figures: JSON) -> Iterator[str]:
     yield f"{figures['torque_peak']:.2f}"
-    yield from (_number(figures[name][1]) for name in ("torque_rms", "speed", "turns"))
+    yield from (_format_number(figures[name][1]) for name in ("torque_rms", "speed", "turns"))
     yield f"{1e3 * figures['seconds_per_action']:.3g}"
 
 
-def _gain(gain: JSON) -> str:
-    return f"{_number(gain['ratio'])} ({_number(gain['low'])} to {_number(gain['high'])})"
+def _format_gain(gain: JSON) -> str:
+    return f"{_format_number(gain['ratio'])} ({_format_number(gain['low'])} to {_format_number(gain['high'])})"
 
 
-def _number(value: float | None) -> str:
+def _format_number(value: float | None) -> str:
     return "-" if value is None or not math.isfinite(value) else f"{value:.2f}"
 
 
-def _policy(name: str, constraint: str) -> Any:
-    """Policy of a name, a file or a class."""
+def _load_policy(name: str, constraint: str) -> Any:
+    """Load the policy of a name, a file or a class."""
     if name == SHIPPED or name.endswith(".npz"):
         return load(constraint if name == SHIPPED else name)
     if name.endswith(".zip"):

@@ -12,17 +12,17 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.study import Source, apply_log_format
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
-from workbench.inputs import body_of_arguments, read_all, read_model, sources_of
+from workbench.inputs import make_body, read_all, read_model, read_source_names
 from workbench.mistakes import InputError
-from workbench.options import DRIVEN, READING, ROBOT, declare, number
-from workbench.outputs import check_outputs, wrote
+from workbench.options import DRIVEN, READING, ROBOT, add_options, convert_number
+from workbench.outputs import check_outputs, report_files
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, format, output and how."""
     what = "the controller of a servo, exported with its joint"
-    declare(
+    add_options(
         parser,
         f"""
         model
@@ -44,15 +44,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         """,
         pendulums=("mass", "armature", "callback", "check"),
         to={"required": True, "choices": tuple(FORMATS)},
-        step=(number(1e-6, 0.1), Request.step),
-        mass=number(1e-6),
-        armature=(number(0.0), 0.0),
+        step=(convert_number(1e-6, 0.1), Request.step),
+        mass=convert_number(1e-6),
+        armature=(convert_number(0.0), 0.0),
     )
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Export, perhaps check, and say what the form does not hold."""
-    sources = _checked(arguments)
+    sources = _find_checks(arguments)
     outputs = [arguments.output, arguments.callback]
     check_outputs(
         outputs, [arguments.model, *filter(None, [arguments.robot]), *(str(source.file) for source in sources)]
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     request = Request(
         arguments.approximate, arguments.step, arguments.mass, arguments.armature, arguments.drive, language
     )
-    model = read_model(arguments.model, body_of_arguments(arguments))
+    model = read_model(arguments.model, make_body(arguments))
     model.refuse_unknown_inertia()
     exported = export(model, arguments.to, request)
     if sources:
@@ -83,17 +83,17 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         sys.stdout.write(exported.content)
     if arguments.callback is not None:
         write_whole(arguments.callback, exported.callback)
-    wrote(outputs, terminal)
+    report_files(outputs, terminal)
 
 
-def _checked(arguments: argparse.Namespace) -> tuple[Source, ...]:
+def _find_checks(arguments: argparse.Namespace) -> tuple[Source, ...]:
     """Return the recordings of the check; for a study, the held-out ones if there are any."""
     if arguments.check is None:
         return ()
     asked = argparse.Namespace(**vars(arguments))
     if arguments.check.lower().endswith(".toml"):
         asked.drive = None  # that of the export: a study says its own
-    sources = sources_of(arguments.check, asked)
+    sources = read_source_names(arguments.check, asked)
     return tuple(source for source in sources if source.role == "holdout") or sources
 
 

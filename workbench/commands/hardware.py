@@ -5,14 +5,14 @@ import argparse
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError
 from workbench.mistakes import InputError
-from workbench.options import declare
-from workbench.rig_check import CheckFailed, check
+from workbench.options import add_options
+from workbench.rig_check import CheckFailed, check_rig
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what to do with which rig."""
-    declare(
+    add_options(
         parser,
         """
         what  wiring, signs, zero and limits, step by step at low torque
@@ -36,6 +36,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             raise InputError("the check needs somebody at a terminal who answers") from None
 
     try:
-        check(load(arguments.config), terminal.say, confirm)
+        check_rig(load(arguments.config), terminal.say, confirm)
     except (CheckFailed, DriveError) as error:
         raise InputError(str(error)) from None

@@ -9,12 +9,12 @@ from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import BASE, Model
-from workbench.inputs import opened
+from workbench.inputs import open_inputs
 from workbench.narrator.arms import describe_nearest_body
-from workbench.narrator.diagnosis import identification_json, warnings
-from workbench.narrator.results import schemes_table, trust_text
-from workbench.options import LIMITS, READING, ROBOT, declare
-from workbench.outputs import write_json, write_model, wrote
+from workbench.narrator.diagnosis import list_warnings, write_identification
+from workbench.narrator.results import explain_trust, tabulate_schemes
+from workbench.options import LIMITS, READING, ROBOT, add_options
+from workbench.outputs import report_files, write_json, write_model
 from workbench.robot import describe_links
 from workbench.terminal import Terminal
 
@@ -24,7 +24,7 @@ SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, schemes and outputs."""
-    declare(
+    add_options(
         parser,
         f"""
         recordings {READING} --drive --align {ROBOT} {LIMITS} --instruments --degrees
@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
     outputs = [arguments.json, arguments.output]
-    asked = opened(arguments, outputs, terminal, holdout=arguments.align)  # which tells the timing of the log
+    asked = open_inputs(arguments, outputs, terminal, holdout=arguments.align)  # which tells the timing of the log
     given = asked.preprocessed(
         terminal, True if arguments.align else None, arguments.fixed
     )  # what is late is a doubt, else
@@ -50,29 +50,29 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
         one = found.schemes.get(SAVED, next(iter(found.schemes.values())))
         nearest = nearest_body(one.model) if isinstance(body, Body) else None
-        model = one.model if nearest is not None else _model_to_write(found, arguments)
+        model = one.model if nearest is not None else _choose_model(found, arguments)
     for text in describe_links(body):
         terminal.say(text)
     nearest_json = nearest.json() if nearest is not None else None
-    write_json(arguments.json, identification_json(found) | {"nearest_body": nearest_json})
+    write_json(arguments.json, write_identification(found) | {"nearest_body": nearest_json})
     terminal.heading("Estimates ± standard errors")
-    estimates = schemes_table(found, model if arguments.instruments else None)
+    estimates = tabulate_schemes(found, model if arguments.instruments else None)
     terminal.table(*estimates)
-    if text := trust_text(estimates):
+    if text := explain_trust(estimates):
         terminal.say(text)
-    for text in warnings(found):
+    for text in list_warnings(found):
         terminal.say(f"warning: {text}", style="yellow")
     if nearest is not None:
         terminal.say(f"{one.scheme}: {describe_nearest_body(nearest)}")
     if model is not None:
         outputs[1] = write_model(model, arguments.output, terminal, found.findings)
-    wrote(outputs, terminal)
+    report_files(outputs, terminal)
     if outputs[1] is not None and model is not None:
         terminal.say(f"{outputs[1]} has {_name_fit(found, model, arguments)}")
 
 
-def _model_to_write(found: Identification, arguments: argparse.Namespace) -> Model | None:
-    """Model of a pendulum that `-o` writes: by instruments, by the one scheme given, or the fit over windows."""
+def _choose_model(found: Identification, arguments: argparse.Namespace) -> Model | None:
+    """Choose the model that `-o` writes: by instruments, by the one scheme given, or the fit over windows."""
     if arguments.instruments is not None:
         terms, _ = apply_limits(BASE, {}, arguments.fixed, arguments.bounds)
         return found.fit_windows(lambda data: fit_by_reference(data, terms))

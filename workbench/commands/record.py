@@ -16,11 +16,11 @@ from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.writing import WRITERS
 from workbench.arm_runs import record_arm
-from workbench.judges import Here, verdict_text
+from workbench.judges import OnlineJudge, describe_verdict
 from workbench.mistakes import InputError
-from workbench.options import OPTIONS, ROBOT, declare, number, one_of, whole
-from workbench.outputs import check_outputs, wrote
-from workbench.runs import DIAGNOSED, LEARNT, LONGEST, SECONDS, SUGGESTED, Plan, describe, record_rig
+from workbench.options import OPTIONS, ROBOT, add_options, convert_choice, convert_number, convert_whole
+from workbench.outputs import check_outputs, report_files
+from workbench.runs import DIAGNOSED, LEARNT, LONGEST, SECONDS, SUGGESTED, Plan, describe_recording, record_rig
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
@@ -36,7 +36,7 @@ BACKENDS = (
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare plant, excitation, measurement and output."""
     bound = "with --robot: bound of each joint's designed"
-    declare(
+    add_options(
         parser,
         f"""
         --seconds  length (default {SECONDS:g}, what the diagnosis suggests, or {EPISODE:g} with {LEARNT})
@@ -67,18 +67,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         """,
         arms=("max_angle", "max_speed", "max_acceleration"),
         pendulums=("until", "diagnosis", "replay", "config", "release"),
-        seconds=number(BOUNDS.shortest, MOST / BOUNDS.slowest),
-        excitation=one_of("excitation", (*EXCITATIONS, SUGGESTED, LEARNT)),
+        seconds=convert_number(BOUNDS.shortest, MOST / BOUNDS.slowest),
+        excitation=convert_choice("excitation", (*EXCITATIONS, SUGGESTED, LEARNT)),
         until={"choices": (DIAGNOSED,)},
-        amplitude=number(0.0, MOST_TORQUE),
-        release=number(-LARGE, LARGE),
-        max_angle=number(0.01),
-        max_speed=number(0.01),
-        max_acceleration=number(0.01),
-        backend=one_of("backend", BACKENDS),
-        rate=(number(BOUNDS.slowest, 1e5), 1000.0),
-        counts=(whole(0, 2**32), COUNTS),
-        noise=(number(0.0, MOST_TORQUE), TORQUE_NOISE),
+        amplitude=convert_number(0.0, MOST_TORQUE),
+        release=convert_number(-LARGE, LARGE),
+        max_angle=convert_number(0.01),
+        max_speed=convert_number(0.01),
+        max_acceleration=convert_number(0.01),
+        backend=convert_choice("backend", BACKENDS),
+        rate=(convert_number(BOUNDS.slowest, 1e5), 1000.0),
+        counts=(convert_whole(0, 2**32), COUNTS),
+        noise=(convert_number(0.0, MOST_TORQUE), TORQUE_NOISE),
         output={"required": True},
     )
 
@@ -92,14 +92,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     rng = np.random.default_rng(arguments.seed)
     if arguments.robot is not None:
         seconds = arguments.seconds or SECONDS
-        record_arm(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
+        record_arm(arguments, seconds, _count_samples(seconds, arguments.rate), rng, terminal)
         return
     plan = Plan.of(arguments, rng)
-    samples = _samples(plan.seconds, plan.rate)
+    samples = _count_samples(plan.seconds, plan.rate)
     if plan.rig is not None:
         record_rig(plan, samples, terminal)
         return
-    recording = _simulated(plan, rng, terminal)
+    recording = _simulate(plan, rng, terminal)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
         raise InputError(f"the arm turns by more than {LARGE:g} rad: lower the torque, or what drives it")
     if np.ptp(recording.position) == 0:
@@ -108,13 +108,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             raise InputError(f"the arm never moves: let it go at another angle than {plan.release:g} rad{count}")
         raise InputError(f"the arm never moves: {plan.command.amplitude:g} N m do not overcome its friction{count}")
     write_recording(recording, arguments.output)
-    describe(recording, terminal)
+    describe_recording(recording, terminal)
     if plan.plant.effects:
         terminal.say(f"hidden: {', '.join(plan.plant.effects)}")
-    wrote([arguments.output], terminal)
+    report_files([arguments.output], terminal)
 
 
-def _samples(seconds: float, rate: float) -> int:
+def _count_samples(seconds: float, rate: float) -> int:
     """Return the number of samples of a recording."""
     samples = seconds * rate
     if not BOUNDS.fewest <= samples <= MOST:
@@ -122,7 +122,7 @@ def _samples(seconds: float, rate: float) -> int:
     return round(samples)
 
 
-def _simulated(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Recording:
+def _simulate(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Recording:
     """Record with the backend that was asked for."""
     arguments, command, seconds = plan.arguments, plan.command, plan.seconds
     if (arguments.backend == "replay") != (arguments.replay is not None):
@@ -138,7 +138,7 @@ def _simulated(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Reco
     env = plan.environment()
     rate = env.unwrapped.rate  # type: ignore[attr-defined]
     steps = round(seconds * rate)
-    judge = None if arguments.until is None else Here(rate, find_smoothing(env, rate))
+    judge = None if arguments.until is None else OnlineJudge(rate, find_smoothing(env, rate))
     with terminal.progress("running") as tell:
         recording = rollout(
             env,
@@ -149,5 +149,5 @@ def _simulated(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Reco
             until=None if judge is None else judge.stands,
         )
     if judge is not None:
-        terminal.say(verdict_text(judge.close(), len(recording) < steps))
+        terminal.say(describe_verdict(judge.close(), len(recording) < steps))
     return recording

@@ -6,15 +6,15 @@ from pathlib import Path
 
 from estimators.arguments import apply_limits, select_effects
 from pendulum_env.arms.joints import arm_base
-from workbench.inputs import body_of_arguments, read_model
+from workbench.inputs import make_body, read_model
 from workbench.mistakes import InputError, Interrupted
-from workbench.options import LIMITS, READING, ROBOT, declare, whole
-from workbench.outputs import wrote
-from workbench.processes import local_workers
+from workbench.options import LIMITS, READING, ROBOT, add_options, convert_whole
+from workbench.outputs import report_files
+from workbench.processes import open_local_workers
 from workbench.survey.diagnosis import Settings
 from workbench.survey.recordings import TABLES, find_recordings
-from workbench.survey.run import cluster_workers, survey
-from workbench.survey.table import changes_table, find_series, recordings_table, write_tables
+from workbench.survey.run import open_cluster, run_survey
+from workbench.survey.table import find_series, tabulate_changes, tabulate_recordings, write_tables
 from workbench.terminal import Terminal
 
 PRINTED = 20  # rows
@@ -22,7 +22,7 @@ PRINTED = 20  # rows
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the folder, options of the diagnoses, and outputs."""
-    declare(
+    add_options(
         parser,
         f"""
         folder FOLDER  recordings in it and below it, each diagnosed on its own; the recordings of one folder are of
@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         {READING} --drive {ROBOT} --model --only --without {LIMITS} --instruments
         """,
         output={"required": True},
-        workers=(whole(1, 1000), os.cpu_count() or 1),
+        workers=(convert_whole(1, 1000), os.cpu_count() or 1),
     )
 
 
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(f"{output}: is a file: name a folder for the tables")
     _check_options(arguments)
     settings, found = Settings.of(arguments), find_recordings(folder, arguments, output)
-    start = local_workers if arguments.scheduler is None else lambda _: cluster_workers(arguments.scheduler)
+    start = open_local_workers if arguments.scheduler is None else lambda _: open_cluster(arguments.scheduler)
     counts = []
     with terminal.progress("diagnosing", timed=True) as progress:
 
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             progress(f"{done} of {total}", done / total)
 
         try:
-            rows = survey(found, settings, output, start, arguments.workers, tell)
+            rows = run_survey(found, settings, output, start, arguments.workers, tell)
         except KeyboardInterrupt:
             raise Interrupted(f"results are kept in {output}: run again to continue") from None
     known, failed, machines = counts[0], sum("error" in row for row in rows), len({own.machine for own in found})
@@ -64,14 +64,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     )
     series = find_series(rows)
     write_tables(output, rows, series)
-    recordings, changes = recordings_table(rows), changes_table(series)
+    recordings, changes = tabulate_recordings(rows), tabulate_changes(series)
     terminal.heading("Recordings")
     terminal.table(recordings.headers, recordings.rows[:PRINTED], recordings.left)
     if len(rows) > PRINTED:
         terminal.say(f"and {len(rows) - PRINTED} more in {output / TABLES[1]}")
     terminal.heading("Parameters that change")
     terminal.table(*changes) if changes.rows else terminal.say("none")
-    wrote([output / name for name in TABLES], terminal)
+    report_files([output / name for name in TABLES], terminal)
 
 
 def _count(number: int, noun: str) -> str:
@@ -80,7 +80,7 @@ def _count(number: int, noun: str) -> str:
 
 def _check_options(arguments: argparse.Namespace) -> None:
     """Refuse, before any work is done, options that would fail for every recording."""
-    body = body_of_arguments(arguments)
+    body = make_body(arguments)
     base = read_model(arguments.model, body).terms if arguments.model else arm_base(body)
     effects = select_effects(None, arguments.only, arguments.without, body)
     apply_limits(base, effects, arguments.fixed, arguments.bounds)

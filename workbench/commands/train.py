@@ -9,8 +9,8 @@ from agents.config import DEFAULTS, Config
 from agents.observer import ARM
 from pendulum_env.reading import read_toml
 from workbench.mistakes import InputError, Interrupted
-from workbench.options import declare, one_of, whole
-from workbench.outputs import check_outputs, wrote
+from workbench.options import add_options, convert_choice, convert_whole
+from workbench.outputs import check_outputs, report_files
 from workbench.terminal import Terminal
 
 NEEDED = ("torch", "stable_baselines3", "cloudpickle")
@@ -18,7 +18,7 @@ NEEDED = ("torch", "stable_baselines3", "cloudpickle")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what is trained and where it goes."""
-    declare(
+    add_options(
         parser,
         """
         --config FILE  TOML with settings of agents.config.Config that differ
@@ -32,9 +32,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
             written, since reading it runs what is in it
         -o, --output FILE  policy, NAME.npz
         """,
-        constraint=one_of("constraint", DEFAULTS),
-        seed=whole(0),
-        steps=whole(1),
+        constraint=convert_choice("constraint", DEFAULTS),
+        seed=convert_whole(0),
+        steps=convert_whole(1),
         output={"required": True},
     )
 
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs([arguments.output], [arguments.config] if arguments.config else [])
     if any(find_spec(name) is None for name in NEEDED):
         raise InputError("training needs the extra rl: pip install 'pendulum-ident[rl]'")
-    config = _config(arguments)
+    config = _read_config(arguments)
     folder = None if arguments.checkpoints is None else Path(arguments.checkpoints)
     if arguments.resume and folder is None:
         raise InputError("--resume needs --checkpoints FOLDER, where the training was kept")
@@ -67,10 +67,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     else:
         robot = config.robot or "FILE"
         terminal.say(f"`pendulum-ident record --robot {robot} --excitation rl --policy {arguments.output}` plays it")
-    wrote([arguments.output], terminal)
+    report_files([arguments.output], terminal)
 
 
-def _config(arguments: argparse.Namespace) -> Config:
+def _read_config(arguments: argparse.Namespace) -> Config:
     given = {name: getattr(arguments, name) for name in ("constraint", "robot", "seed", "steps")}
     given = {name: value for name, value in given.items() if value is not None}
     settings = {} if arguments.config is None else read_toml(arguments.config)

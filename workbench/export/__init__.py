@@ -16,7 +16,7 @@ FORMATS = {"mjcf": "a model for MuJoCo", "python": "a module without dependencie
 
 
 def export(model: Model, format: str, request: Request | None = None) -> Exported:
-    """A model in a format of `FORMATS`.
+    """Write a model in a format of `FORMATS`.
 
     Raises:
         ValueError: if the format is unknown.
@@ -30,8 +30,8 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
     if isinstance(model, ArmModel):
         if format != "mjcf":
             raise InputError(f"an arm is exported to mjcf, not to {format}")
-        return joints.mjcf(model, request)
-    request = servo.in_units_of(model, request)
+        return joints.export_arm(model, request)
+    request = servo.convert_request(model, request)
     if format == "mjcf":
         return mjcf.export(model, request)
     return program.export(model, request, "c" if format == "c" else "python")

@@ -18,7 +18,7 @@ from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.potential import HardStop
 from pendulum_env.recording.record import NEWTON_METRE
 from workbench.export.request import ExportError, Request
-from workbench.narrator.effects import description
+from workbench.narrator.effects import find_description
 
 G = 9.81  # [m/s^2]
 FAR = 1e4  # [rad], where a stop is that is none
@@ -27,7 +27,7 @@ EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")
 
 
 @dataclass(frozen=True)
-class Body:
+class RigidBody:
     """A rigid body on a horizontal hinge along x; at q = 0 its centre of mass hangs down, but for a tilt."""
 
     mass: float  # [kg]
@@ -46,8 +46,8 @@ class Body:
         return self.inertia, self.inertia, 0.01 * self.inertia  # inertia about its length, in that about the axis
 
     @classmethod
-    def of(cls, inertia: float, gravity: float, tilted: float = 0.0, mass: float | None = None) -> Body:
-        """The body with that inertia about the axis [kg m^2] on which gravity pulls with gravity sin q + tilted cos q.
+    def of(cls, inertia: float, gravity: float, tilted: float = 0.0, mass: float | None = None) -> RigidBody:
+        """Return the body with an inertia about the axis [kg m^2] and the torque gravity sin q + tilted cos q.
 
         Raises ExportError if a body of the mass that was given cannot be so, or an armature leaves it no inertia.
         """
@@ -66,20 +66,20 @@ class Body:
         return cls(mass, lever, math.atan2(tilted, gravity), central)
 
 
-def value(model: Model, parameter: str) -> float:
-    """A linear parameter of the model, 0 if it has none of that name."""
+def get_value(model: Model, parameter: str) -> float:
+    """Return a linear parameter of the model, 0 if it has none of that name."""
     return model.estimates[parameter].value if parameter in model.estimates else 0.0
 
 
-def holds_spring(model: Model) -> bool:
+def is_spring_linear(model: Model) -> bool:
     """Return whether a linear spring of the simulator represents the spring of a model."""
-    return value(model, "spring.stiffness") >= 0 and "spring.cubic" not in model.estimates
+    return get_value(model, "spring.stiffness") >= 0 and "spring.cubic" not in model.estimates
 
 
-def arm(model: Model, request: Request) -> Body:
-    """The arm of a model, without the armature that is asked for; raises ExportError as `Body.of`."""
-    inertia = value(model, "inertia") - request.armature
-    return Body.of(inertia, value(model, "gravity"), value(model, "gravity_tilt"), request.mass)
+def make_body(model: Model, request: Request) -> RigidBody:
+    """Make the arm of a model, without the armature that is asked for; raises ExportError as `Body.of`."""
+    inertia = get_value(model, "inertia") - request.armature
+    return RigidBody.of(inertia, get_value(model, "gravity"), get_value(model, "gravity_tilt"), request.mass)
 
 
 @dataclass(frozen=True)
@@ -92,16 +92,18 @@ class Friction:
 
     @classmethod
     def of(cls, model: Model, held: Collection[str]) -> Friction:
-        """Friction of a model where the terms of these ids are held beside those of `EVERY`.
+        """Return the friction of a model where the terms of these ids are held beside those of `EVERY`.
 
         Where that is not all, viscous and dry friction come as close to the sum as they can, in both directions alike.
         """
         unit = model.torque_unit
         others = [term for term in model.terms if term.id not in EVERY and term.id not in held]
-        folded = [term for term in others if description(term.id).fits_friction]
+        folded = [term for term in others if find_description(term.id).fits_friction]
         missing = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
-        missing += [f"{term.id} ({term.law}): {description(term.id).omission}" for term in others if term not in folded]
-        viscous, dry = value(model, "viscous") + value(model, "back_emf"), value(model, "coulomb")
+        missing += [
+            f"{term.id} ({term.law}): {find_description(term.id).omission}" for term in others if term not in folded
+        ]
+        viscous, dry = get_value(model, "viscous") + get_value(model, "back_emf"), get_value(model, "coulomb")
         if not folded and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(missing))
         still = np.zeros_like(SPEEDS)
@@ -137,19 +139,19 @@ class Stop:
 
     @classmethod
     def of(cls, model: Model, speed: float = 1.0) -> Stop:
-        """The stop of a model.
+        """Return the stop of a model.
 
         A hysteresis becomes the damper that gives back as much of an impact at that speed [rad/s]: of a spring and a
         damper with the small damping ratio z the share exp(-pi z) of the speed comes back.
         """
         stop = next((term for term in model.terms if isinstance(term, HardStop)), None)
-        stiffness = value(model, "hard_stop.stiffness")
+        stiffness = get_value(model, "hard_stop.stiffness")
         if stop is None:
             return cls()
         damping, missing = stiffness * stop.damping_time, []
         if stop.hysteresis:
             lost = min(2.0 * stop.hysteresis * speed / 3.0, 0.9)
             ratio = -math.log(1.0 - lost) / math.pi
-            damping += 2.0 * ratio * math.sqrt(stiffness * value(model, "inertia"))
+            damping += 2.0 * ratio * math.sqrt(stiffness * get_value(model, "inertia"))
             missing.append(f"the hysteresis of hard_stop: a damper loses as much of an impact at {speed:g} rad/s")
         return cls(stop.lower, stop.upper, stiffness, damping, tuple(missing))

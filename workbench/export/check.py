@@ -24,7 +24,7 @@ from workbench.export.request import Exported, ExportError, Request, load_mujoco
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckResult:
     """Deviations of simulations from recordings [rad]."""
 
     title: str  # how that was measured
@@ -32,7 +32,7 @@ class Check:
     motion: float  # distance of the measured position from its mean, measured alike
 
 
-def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> Check:
+def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> CheckResult:
     """Run the exported XML in MuJoCo against recordings, over windows that each start from the measured state.
 
     Raises ExportError if a known load hung on the joint, which no exported model has, IdentificationError if a
@@ -41,18 +41,18 @@ def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> 
     refuse_loads(recordings)
     segments = RegressionData.of(recordings).with_link_states(model).segments
     own = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
-    theirs = [_simulated(model, exported, segment) for segment in segments]
+    theirs = [_simulate(model, exported, segment) for segment in segments]
     measured = [segment.position for segment in segments]
     errors = {
-        "this project's simulation against the recording": _rms(own, measured),
-        "MuJoCo with the exported model against the recording": _rms(theirs, measured),
-        "one against the other": _rms(theirs, own),
+        "this project's simulation against the recording": _compute_rms(own, measured),
+        "MuJoCo with the exported model against the recording": _compute_rms(theirs, measured),
+        "one against the other": _compute_rms(theirs, own),
     }
-    motion = _rms(measured, [q.mean(0) for q in measured])
-    return Check("Free run over windows of one second, RMS", errors, motion)
+    motion = _compute_rms(measured, [q.mean(0) for q in measured])
+    return CheckResult("Free run over windows of one second, RMS", errors, motion)
 
 
-def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording]) -> Check:
+def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording]) -> CheckResult:
     """Run what is exported in MuJoCo against recordings of servos, each with the drive that it was recorded with.
 
     Raises ExportError if a known load hung on the joint, or steps do not add up to those that are compared, and
@@ -65,20 +65,20 @@ def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording
     rollouts = replace(choose_rollouts(model, recordings)[0], steps=steps)
 
     def error(request: Request) -> float:
-        return _mean_size(rollouts.compare_paths(_follow(model, request, rollouts.servos, steps)))
+        return _compute_mean_size(rollouts.compare_paths(_follow(model, request, rollouts.servos, steps)))
 
     exported = replace(request, callback="python") if request.callback else request  # C says the same
     errors = {
-        "this project's simulation": _mean_size(rollouts.position_errors([Point(model.terms, model.theta)])),
+        "this project's simulation": _compute_mean_size(rollouts.position_errors([Point(model.terms, model.theta)])),
         "MuJoCo with what is exported": error(exported),
     }
     if request.callback:
         errors["MuJoCo without the callback"] = error(replace(request, callback=None, approximate=True))
-    motion = _mean_size(rollouts.position - rollouts.position.mean())
-    return Check("In the loop, whole recordings from their goals alone, mean error", errors, motion)
+    motion = _compute_mean_size(rollouts.position - rollouts.position.mean())
+    return CheckResult("In the loop, whole recordings from their goals alone, mean error", errors, motion)
 
 
-def _mean_size(values: Array) -> float:
+def _compute_mean_size(values: Array) -> float:
     return float(np.mean(np.abs(values)))
 
 
@@ -90,7 +90,7 @@ def refuse_loads(recordings: Sequence[Recording]) -> None:
 
 
 def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array:
-    """Positions of servos in MuJoCo at the start and after every so many steps, (N / every + 1, 1, B) [rad]."""
+    """Simulate servos in MuJoCo; return positions at the start and every so many steps, (N / every + 1, 1, B) [rad]."""
     mujoco = load_mujoco()
     drives = [  # without a supply of its own, the recorded one at the start
         drive if drive.supply or drive.output != "duty" else replace(drive, supply=float(servos.supply[0, lane]))
@@ -123,15 +123,15 @@ def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array
     return paths
 
 
-def _rms(ones: Sequence[Array], others: Sequence[Array]) -> float:
-    """Root mean square of differences (N + 1, B) but for the first, which are of the start."""
+def _compute_rms(ones: Sequence[Array], others: Sequence[Array]) -> float:
+    """Compute the root mean square of differences (N + 1, B) after the start."""
     return float(
         np.sqrt(np.mean(np.concatenate([(a - b)[1:].ravel() for a, b in zip(ones, others, strict=True)]) ** 2))
     )
 
 
-def _simulated(model: Model, exported: Exported, segments: Segments) -> Array:
-    """Position in every segment, (N + 1, B) [rad]."""
+def _simulate(model: Model, exported: Exported, segments: Segments) -> Array:
+    """Simulate the position in every segment, (N + 1, B) [rad]."""
     mujoco = load_mujoco()
     world = mujoco.MjModel.from_xml_string(exported.content)
     rate = segments.windows.recording.rate

@@ -22,7 +22,7 @@ from pendulum_env.recording.vocabulary import SI
 from pendulum_env.servo.drive import UNIT, ServoDrive
 from pendulum_env.servo.loop import GAINS, ControllerState, ServoInputs, compute_control, compute_gains, compute_taps
 from workbench.export.request import ExportError, Request
-from workbench.export.servo import supply_of
+from workbench.export.servo import get_supply
 
 RESERVED = frozenset(  # names that the exported programs and their languages have themselves
     """time position velocity torque commands state step start sign State STEP math abs max min
@@ -35,7 +35,7 @@ RESERVED = frozenset(  # names that the exported programs and their languages ha
 
 
 @dataclass(frozen=True)
-class Parameter:
+class NamedParameter:
     """A number of the model that its exported form gives a name to."""
 
     name: str
@@ -45,7 +45,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class StepQuantity:
     """Input or output of a step."""
 
     name: str
@@ -58,12 +58,12 @@ class Dynamics:
     """Step as expressions of states, parameters and inputs."""
 
     step: float  # length of a step [s]
-    parameters: tuple[Parameter, ...]  # of the model, by which the expressions are written
-    given: tuple[Quantity, ...]  # what the step is given beside the state
+    parameters: tuple[NamedParameter, ...]  # of the model, by which the expressions are written
+    given: tuple[StepQuantity, ...]  # what the step is given beside the state
     state: tuple[str, ...]  # names of the state variables
     start: tuple[Operand, ...]  # their values after long rest, in `position` and `velocity`
     after: tuple[Operand, ...]  # their values after the step
-    results: Mapping[Quantity, Operand] = field(default_factory=dict)  # what the step gives beside the state
+    results: Mapping[StepQuantity, Operand] = field(default_factory=dict)  # what the step gives beside the state
     delay: float = 0.0  # of the torque, in steps, where it is given
 
     @property
@@ -72,43 +72,43 @@ class Dynamics:
         return math.ceil(self.delay)
 
     def arriving(self, commands: str) -> str:
-        """The command that arrives now, from a list of that name, newest first; one between two is a mean of them."""
+        """Write the command that arrives now, from a list of that name, newest first; between two, their mean."""
         whole, share = divmod(self.delay, 1.0)
         late, later = f"{commands}[{int(whole)}]", f"{commands}[{int(whole) + 1}]"
         return late if share == 0 else f"{1.0 - share!r} * {late} + {share!r} * {later}"
 
 
-def written(model: Model, request: Request) -> Dynamics:
-    """The step of a model under a torque; or under a goal, with a drive.
+def write_step(model: Model, request: Request) -> Dynamics:
+    """Write the step of a model under a torque; or under a goal, with a drive.
 
     Raises ExportError if a law of the model is not made of what can be written down.
     """
-    with _formulas():
+    with _report_faults():
         parts = _Parts.of(model, model.terms, request)
         x = step(parts.balance, parts.x, request.step)
     return parts.dynamics({"time": x.time, "position": x.position, "velocity": x.velocity} | parts.memory(x.memory))
 
 
-def beside(model: Model, terms: Sequence[Term], request: Request) -> Dynamics:
+def write_contribution(model: Model, terms: Sequence[Term], request: Request) -> Dynamics:
     """Build the contribution of some terms of a model, and of a drive, to each step of an engine with the other terms.
 
     The step is given where the joint is, and returns the torque to apply and the largest dry friction to allow.
 
     Raises ExportError if a law of the model is not made of what can be written down, or adds inertia that varies.
     """
-    with _formulas():
+    with _report_faults():
         parts, seconds = _Parts.of(model, terms, request), request.step
         balance, x = parts.balance, parts.x
         results = {
-            Quantity("applied", model.units().unit("N m")): _operand(balance.net(x)),
-            Quantity("friction", model.units().unit("N m")): _operand(np.maximum(balance.dry(x), 0.0)),
+            StepQuantity("applied", model.units().unit("N m")): _convert_operand(balance.net(x)),
+            StepQuantity("friction", model.units().unit("N m")): _convert_operand(np.maximum(balance.dry(x), 0.0)),
         }
         memory = balance.advance(x, x.velocity, seconds)
     return parts.dynamics({"time": x.time + seconds} | parts.memory(memory), results)
 
 
 @contextmanager
-def _formulas() -> Iterator[None]:
+def _report_faults() -> Iterator[None]:
     """Turn what a law that is no formula raises into one sentence."""
     try:
         yield
@@ -124,15 +124,15 @@ class _Parts:
     balance: TorqueBalance  # of the terms
     x: Samples  # start of a step
     remembered: dict[str, list[str]]  # names of the terms' state variables
-    parameters: list[Parameter]  # of the terms, and of the drive
-    given: list[Quantity]  # what a step is given
+    parameters: list[NamedParameter]  # of the terms, and of the drive
+    given: list[StepQuantity]  # what a step is given
     start: dict[str, Any]  # state variables after long rest, by name
     after: dict[str, Any] = field(default_factory=dict)  # those of the controller after a step
     delay: float = 0.0  # of a torque that is given [s]
 
     @classmethod
     def of(cls, model: Model, terms: Sequence[Term], request: Request) -> _Parts:
-        """The terms of a model, under the torque of a drive if there is one."""
+        """Return the terms of a model, under the torque of a drive if there is one."""
         balance, x, _ = write_balance(terms)
         named: list[tuple[str, str, Any, float]] = [
             (column.name, column.unit, symbol, 0.0)
@@ -149,16 +149,19 @@ class _Parts:
         ]
         parameters = []
         for text, unit, symbol, value in named:
-            symbol.label = identifier(text)
+            symbol.label = make_identifier(text)
             known = model.estimates.get(text, Estimate(value, 0.0, unit))  # a shape may be as it usually is
-            parameters.append(Parameter(symbol.label, known.value, known.unit, known.std))
+            parameters.append(NamedParameter(symbol.label, known.value, known.unit, known.std))
         start: dict[str, Any] = {"time": 0.0, "position": x.position, "velocity": x.velocity}
         remembered: dict[str, list[str]] = {}
-        given, warm = [Quantity("torque", model.units().unit("N m"))], [t.id for t in terms if t.needs == "temperature"]
+        given, warm = (
+            [StepQuantity("torque", model.units().unit("N m"))],
+            [t.id for t in terms if t.needs == "temperature"],
+        )
         if other := [f"{term.id} (by its {term.needs})" for term in terms if term.needs not in ("", "temperature")]:
             raise ExportError(f"{join_words(other)}: no program is given that")
         if warm:
-            given.append(Quantity("temperature", SI["temperature"], ROOM))
+            given.append(StepQuantity("temperature", SI["temperature"], ROOM))
             x = replace(x, temperature=cast(Any, make_symbol("temperature")))
         long_ago, memory = balance.start(replace(x, torque=np.zeros(()))), cast(Mapping[str, Any], x.memory)
         as_given: dict[str, Any] = {id: (x.temperature, 0.0) for id in warm if id in memory}
@@ -187,17 +190,17 @@ class _Parts:
         units = {"kp": f"{output}/{per}", "ki": f"{output}/({per} s)", "kd": f"{output} s/rad", "most": output}
         for text, unit in units.items():
             if gains[text] not in (0.0, math.inf):
-                self.parameters.append(Parameter("limit" if text == "most" else text, gains[text], unit, 0.0))
+                self.parameters.append(NamedParameter("limit" if text == "most" else text, gains[text], unit, 0.0))
                 gains[text] = make_symbol(self.parameters[-1].name)
         scale: Any = 1.0
-        self.given[0] = Quantity("goal", "rad/s" if drive.acts_on_speed else "rad")
+        self.given[0] = StepQuantity("goal", "rad/s" if drive.acts_on_speed else "rad")
         if drive.output == "duty":
-            self.given.append(Quantity("supply", "V", supply_of(drive)))
+            self.given.append(StepQuantity("supply", "V", get_supply(drive)))
             scale = make_symbol("supply")
         if drive.gain is not None:
-            self.parameters.append(Parameter("gain", drive.gain, f"N m/{UNIT[drive.output]}", 0.0))
+            self.parameters.append(NamedParameter("gain", drive.gain, f"N m/{UNIT[drive.output]}", 0.0))
             scale = scale * make_symbol("gain")
-        self.given.append(Quantity("on", "0: the motor is open", 1.0))
+        self.given.append(StepQuantity("on", "0: the motor is open", 1.0))
         weights = compute_taps(np.array((drive.delay + sum(term.delay for term in model.terms)) / seconds)).tolist()
         phase: Any = make_symbol("phase")
         due = 1.0 if looks_always else phase - (1.0 - 1e-6)
@@ -222,16 +225,16 @@ class _Parts:
         }
 
     def memory(self, values: Mapping[str, Memory]) -> dict[str, Any]:
-        """Values of what terms remember, by name."""
+        """Return the values of what terms remember, by name."""
         pairs = [pair for id, texts in self.remembered.items() for pair in zip(texts, values[id], strict=True)]
         return dict(pairs)
 
-    def dynamics(self, after: Mapping[str, Any], results: Mapping[Quantity, Operand] | None = None) -> Dynamics:
-        """The step without state that nothing depends on; one that gives results is given position and velocity."""
+    def dynamics(self, after: Mapping[str, Any], results: Mapping[StepQuantity, Operand] | None = None) -> Dynamics:
+        """Return the step without unused state; a step with results is given position and velocity."""
         results, after = results or {}, {**after, **self.after}
         kept, needed = {"time"} | ({"position", "velocity"} & set(after)), set(after)
         while needed:
-            values = [*results.values(), *(_operand(after[text]) for text in kept)]
+            values = [*results.values(), *(_convert_operand(after[text]) for text in kept)]
             needed = {symbol.label for symbol in sort_symbols(values) if symbol.op == NAME} & set(after) - kept
             kept |= needed
         state = tuple(text for text in after if text in kept)
@@ -240,24 +243,24 @@ class _Parts:
         used = [parameter.name for parameter in self.parameters] + [*state]
         if twice := [x for x in used if used.count(x) > 1 or re.fullmatch(r"t\d+|\w+_at_\w+|\w+_after", x)]:
             raise ExportError(f"'{twice[0]}' cannot be the name of a parameter in a program: rename it in its effect")
-        where = (Quantity("position", "rad"), Quantity("velocity", "rad/s")) if results else ()
+        where = (StepQuantity("position", "rad"), StepQuantity("velocity", "rad/s")) if results else ()
         return Dynamics(
             self.seconds,
             tuple(self.parameters),
             (*where, *self.given),
             state,
-            tuple(_operand(self.start[text]) for text in state),
-            tuple(_operand(after[text]) for text in state),
+            tuple(_convert_operand(self.start[text]) for text in state),
+            tuple(_convert_operand(after[text]) for text in state),
             results,
             self.delay / self.seconds,
         )
 
 
-def identifier(text: str) -> str:
-    """A parameter's name as a name in a program."""
+def make_identifier(text: str) -> str:
+    """Convert the name of a parameter to a name in a program."""
     plain = re.sub(r"\W", "_", text, flags=re.ASCII)
     return f"{plain}_" if plain in RESERVED or iskeyword(plain) or plain[0].isdigit() else plain
 
 
-def _operand(value: Any) -> Operand:
+def _convert_operand(value: Any) -> Operand:
     return value if isinstance(value, Symbol) else float(value)

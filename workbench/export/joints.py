@@ -16,39 +16,39 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.library import find_term
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import list_loads
-from workbench.export.arm import Friction, holds_spring, value
-from workbench.export.request import Exported, Request, comment, keep, plain
+from workbench.export.arm import Friction, get_value, is_spring_linear
+from workbench.export.request import Exported, Request, escape_comment, escape_text, note_missing
 from workbench.narrator.arms import describe_nearest_body
 
 
-def at(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
+def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
     """Return the terms at one joint as a model, and the effects there that such a model cannot contain."""
     own = [one for one in model.terms[1:] if one.at == joint]
     tables = tuple(f"{one.id} ({one.law}): it is left out" for one in own if isinstance(one, Table))
     terms = [find_term(one.id.partition("@")[0])(**one.nonlinear_values) for one in own if not isinstance(one, Table)]
     names = [column.name for one in terms for column in one.columns]
-    theta = np.array([value(model, f"{name}@{joint}") for name in names])
+    theta = np.array([get_value(model, f"{name}@{joint}") for name in names])
     return Model.build(terms, theta), tables
 
 
-def mjcf(model: ArmModel, request: Request) -> Exported:
-    """For MuJoCo, with a motor at each joint; springs and motors that turn with two joints are MuJoCo's own.
+def export_arm(model: ArmModel, request: Request) -> Exported:
+    """Write an arm for MuJoCo, with a motor at each joint; springs and coupled motors are MuJoCo's own.
 
     Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and BodyError without
     MuJoCo.
     """
     mujoco, body = import_mujoco(), model.body
-    standard, off = _standard(model)
-    joints, notes = _friction(model, off, request)
+    standard, off = _find_standard(model)
+    joints, notes = _find_friction(model, off, request)
     spec = build_specification(body, standard, {joint: (own.viscous, own.dry) for joint, own in joints.items()})
     spec.option.timestep = request.step
     for joint in spec.joints:
         joint.solref_friction = STEPS * request.step, 1.0
-        stiffness = value(model, f"spring.stiffness@{joint.name}")
-        if stiffness > 0 and holds_spring(at(model, joint.name)[0]):
+        stiffness = get_value(model, f"spring.stiffness@{joint.name}")
+        if stiffness > 0 and is_spring_linear(select_joint(model, joint.name)[0]):
             joint.stiffness, joint.springref = (
                 [stiffness, 0.0, 0.0],
-                -value(model, f"spring.preload@{joint.name}") / stiffness,
+                -get_value(model, f"spring.preload@{joint.name}") / stiffness,
             )
     for tie in spec.equalities:
         tie.solref = STEPS * request.step, 1.0
@@ -56,29 +56,29 @@ def mjcf(model: ArmModel, request: Request) -> Exported:
         motor = spec.add_tendon(name=own.id, solimp_friction=IMPEDANCE, solref_friction=[STEPS * request.step, 1.0])
         for joint, factor in list_loads(own.at).items():
             motor.wrap_joint(joint, factor)
-        motor.damping = [max(value(model, f"coupling.viscous@{own.at}"), 0.0), 0.0, 0.0]
-        motor.frictionloss = max(value(model, f"coupling.coulomb@{own.at}"), 0.0)
-        motor.armature = max(value(model, f"coupling.inertia@{own.at}"), 0.0)
+        motor.damping = [max(get_value(model, f"coupling.viscous@{own.at}"), 0.0), 0.0, 0.0]
+        motor.frictionloss = max(get_value(model, f"coupling.coulomb@{own.at}"), 0.0)
+        motor.armature = max(get_value(model, f"coupling.inertia@{own.at}"), 0.0)
     for joint in body.joints:
         motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.gainprm[0] = 1.0
     spec.compile()
-    head = comment((f"The arm {plain(body.name)}, as identified.", *notes))
+    head = escape_comment((f"The arm {escape_text(body.name)}, as identified.", *notes))
     return Exported(f'<?xml version="1.0"?>\n<!-- {head} -->\n{spec.to_xml()}', notes)
 
 
-def _standard(model: ArmModel) -> tuple[Array, list[str]]:
-    """Standard parameters (S,) of the nearest body, and a note where no body has the model's parameters."""
+def _find_standard(model: ArmModel) -> tuple[Array, list[str]]:
+    """Find the standard parameters (S,) of the nearest body, and a note where no body has the model's parameters."""
     found = nearest_body(model)
     off = [] if found.exists else [f"the links as identified: {describe_nearest_body(found)}"]
     return np.array([found.parameters[name].value for name in model.body.standard]), off
 
 
-def _friction(model: ArmModel, off: list[str], request: Request) -> tuple[dict[str, Friction], tuple[str, ...]]:
-    """Friction of each joint, and what MuJoCo does not hold, a sentence each, if that is allowed."""
+def _find_friction(model: ArmModel, off: list[str], request: Request) -> tuple[dict[str, Friction], tuple[str, ...]]:
+    """Find the friction of each joint, and what MuJoCo does not hold, a sentence each, if that is allowed."""
     joints, missing = {}, list(off)
     for joint in model.body.joints:
-        own, tables = at(model, joint)
-        joints[joint] = Friction.of(own, ("spring",) if holds_spring(own) else ())
+        own, tables = select_joint(model, joint)
+        joints[joint] = Friction.of(own, ("spring",) if is_spring_linear(own) else ())
         missing += [f"{text} (at {joint})" for text in (*joints[joint].missing, *tables)]
-    return joints, keep(missing, request, others="")
+    return joints, note_missing(missing, request, others="")

@@ -15,11 +15,20 @@ import numpy as np
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
 from pendulum_env.physics import Model, Samples, Term
 from pendulum_env.physics.transmission import JointFlexibility
-from workbench.export.arm import EVERY, Body, Friction, Stop, arm, holds_spring, value
-from workbench.export.dynamics import beside
-from workbench.export.program import ACTUATOR, JOINT, program
-from workbench.export.request import Exported, ExportError, Language, Request, comment, keep, load_mujoco, title
-from workbench.export.servo import Motor, Servo, actuation
+from workbench.export.arm import EVERY, Friction, RigidBody, Stop, get_value, is_spring_linear, make_body
+from workbench.export.dynamics import write_contribution
+from workbench.export.program import ACTUATOR, JOINT, write_program
+from workbench.export.request import (
+    Exported,
+    ExportError,
+    Language,
+    Request,
+    escape_comment,
+    load_mujoco,
+    note_missing,
+    write_title,
+)
+from workbench.export.servo import Motor, Servo, choose_actuator
 
 BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside those of `EVERY`
 # Impedance of the stop: MuJoCo's lower bound of 0.0001. A constraint with impedance d replaces the share d of what else
@@ -28,7 +37,7 @@ SOFT = (1e-4, 1e-4, 0.001, 0.5, 2.0)
 
 
 def export(model: Model, request: Request) -> Exported:
-    """The XML of a model.
+    """Write the XML of a model.
 
     Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and InputError if the
     extra `export` is not installed.
@@ -36,56 +45,56 @@ def export(model: Model, request: Request) -> Exported:
     mujoco = load_mujoco()
     links = [term for term in model.terms if isinstance(term, JointFlexibility)]
     # there is a motor and a link, each with an inertia of its own
-    link = next((own for own in links if 0.0 < value(model, own.id) < value(model, "inertia")), None)
+    link = next((own for own in links if 0.0 < get_value(model, own.id) < get_value(model, "inertia")), None)
     held = {*BODILY, *([] if link is None else [link.id])}
-    if value(model, "quadratic_drag") < 0:  # MuJoCo's dampers brake
+    if get_value(model, "quadratic_drag") < 0:  # MuJoCo's dampers brake
         held.remove("quadratic_drag")
-    if not holds_spring(model):
+    if not is_spring_linear(model):
         held.remove("spring")
     if request.callback is not None:
-        return _with_callback(model, held, request, request.callback)
-    kind = actuation(request)
+        return _export_with_callback(model, held, request, request.callback)
+    kind = choose_actuator(request)
     held |= set(kind.held)
     friction, stop = Friction.of(model, held), Stop.of(model)
     missing = (*friction.missing, *stop.missing, *kind.missing)
-    notes = keep(missing, request)
+    notes = note_missing(missing, request)
     spec = mujoco.MjSpec()
-    spec.modelname, spec.comment = "pendulum", comment((title(model), *notes))
+    spec.modelname, spec.comment = "pendulum", escape_comment((write_title(model), *notes))
     spec.option.timestep = request.step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     if link is None:
-        body = _add(spec.worldbody, "arm", arm(model, request))
+        body = _add(spec.worldbody, "arm", make_body(model, request))
     else:
-        inertia = value(model, link.id)  # [kg m^2], J of the link
-        motor = Body.of(
-            value(model, "inertia") - inertia - request.armature,
-            value(model, "gravity") - inertia * link.gravity,
-            value(model, "gravity_tilt"),
+        inertia = get_value(model, link.id)  # [kg m^2], J of the link
+        motor = RigidBody.of(
+            get_value(model, "inertia") - inertia - request.armature,
+            get_value(model, "gravity") - inertia * link.gravity,
+            get_value(model, "gravity_tilt"),
         )
         body = _add(spec.worldbody, "motor", motor)
-        behind = _add(body, "link", Body.of(inertia, inertia * link.gravity, mass=request.mass))
+        behind = _add(body, "link", RigidBody.of(inertia, inertia * link.gravity, mass=request.mass))
         spring = behind.add_joint(name="transmission", axis=(1, 0, 0))
         spring.stiffness = inertia * link.resonance**2, 0.0, 0.0
         spring.damping = inertia * link.damping, 0.0, 0.0
     joint = body.add_joint(name=JOINT, axis=(1, 0, 0))
-    joint.damping = friction.viscous, value(model, "quadratic_drag") if "quadratic_drag" in held else 0.0, 0.0
+    joint.damping = friction.viscous, get_value(model, "quadratic_drag") if "quadratic_drag" in held else 0.0, 0.0
     joint.frictionloss, joint.armature = friction.dry, request.armature
     joint.solref_friction, joint.solimp_friction = (STEPS * request.step, 1.0), IMPEDANCE
-    if "spring" in held and (stiffness := value(model, "spring.stiffness")):
+    if "spring" in held and (stiffness := get_value(model, "spring.stiffness")):
         joint.stiffness = stiffness, 0.0, 0.0
-        joint.springref = math.degrees(-value(model, "spring.preload") / stiffness)
+        joint.springref = math.degrees(-get_value(model, "spring.preload") / stiffness)
     if stop.is_there:
-        inertia = value(model, "inertia")
+        inertia = get_value(model, "inertia")
         joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
         joint.range = [math.degrees(end) for end in stop.ends]
         joint.solref_limit = -stop.stiffness / inertia, -stop.damping / inertia
         joint.solimp_limit = SOFT
-    _actuate(mujoco, spec, model, kind)
+    _add_actuator(mujoco, spec, model, kind)
     spec.compile()
     return Exported(spec.to_xml(), notes)
 
 
-def _add(parent: Any, name: str, body: Body) -> Any:
+def _add(parent: Any, name: str, body: RigidBody) -> Any:
     added = parent.add_body(name=name, mass=body.mass, ipos=body.centre, inertia=body.moments, explicitinertial=True)
     added.add_geom(
         name=name, fromto=(0.0, 0.0, 0.0, *(2.0 * x for x in body.centre)), size=(0.01, 0.0, 0.0), mass=0.0,
@@ -94,8 +103,8 @@ def _add(parent: Any, name: str, body: Body) -> Any:
     return added
 
 
-def _with_callback(model: Model, held: Collection[str], request: Request, language: Language) -> Exported:
-    """The body alone in XML, driven by a motor, and a program with the rest: dry friction, actuation, and the drive."""
+def _export_with_callback(model: Model, held: Collection[str], request: Request, language: Language) -> Exported:
+    """Write the driven body in XML, and a program with the rest: dry friction, actuation, and the drive."""
     stop = Stop.of(model)
     # a motor that is off does not brake
     bodily = ({*EVERY, *held} - {"back_emf"}) - ({"hard_stop"} if stop.missing else set())
@@ -103,17 +112,17 @@ def _with_callback(model: Model, held: Collection[str], request: Request, langua
     others = [term for term in model.terms if term.id == "coulomb" or term not in terms]
     estimates = {name: model.estimates[name] for name in model.estimates if name.partition(".")[0] in bodily}
     inertia = estimates["inertia"]
-    estimates["inertia"] = replace(inertia, value=inertia.value + _inertia_of(model, others))
+    estimates["inertia"] = replace(inertia, value=inertia.value + _sum_inertia(model, others))
     if estimates["inertia"].value <= 0:
         raise ExportError("a link behind the motor has all of the arm's inertia: no body is left that the motor turns")
     body = replace(model, terms=terms, estimates=estimates, correlation=())
     exported = export(body, replace(request, drive=None, callback=None))
-    step = beside(model, others, request)
-    return replace(exported, callback=program(language, model, step, "joint"))
+    step = write_contribution(model, others, request)
+    return replace(exported, callback=write_program(language, model, step, "joint"))
 
 
-def _inertia_of(model: Model, terms: Sequence[Term]) -> float:
-    """Inertia that some terms of a model add to that of the arm [kg m^2].
+def _sum_inertia(model: Model, terms: Sequence[Term]) -> float:
+    """Sum the inertia that some terms of a model add to that of the arm [kg m^2].
 
     Raises ExportError if it changes, as no body's does.
     """
@@ -129,9 +138,9 @@ def _inertia_of(model: Model, terms: Sequence[Term]) -> float:
     return total
 
 
-def _actuate(mujoco: Any, spec: Any, model: Model, kind: Motor | Servo) -> None:
-    """The actuator: a torque with what lies between the command and the joint, or a servo."""
-    offset = value(model, "torque_offset") + value(model, "coulomb_asymmetry")
+def _add_actuator(mujoco: Any, spec: Any, model: Model, kind: Motor | Servo) -> None:
+    """Add the actuator: a torque with what lies between the command and the joint, or a servo."""
+    offset = get_value(model, "torque_offset") + get_value(model, "coulomb_asymmetry")
     actuator = spec.add_actuator(name=ACTUATOR, target=JOINT, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     kind.actuate(mujoco, actuator, model, offset)
     if offset:

@@ -13,8 +13,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from pendulum_env.physics import Model
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, merge_equal
 from pendulum_env.units import JointUnits
-from workbench.export.dynamics import Dynamics, Parameter, Quantity, written
-from workbench.export.request import Exported, Language, Request, plain, title
+from workbench.export.dynamics import Dynamics, NamedParameter, StepQuantity, write_step
+from workbench.export.request import Exported, Language, Request, escape_text, write_title
 
 JOINT, ACTUATOR = "joint", "torque"  # names in a file of MuJoCo's, by which the program beside it finds them
 INFIX = {  # sign of an operation, and how tightly it binds
@@ -46,7 +46,7 @@ STATE = {  # what its parts are, and their units
 }
 
 
-def number(language: Language, value: float) -> str:
+def write_number(language: Language, value: float) -> str:
     """Write a number so that it is read back as it is."""
     if math.isinf(value):
         return f"{'-' * (value < 0)}{'INFINITY' if language == 'c' else 'math.inf'}"
@@ -54,24 +54,24 @@ def number(language: Language, value: float) -> str:
 
 
 def export(model: Model, request: Request, language: Language) -> Exported:
-    """A module, or a file of C: parameters by name, the state, its start, and its step."""
-    return Exported(program(language, model, written(model, request)))
+    """Write a module, or a file of C: parameters by name, the state, its start, and its step."""
+    return Exported(write_program(language, model, write_step(model, request)))
 
 
-def program(language: Language, model: Model, dynamics: Dynamics, prefix: str = "pendulum") -> str:
-    """Text of a program; in C, names begin with the prefix. What gives results is called before MuJoCo's own step."""
+def write_program(language: Language, model: Model, dynamics: Dynamics, prefix: str = "pendulum") -> str:
+    """Write a program; in C, names begin with the prefix. A step with results is called before MuJoCo's own step."""
     results, count = list(dynamics.results), len(dynamics.state)
-    start = Source.of(dynamics.start, language)
-    step = Source.of([*dynamics.after, *dynamics.results.values()], language)
+    start = ProgramText.of(dynamics.start, language)
+    step = ProgramText.of([*dynamics.after, *dynamics.results.values()], language)
     call = ", ".join(("state", *(quantity.name for quantity in dynamics.given)))
     return (
-        _environment()
+        _load_environment()
         .get_template("step.py.txt" if language == "python" else "step.c.txt")
         .render(
-            number=partial(number, language),
-            title=title(model),
+            number=partial(write_number, language),
+            title=write_title(model),
             units=model.units(),
-            torque_unit=plain(model.units().unit("N m")),
+            torque_unit=escape_text(model.units().unit("N m")),
             call=f"step({call})" if language == "python" else f"{prefix}_step({call})",
             prefix=prefix,
             dynamics=dynamics,
@@ -93,29 +93,29 @@ def program(language: Language, model: Model, dynamics: Dynamics, prefix: str = 
     )
 
 
-def note(item: Quantity | Parameter) -> str:
+def note(item: StepQuantity | NamedParameter) -> str:
     """Name and unit of what a step is given or gives; unit and standard error of a parameter."""
-    if isinstance(item, Quantity):
-        return f"{item.name} [{plain(item.unit)}]"
-    return f"[{plain(item.unit)}]" + (f", standard error {item.std:.2g}" if item.std else "")
+    if isinstance(item, StepQuantity):
+        return f"{item.name} [{escape_text(item.unit)}]"
+    return f"[{escape_text(item.unit)}]" + (f", standard error {item.std:.2g}" if item.std else "")
 
 
-def state_note(name: str, units: JointUnits) -> str:
+def note_state(name: str, units: JointUnits) -> str:
     """Describe a part of the state, with its unit."""
     return STATE.get(name, "what it was before, as the model remembers it").format(rad=units.unit("rad"))
 
 
 @cache
-def _environment() -> Environment:
+def _load_environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("workbench.export"), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"note": note, "state_note": state_note}
+    environment.filters |= {"note": note, "note_state": note_state}
     return environment
 
 
 @dataclass
-class Source:
+class ProgramText:
     """Lines that compute results: what is used twice, is long, or has a name for the reader, is a variable."""
 
     language: Language
@@ -125,7 +125,7 @@ class Source:
     names: set[str] = field(default_factory=set)  # given names that occur
 
     @classmethod
-    def of(cls, results: Sequence[Operand], language: Language) -> Source:
+    def of(cls, results: Sequence[Operand], language: Language) -> ProgramText:
         """Write the results down."""
         source = cls(language)
         order, same = merge_equal(results)
@@ -135,7 +135,7 @@ class Source:
         def operand(x: Operand) -> tuple[str, int]:
             if isinstance(x, Symbol):
                 return texts[same[x]]
-            return number(language, x), ATOM if x >= 0 else NEGATIVE
+            return write_number(language, x), ATOM if x >= 0 else NEGATIVE
 
         for symbol in order:
             text = source._text(symbol, [operand(x) for x in symbol.inputs])
@@ -148,7 +148,7 @@ class Source:
         return source
 
     def _text(self, symbol: Symbol, parts: Sequence[tuple[str, int]]) -> tuple[str, int]:
-        """Expression of a symbol of operands, and how tightly it binds."""
+        """Return the expression of a symbol of operands, and how tightly it binds."""
         if symbol.op == NAME:
             self.names.add(symbol.label)
             return symbol.label, ATOM
@@ -156,18 +156,18 @@ class Source:
         if symbol.op in INFIX:
             sign, tight = INFIX[symbol.op]
             keeps = symbol.op in ("add", "multiply", "subtract", "divide")  # evaluated from the left
-            left = _within(parts[0], tight if keeps else tight + 1)
-            return f"{left} {sign} {_within(parts[1], tight + 1)}", tight
+            left = _enclose(parts[0], tight if keeps else tight + 1)
+            return f"{left} {sign} {_enclose(parts[1], tight + 1)}", tight
         if symbol.op == "negative":
-            return f"-{_within(parts[0], NEGATIVE + 1)}", NEGATIVE
+            return f"-{_enclose(parts[0], NEGATIVE + 1)}", NEGATIVE
         # a module in Python takes NumPy's arrays, too
         numpy = f"np.{symbol.op}({', '.join(f'{{{k}}}' for k in range(len(parts)))})"
         template = CALLS[symbol.op][1] if self.language == "c" else numpy
         encloses = template.endswith(")")
-        inner = [_within(part, LOOSE if encloses else ATOM) for part in parts]
+        inner = [_enclose(part, LOOSE if encloses else ATOM) for part in parts]
         return template.format(*inner), ATOM if encloses else LOOSE
 
 
-def _within(part: tuple[str, int], tight: int) -> str:
+def _enclose(part: tuple[str, int], tight: int) -> str:
     text, own = part
     return text if own >= tight else f"({text})"

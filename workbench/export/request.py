@@ -52,7 +52,7 @@ class Exported:
 WHOLE = ", or export --to python or c, which hold every effect"
 
 
-def keep(missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple[str, ...]:
+def note_missing(missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple[str, ...]:
     """List the parts of the model that a file for MuJoCo lacks, one sentence each; `others` hold more.
 
     Raises ExportError if something is missing and approximations are not allowed.
@@ -62,24 +62,24 @@ def keep(missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple
     return tuple(f"mjcf cannot hold {text}" for text in missing)
 
 
-def title(model: Model) -> str:
+def write_title(model: Model) -> str:
     """Return the title of the file, escaped for a comment in any language."""
     what = "A joint that slides, q in m and tau in N" if model.slides else "A pendulum"
-    return f"{what}, as identified: {plain(' + '.join(term.law for term in model.terms))} = tau."
+    return f"{what}, as identified: {escape_text(' + '.join(term.law for term in model.terms))} = tau."
 
 
-def plain(text: str) -> str:
-    """Text that ends no comment and no string, in any language."""
+def escape_text(text: str) -> str:
+    """Escape a text, so that it ends no comment and no string in any language."""
     return " ".join(text.replace("*/", "* /").replace('"', "'").replace("\\", "/").split())
 
 
-def comment(lines: Sequence[str]) -> str:
-    """Text of a comment in XML, where two dashes would end it."""
+def escape_comment(lines: Sequence[str]) -> str:
+    """Escape lines for a comment in XML, which two dashes would end."""
     return re.sub("-(?=-)", "- ", "\n".join(lines))
 
 
 def load_mujoco() -> Any:
-    """MuJoCo, imported where it is needed.
+    """Load MuJoCo, imported where it is needed.
 
     Raises InputError if it is not installed; the message names the command that does it.
     """

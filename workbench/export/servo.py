@@ -49,8 +49,8 @@ class Servo:
 
     @classmethod
     def of(cls, drive: ServoDrive) -> Self:
-        """The gains of a drive under its supply; raises ExportError if it needs one that nobody says."""
-        scale = float(drive.scale(np.array(supply_of(drive))))
+        """Return the gains of a drive under its supply; raises ExportError if it needs one that nobody says."""
+        scale = float(drive.scale(np.array(get_supply(drive))))
         missing = []
         if drive.ki:
             missing.append("an integral of the error (ki): it is left out")
@@ -74,12 +74,12 @@ class Servo:
             actuator.forcerange = -self.limit - offset, self.limit - offset
 
 
-def actuation(request: Request) -> Motor | Servo:
+def choose_actuator(request: Request) -> Motor | Servo:
     """Return the actuator of a request; raises ExportError as `Servo.of`."""
     return Motor(request.step) if request.drive is None else Servo.of(request.drive)
 
 
-def in_units_of(model: Model, request: Request) -> Request:
+def convert_request(model: Model, request: Request) -> Request:
     """Return a request whose drive, if any, has torque in the unit of a model; raises ExportError without its gain."""
     drive, known = request.drive, model.torque_constant
     if drive is None:
@@ -94,8 +94,8 @@ def in_units_of(model: Model, request: Request) -> Request:
     return replace(request, drive=drive)
 
 
-def supply_of(drive: ServoDrive) -> float:
-    """Voltage of the bus [V], for an output that is a share of it; raises ExportError if nobody says it."""
+def get_supply(drive: ServoDrive) -> float:
+    """Return the voltage of the bus [V], for an output that is a share of it; raises ExportError if nobody says it."""
     if drive.supply is None and drive.output == "duty":
         raise ExportError("a duty is a share of the bus: say its voltage, as --drive output=duty,kp=0.6,supply=12")
     return drive.supply or 1.0

@@ -9,7 +9,7 @@ from pendulum_env.recording.record import NEWTON_METRE
 from workbench.narrator.findings import advise_inertia, measure
 
 
-def headline(found: Comparison) -> str:
+def describe_comparison(found: Comparison) -> str:
     """State the error of the model in one sentence."""
     errors = found.joint.errors
     times, at = max((errors.joints[at] / max(floor, 1e-300), at) for at, floor in found.joint.floors.items())
@@ -22,7 +22,7 @@ def headline(found: Comparison) -> str:
     return f"{text}, and by {position} in free run over {found.horizon:g} s"
 
 
-def caveat(found: Comparison) -> str | None:
+def describe_unstable(found: Comparison) -> str | None:
     """Name the windows that are not counted in the error of free runs; None if all are."""
     if not found.model.has_known_inertia:
         return f"The free-running position is unknown, as the inertia of the model is. {advise_inertia()}"
@@ -34,7 +34,7 @@ def caveat(found: Comparison) -> str | None:
     return f"{text}: there are no others." if share == 1 else f"{text}: these are not counted in free run."
 
 
-def errors_in_loop(found: Comparison) -> str | None:
+def describe_loop(found: Comparison) -> str | None:
     """State the error in the loop; None where the controller is unknown."""
     error = Quantity(found.joint.errors.in_loop, unit=found.model.units().unit("rad"))
     text = f"Simulated from its goals alone, the model is off by {measure(error)} on average."

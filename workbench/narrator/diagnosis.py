@@ -17,7 +17,7 @@ from pendulum_env.formatting import capitalise, join_words
 from pendulum_env.recording import NoteKind
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, show_angles, to_shown_unit
-from workbench.narrator.effects import name
+from workbench.narrator.effects import name_effect
 from workbench.narrator.findings import describe, describe_aim, measure, measure_change, measure_range
 from workbench.narrator.reasons import describe_reason
 
@@ -88,7 +88,7 @@ def describe_suggestion(found: Suggestion, units: JointUnits = TURNING) -> str:
     )
 
 
-def headline(found: Diagnosis) -> str:
+def describe_result(found: Diagnosis) -> str:
     """State the result in a phrase: `Stribeck friction is missing`, `Cogging at elbow is missing`."""
     where = join_words([at for at in dict.fromkeys(region.at for region in found.unexplained) if at])
     place = f" at {where}" if where else ""
@@ -97,7 +97,7 @@ def headline(found: Diagnosis) -> str:
         for own in found.findings
         if own.kind is Kind.PAYLOAD
     ]
-    groups += [join_words([name(id) for id in group], "or") for group in found.effects]
+    groups += [join_words([name_effect(id) for id in group], "or") for group in found.effects]
     if groups:
         rest = f", and more{place} that no known effect explains" if found.unexplained else ""
         return f"{capitalise(join_words(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
@@ -163,7 +163,7 @@ def describe_detectable(found: Detectable) -> str:
     return f"above {measure(Quantity(found.above or 0.0, unit=unit), 2, is_parameter=True)}"
 
 
-def next_step(found: Diagnosis) -> str:
+def describe_next_step(found: Diagnosis) -> str:
     """Name the experiment worth doing, or why there is none."""
     if found.suggestion is not None:
         return describe_suggestion(found.suggestion, found.model.units())
@@ -174,29 +174,29 @@ def next_step(found: Diagnosis) -> str:
     return "No further experiment is needed."
 
 
-def advice(found: Diagnosis) -> list[str]:
+def list_advice(found: Diagnosis) -> list[str]:
     """List all that was found, and what follows for the next step."""
     texts = []
     if found.searched and found.data is not None:
         notes = [note for recording in found.data.recordings for note in recording.notes]
         texts = [note.text for note in notes if note.kind is NoteKind.IMPLAUSIBLE]
     texts += [_describe(found, finding) for finding in found.findings]
-    texts += [next_step(found)] if found.suggestion is not None else []
+    texts += [describe_next_step(found)] if found.suggestion is not None else []
     texts += [_describe(found, found.forbidden)] if found.forbidden is not None else []
     return list(dict.fromkeys(texts))
 
 
-def remarks(found: Diagnosis) -> list[str]:
+def list_remarks(found: Diagnosis) -> list[str]:
     """List the advice besides the next step, after what the logged torque shows otherwise."""
-    first = [contradiction(found)] if found.is_contradicted else []
-    step = next_step(found)
-    return [*first, *(text for text in advice(found) if text != step)]
+    first = [describe_contradiction(found)] if found.is_contradicted else []
+    step = describe_next_step(found)
+    return [*first, *(text for text in list_advice(found) if text != step)]
 
 
-def contradiction(found: Diagnosis) -> str:
+def describe_contradiction(found: Diagnosis) -> str:
     """Compare the effects that the torque of a servo calls for by itself with those of the loop."""
     theirs, ours = (
-        join_words([name(id) for id in own]) or "nothing" for own in (found.by_torque or (), found.selected)
+        join_words([name_effect(id) for id in own]) or "nothing" for own in (found.by_torque or (), found.selected)
     )
     return (
         f"By the logged torque alone, regressed on the motion: {theirs}; in the loop: {ours}. A simulation follows the "
@@ -204,7 +204,7 @@ def contradiction(found: Diagnosis) -> str:
     )
 
 
-def warnings(found: Identification) -> list[str]:
+def list_warnings(found: Identification) -> list[str]:
     """List what an identification found besides its estimates, with the next step."""
     texts = []
     for finding in found.findings:
@@ -216,14 +216,14 @@ def warnings(found: Identification) -> list[str]:
 
 
 @show_angles("rad")
-def identification_json(found: Identification) -> JSON:
+def write_identification(found: Identification) -> JSON:
     """Return the content of the file of `identify --json`: results, findings, and these in words as `doubts`."""
-    doubts = zip(warnings(found), found.findings, strict=True)
+    doubts = zip(list_warnings(found), found.findings, strict=True)
     return found.json() | {"doubts": [{"text": text, "withheld": [*own.withheld]} for text, own in doubts]}
 
 
 @show_angles("rad")
-def comparison_json(found: Comparison) -> JSON:
+def write_comparison(found: Comparison) -> JSON:
     """Return the content of the file of `compare --json`: results, and recordings that disagree in words."""
     data = found.json()
     for own, region in zip(data["regions"], found.regions, strict=True):
@@ -234,12 +234,12 @@ def comparison_json(found: Comparison) -> JSON:
 
 
 @show_angles("rad")
-def diagnosis_json(found: Diagnosis) -> JSON:
+def write_diagnosis(found: Diagnosis) -> JSON:
     """Return the content of the file of `diagnose --json`: results, findings, and these in words."""
     data = found.json()
     for own, candidate in zip(data["candidates"], found.candidates, strict=True):
         own["reason"] = describe_reason(candidate)
-    data["advice"] = advice(found)
+    data["advice"] = list_advice(found)
     data["forbidden"] = None if found.forbidden is None else _describe(found, found.forbidden)
     for own, alignment in zip(data["alignments"], found.alignments, strict=True):
         own["text"] = describe_alignment(alignment)
@@ -253,7 +253,7 @@ def diagnosis_json(found: Diagnosis) -> JSON:
     if found.refit is not None:
         data["horizon"]["text"] = describe_refit(found.refit)
     if found.by_torque is not None:
-        data["by_torque"]["says"] = contradiction(found) if found.is_contradicted else None
+        data["by_torque"]["says"] = describe_contradiction(found) if found.is_contradicted else None
     return data
 
 

@@ -8,7 +8,7 @@ NAMES = {  # of schemes, where an id with its underscores taken out does not rea
 }
 
 
-def description(effect: str) -> Description:
+def find_description(effect: str) -> Description:
     """Return the texts about an effect, or an effect at a joint; the defaults of one that has a law only."""
     id = effect.partition("@")[0]
     return DESCRIPTIONS.get(id) or EFFECTS.get(id) or Description()
@@ -18,15 +18,15 @@ def find_look_alikes(id: str) -> list[str]:
     """List the ids of terms that an effect is confused with; either of two effects may name the other."""
     known = EFFECTS | DESCRIPTIONS
     return [
-        *description(id).resembles,
-        *(o for o in known if id in known[o].resembles and o not in description(id).resembles),
+        *find_description(id).resembles,
+        *(o for o in known if id in known[o].resembles and o not in find_description(id).resembles),
     ]
 
 
-def name(effect: str) -> str:
+def name_effect(effect: str) -> str:
     """Name an effect within a sentence, `Stribeck friction`; of an arm `Stribeck friction at elbow`."""
     id, at, joint = effect.partition("@")
-    title = description(id).title or NAMES.get(id, id.replace("_", " "))
+    title = find_description(id).title or NAMES.get(id, id.replace("_", " "))
     return f"{title} at {joint}" if at else title
 
 

@@ -10,7 +10,7 @@ from estimators.findings import Finding, Kind, Quantity
 from pendulum_env.formatting import capitalise, format_estimate, format_quantity, join_words
 from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import to_shown_unit
-from workbench.narrator.effects import description, name
+from workbench.narrator.effects import find_description, name_effect
 
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
 OTHER_LOAD = (
@@ -113,7 +113,7 @@ def _describe_unidentifiable(found: Finding) -> str:
     best = ", ".join(measure(found.numbers[name], is_parameter=True) for name in found.parameters)
     return (
         f"The data do not determine {names}: the best fit is {best}. "
-        f"Record {description(first).informative_experiment}, at more frequencies."
+        f"Record {find_description(first).informative_experiment}, at more frequencies."
     )
 
 
@@ -169,7 +169,7 @@ def _describe_differences(found: Finding) -> str:
     return f"{_collect_words(found)['disagrees']}: {', '.join(parts)}."
 
 
-def _with_remedy(text: str, otherwise: str = "") -> Callable[[Finding], str]:
+def _make_column_text(text: str, otherwise: str = "") -> Callable[[Finding], str]:
     """Describe a column that was read wrongly, with the option that reads it correctly, ready to paste."""
 
     def describe_column(found: Finding) -> str:
@@ -191,7 +191,7 @@ def _describe_zero(found: Finding) -> str:
         f"The zero of the position is {size:.{digits}f} ± {error:.{digits}f} degrees off, or the base is tilted by "
         "that angle (gravity_tilt)"
     )
-    return _with_remedy(text)(found)
+    return _make_column_text(text)(found)
 
 
 def _describe_incomplete(found: Finding) -> str:
@@ -224,14 +224,14 @@ def _describe_servo(found: Finding) -> str:
 
 def _describe_tie(found: Finding) -> str:
     text = f"{join_words(found.effects)} look the same in these data"
-    reveals = description(found.effects[-1]).informative_experiment
+    reveals = find_description(found.effects[-1]).informative_experiment
     return f"{text}. To distinguish them, record {reveals}." if reveals else f"{text}."
 
 
 def describe_untested(found: Finding) -> str:
     """Return the angles beyond which an effect was not tested, as a phrase."""
     ends = {end: measure(found.numbers[end]) for end in ("low", "high") if end in found.numbers}
-    effect = name(found.effects[0]).removeprefix("a ")
+    effect = name_effect(found.effects[0]).removeprefix("a ")
     if len(ends) == 2:
         where = f"no {effect} was met from {ends['low']} to {ends['high']}"
     elif "low" in ends:
@@ -244,7 +244,7 @@ def describe_untested(found: Finding) -> str:
 def describe_law(found: Finding) -> str:
     """Name the function that a table stands for."""
     power = found.numbers.get("power")
-    return name(found.effects[0]) if power is None else f"friction that grows as |q'|^{power.value:.2g}"
+    return name_effect(found.effects[0]) if power is None else f"friction that grows as |q'|^{power.value:.2g}"
 
 
 def _describe_table(found: Finding) -> str:
@@ -302,7 +302,7 @@ GEAR_LOSSES = (
 def _compare_goals(found: Finding, reading: str, other: str, key: str) -> str:
     gain = found.numbers["gain"]
     sizes = [f"{own.value * 1000:.1f} ms" for id, own in found.numbers.items() if id != "gain"]
-    late = f" with {name(found.effects[0])} of {sizes[0]}" if sizes else ""
+    late = f" with {name_effect(found.effects[0])} of {sizes[0]}" if sizes else ""
     size = f"{abs(gain.value):.0f} ± {gain.std or 0.0:.0f} nat of log likelihood"
     fit = f"Goals {other}{late} are less likely by {size}."
     if gain.value < 2 * (gain.std or 0.0):
@@ -409,14 +409,14 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         "The logged torque is {factor.value:.2f} times the torque that the described drive asks for, and all "
         "parameters are by the drive. Check its gains and limit, and the unit of the torque column."
     ),
-    Kind.LOAD_TORQUE_TURNED: _with_remedy(
+    Kind.LOAD_TORQUE_TURNED: _make_column_text(
         "The motion follows load_torque with the opposite sign: a load torque that drives the joint is positive"
     ),
-    Kind.INERTIA_NEGATIVE: _with_remedy(
+    Kind.INERTIA_NEGATIVE: _make_column_text(
         "The inertia came out negative: torque and position have opposite signs", "Give one of them a minus sign."
     ),
     Kind.ZERO_SHIFTED: _describe_zero,
-    Kind.ZERO_UPRIGHT: _with_remedy(
+    Kind.ZERO_UPRIGHT: _make_column_text(
         "The gravity came out negative: position 0 seems to be the upright position, and must be the hanging one"
     ),
     Kind.GRAVITY_BESIDE_SPRING: (

@@ -35,19 +35,19 @@ from pendulum_env.recording.record import NEWTON_METRE, Recording, TorqueConstan
 from pendulum_env.units import to_shown_unit
 from workbench.narrator import comparison
 from workbench.narrator.addition import describe_addition
-from workbench.narrator.diagnosis import advice, headline, next_step, remarks, warnings
+from workbench.narrator.diagnosis import describe_next_step, describe_result, list_advice, list_remarks, list_warnings
 from workbench.narrator.findings import measure_range
 from workbench.narrator.notes import describe_note
 from workbench.narrator.results import (
     Part,
-    disagreeing,
-    kin,
-    noise_text,
-    of_addition,
-    of_comparison,
-    of_diagnosis,
-    schemes_table,
-    trust_text,
+    classify_scheme,
+    describe_noise,
+    explain_trust,
+    narrate_addition,
+    narrate_comparison,
+    narrate_diagnosis,
+    narrate_disagreements,
+    tabulate_schemes,
 )
 
 SETTLED = 0.25  # share of a recording after which estimates are in the picture
@@ -60,39 +60,39 @@ headlines.register(Note, describe_note)
 @headlines.register
 def describe_identification(found: Identification) -> str:
     """Write the estimates of the schemes as a table of text, and a line for each warning."""
-    header, rows, _ = schemes_table(found)
+    header, rows, _ = tabulate_schemes(found)
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
     lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in (header, *rows)]
-    return "\n".join([*lines, *(f"warning: {text}" for text in warnings(found))])
+    return "\n".join([*lines, *(f"warning: {text}" for text in list_warnings(found))])
 
 
-headlines.register(Comparison, comparison.headline)
-headlines.register(Diagnosis, headline)
+headlines.register(Comparison, comparison.describe_comparison)
+headlines.register(Diagnosis, describe_result)
 headlines.register(Addition, describe_addition)
 
 
 @render_html.register
 def show_identification(found: Identification) -> str:
-    """Estimates of the schemes side by side, how they settle, and what the recordings cannot tell."""
-    results, estimates = list(found.schemes.values()), schemes_table(found)
+    """Show the estimates of the schemes side by side, how they settle, and what the recordings cannot tell."""
+    results, estimates = list(found.schemes.values()), tabulate_schemes(found)
     return make_card(
         f"Estimates from {join_words(found.recordings)}",
-        *_constant(found.torque_constant),
+        *_note_constant(found.torque_constant),
         make_table(estimates),
         make_note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
-        make_note(trust_text(estimates)),
-        make_bullets(f"warning: {text}" for text in warnings(found)),
+        make_note(explain_trust(estimates)),
+        make_bullets(f"warning: {text}" for text in list_warnings(found)),
         make_details(
             "how the estimates settle",
-            make_legend((r.scheme, _curve(r, 0, k)) for k, r in enumerate(results)),
-            *_settling(results),
+            make_legend((r.scheme, _make_curve(r, 0, k)) for k, r in enumerate(results)),
+            *_plot_convergence(results),
         ),
     )
 
 
 @render_html.register
 def show_recording(recording: Recording) -> str:
-    """A recording: length and rate, what was changed at reading, what it lacks, and its curves."""
+    """Show a recording: length and rate, what was changed at reading, what it lacks, and its curves."""
     signals = [
         ("position q", *to_shown_unit(recording.position, recording.units.unit("rad")), BLUE),
         (recording.units.name("torque"), recording.torque, recording.units.unit(NEWTON_METRE), ORANGE),
@@ -113,22 +113,22 @@ def show_recording(recording: Recording) -> str:
 
 @render_html.register
 def show_identified(found: Identified) -> str:
-    """Estimates of one scheme and how they settle."""
+    """Show the estimates of one scheme and how they settle."""
     rows = [(name, e.shown.text, e.shown.unit) for name, e in found.model.estimates.items()]
     used, all_of_them = found.used
     return make_card(
         f"Estimates by the scheme {found.scheme}",
         make_table(TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))),
         make_note(f"residual {found.residual_rms:.3g} {found.unit}, {used} of {all_of_them} samples used"),
-        *_settling([found]),
+        *_plot_convergence([found]),
     )
 
 
-def _settling(results: Sequence[Identified]) -> list[Html]:
-    """Estimates over time, one plot a parameter; the wild start is out of the picture."""
+def _plot_convergence(results: Sequence[Identified]) -> list[Html]:
+    """Plot the estimates over time, one plot a parameter; the wild start is out of the picture."""
     plots = []
     for k, column in enumerate(results[0].model.columns):
-        curves = [_curve(result, k, place) for place, result in enumerate(results)]
+        curves = [_make_curve(result, k, place) for place, result in enumerate(results)]
         time = results[0].convergence.time
         late = time >= time[0] + SETTLED * (time[-1] - time[0])
         middle = float(np.median([curve.values[-1] for curve in curves]))
@@ -141,15 +141,15 @@ def _settling(results: Sequence[Identified]) -> list[Html]:
     return plots
 
 
-def _curve(result: Identified, column: int, place: int) -> PlotCurve:
-    """Course of one estimate: one colour for a plain scheme and its filtered sister, which is dashed."""
-    family, is_filtered = kin(result.scheme, place)
+def _make_curve(result: Identified, column: int, place: int) -> PlotCurve:
+    """Make the course of one estimate: one colour for a plain scheme and its filtered sister, which is dashed."""
+    family, is_filtered = classify_scheme(result.scheme, place)
     return PlotCurve(result.convergence.theta[:, column], COLORS[family], is_filtered)
 
 
 @render_html.register
 def show_comparison(found: Comparison) -> str:
-    """Errors of a model, and where it fails."""
+    """Show the errors of a model, and where it fails."""
     units = found.model.units()
     torque = f"{units.name('torque')} [{units.unit(NEWTON_METRE)}]"
     plots = [
@@ -163,9 +163,9 @@ def show_comparison(found: Comparison) -> str:
         for item in found.profiles
     ]
     return make_card(
-        comparison.headline(found),
-        *_constant(found.torque_constant),
-        *_parts(of_comparison(found, is_drawn=True)),
+        comparison.describe_comparison(found),
+        *_note_constant(found.torque_constant),
+        *_render_parts(narrate_comparison(found, is_drawn=True)),
         *plots,
         make_note("The band is two standard errors of noise." if plots else ""),
     )
@@ -173,36 +173,38 @@ def show_comparison(found: Comparison) -> str:
 
 @render_html.register
 def show_diagnosis(found: Diagnosis) -> str:
-    """The story of a diagnosis: what is missing, how far the errors fall, parameters, ranking, what stays open."""
+    """Show the story of a diagnosis: what is missing, how far the errors fall, parameters, ranking, what stays open."""
     laws = tuple(found.laws)
-    texts = (next_step(found), *remarks(found)) if found.candidates else tuple(advice(found))
+    texts = (describe_next_step(found), *list_remarks(found)) if found.candidates else tuple(list_advice(found))
     parts = [
-        *disagreeing(found.disagreements),
-        *sorted(of_diagnosis(found), key=lambda part: not part.brief),
+        *narrate_disagreements(found.disagreements),
+        *sorted(narrate_diagnosis(found), key=lambda part: not part.brief),
         *([Part("What to do next", [texts])] if texts else []),
     ]
-    return make_card(headline(found), *_constant(found.torque_constant), make_bullets(laws), *_parts(parts))
+    return make_card(
+        describe_result(found), *_note_constant(found.torque_constant), make_bullets(laws), *_render_parts(parts)
+    )
 
 
 @render_html.register
 def show_addition(found: Addition) -> str:
-    """Errors before and after, what follows from them, and the parameters."""
+    """Show the errors before and after, what follows from them, and the parameters."""
     noise = make_note(
-        noise_text(floor, found.is_in_loop, found.model.units())
+        describe_noise(floor, found.is_in_loop, found.model.units())
         if np.isfinite(floor := get_single(found.floors))
         else ""
     )
     title = f"The model with {found.after.added}"
-    return make_card(title, noise, *_parts(of_addition(found)))
+    return make_card(title, noise, *_render_parts(narrate_addition(found)))
 
 
-def _constant(constant: TorqueConstant | None) -> tuple[Html, ...]:
-    """By which a current was turned into torque."""
+def _note_constant(constant: TorqueConstant | None) -> tuple[Html, ...]:
+    """Note the constant that turned a current into torque."""
     return () if constant is None else (make_note(f"{capitalise(constant.text)}; standard errors include that of it."),)
 
 
-def _parts(parts: Sequence[Part]) -> Iterator[Html]:
-    """Tables, small print and lists under their titles."""
+def _render_parts(parts: Sequence[Part]) -> Iterator[Html]:
+    """Render the tables, small print and lists under their titles."""
     for part in parts:
         content = [
             make_table(item)

@@ -25,7 +25,7 @@ def describe_note(note: Note) -> str:
     return TEXTS[note.kind].format(**words, **numbers)
 
 
-def _rows(note: Note) -> str:
+def _name_rows(note: Note) -> str:
     """Name rows of a file: `data row 12`, or `3 data rows (12, 14 and 20)`."""
     rows = [f"{row:g}" for row in note.places]
     if len(rows) == 1:
@@ -35,39 +35,41 @@ def _rows(note: Note) -> str:
     return f"{count:g} data rows ({join_words([*rows, *more])})"
 
 
-def _times(note: Note) -> str:
+def _name_times(note: Note) -> str:
     """Name times: `1.2 s`, or `1.2, 3.4 s and 5 more times`."""
     more = note.numbers["times"].value - len(note.places)
     times = ", ".join(f"{time:.6g}" for time in note.places) + " s"
     return f"{times} and {more:g} more times" if more else times
 
 
-def _by_count(one: str, several: str) -> Callable[[Note], str]:
+def _choose_by_count(one: str, several: str) -> Callable[[Note], str]:
     """Choose the text by the count of the note; its numbers are filled in."""
     return lambda note: (one if note.numbers["count"].value == 1 else several).format(
         **{name: number.value for name, number in note.numbers.items()}
     )
 
 
-def _delays(note: Note) -> str:
+def _list_delays(note: Note) -> str:
     return ", ".join(f"{name} {1e3 * size.value:.3g} ms" for name, size in note.numbers.items()) or "half a sample"
 
 
 ROWS = (NoteKind.SPOILT, NoteKind.TIME_REPEATED, NoteKind.GLITCHES, NoteKind.STALE)
-PLACES = dict.fromkeys(ROWS, _rows) | dict.fromkeys((NoteKind.GAPS, NoteKind.FILLED), _times)
+PLACES = dict.fromkeys(ROWS, _name_rows) | dict.fromkeys((NoteKind.GAPS, NoteKind.FILLED), _name_times)
 VARIANTS: Mapping[NoteKind, Callable[[Note], str]] = {
-    NoteKind.ROWS_BELOW_HEADER: _by_count("1 row below the header holds", "{count:g} rows below the header hold"),
+    NoteKind.ROWS_BELOW_HEADER: _choose_by_count(
+        "1 row below the header holds", "{count:g} rows below the header hold"
+    ),
     NoteKind.OTHER_ROWS: lambda note: {"held": "as it was last"}.get(note.text, "by interpolation"),
     NoteKind.SPOILT: lambda note: "is" if len(note.quantities) == 1 else "are",
-    NoteKind.GAPS: _by_count("a gap of", "{count:g} gaps of {shortest:.3g} to"),
-    NoteKind.SHORT_SEGMENTS: _by_count("a segment", "{count:g} segments"),
-    NoteKind.FILLED: _by_count("1 sample is", "{count:g} samples are"),
+    NoteKind.GAPS: _choose_by_count("a gap of", "{count:g} gaps of {shortest:.3g} to"),
+    NoteKind.SHORT_SEGMENTS: _choose_by_count("a segment", "{count:g} segments"),
+    NoteKind.FILLED: _choose_by_count("1 sample is", "{count:g} samples are"),
     NoteKind.RESAMPLED: lambda note: (
         f", {note.numbers['slow'].value:g} of them over {note.numbers['ratio'].value:g} times the usual"
         if "slow" in note.numbers
         else ""
     ),
-    NoteKind.ALIGNED: _delays,
+    NoteKind.ALIGNED: _list_delays,
 }
 TEXTS: Mapping[NoteKind, str] = {
     NoteKind.TRANSFORMED: "{quantity} is {text}",

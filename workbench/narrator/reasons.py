@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
 from pendulum_env.formatting import join_words
-from workbench.narrator.effects import description
+from workbench.narrator.effects import find_description
 from workbench.narrator.findings import describe_law, describe_untested, describe_violations, measure_change
 
 REASONS = {
@@ -40,7 +40,7 @@ def describe_reason(candidate: Candidate) -> str:
     found = candidate.reason
     if found.kind not in (Kind.NOT_TESTED, Kind.NOT_EXCITED):
         return describe_objection(found)
-    needed = description(candidate.effect).informative_experiment
+    needed = find_description(candidate.effect).informative_experiment
     text = "these data hardly depend on it" if found.kind is Kind.NOT_EXCITED else describe_untested(found)
     return f"{text}; it needs {needed}" if needed else text
 
@@ -49,7 +49,7 @@ def describe_objection(found: Finding) -> str:
     """Return what speaks for or against an effect, as a phrase."""
     match found.kind:
         case Kind.ERRORS_FALL:
-            return f"lowers the held-out {_fall(found.numbers)}"
+            return f"lowers the held-out {_describe_fall(found.numbers)}"
         case Kind.ERROR_FALLS_AT_JOINT:
             joints, share = join_words(found.joints), found.numbers["share"].value
             return f"lowers the held-out torque error of {joints} to {share:.1%}"
@@ -65,10 +65,10 @@ def describe_objection(found: Finding) -> str:
             return "predicts no better with shorter steps of the integrator: it made up for long ones"
         case Kind.BY_CHANCE:
             return "lowers the held-out errors by no more than chance would"
-    return _gate(found)
+    return _describe_gate(found)
 
 
-def _fall(numbers: Mapping[str, Quantity]) -> str:
+def _describe_fall(numbers: Mapping[str, Quantity]) -> str:
     """Return the errors before and after."""
     kinds = [name.removesuffix(".after") for name in numbers if name.endswith(".after")]
     changes = [measure_change(numbers[f"{kind}.before"], numbers[f"{kind}.after"]) for kind in kinds]
@@ -76,7 +76,7 @@ def _fall(numbers: Mapping[str, Quantity]) -> str:
     return f"errors: {', '.join(falls)}"
 
 
-def _gate(found: Finding) -> str:
+def _describe_gate(found: Finding) -> str:
     """Return the gate that an effect failed."""
     name, _, at = found.parameters[0].partition("@")
     value, limit = found.numbers[found.parameters[0]], found.numbers[f"limit.{found.parameters[0]}"]

@@ -23,7 +23,7 @@ from pendulum_env.quantity import Quantity
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, to_shown_unit
 from workbench.narrator.addition import describe_addition, describe_table
-from workbench.narrator.comparison import caveat, errors_in_loop
+from workbench.narrator.comparison import describe_loop, describe_unstable
 from workbench.narrator.diagnosis import (
     describe_detectable,
     describe_disagreement,
@@ -58,24 +58,24 @@ class Part(NamedTuple):
     brief: bool = True
 
 
-def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[Part]:
-    """A diagnosis, with the candidates that matter or every one; `how` the others are shown."""
+def narrate_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[Part]:
+    """Narrate a diagnosis, with the candidates that matter or every one; `how` tells how to show the others."""
     units = found.model.units()
     if not found.body.can_simulate:
-        table = joints_table(ends(found.steps), found.floors, found.model)
+        table = tabulate_joints(get_end_errors(found.steps), found.floors, found.model)
         errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
-        noise = noise_text(found.noise_floor, found.is_in_loop, units)
-        errors = Part("Errors", [errors_table(found.steps, units), fit_text(found.steps), noise])
+        noise = describe_noise(found.noise_floor, found.is_in_loop, units)
+        errors = Part("Errors", [tabulate_errors(found.steps, units), describe_fit(found.steps), noise])
     parts = [
         errors,
         Part("Parameters", [tabulate_parameters(found.model), *([BIASED] if found.unexplained else [])]),
-        judged(found.candidates, every, how),
+        narrate_candidates(found.candidates, every, how),
     ]
     if found.refit is not None:
-        parts.insert(1, Part(f"Free motion over {found.refit.seconds:g} s", refit_content(found.refit, units)))
+        parts.insert(1, Part(f"Free motion over {found.refit.seconds:g} s", narrate_refit(found.refit, units)))
     if found.detectable:
-        parts.append(Part("What would have shown", [detectable_table(found.detectable)], brief=False))
+        parts.append(Part("What would have shown", [tabulate_detectable(found.detectable)], brief=False))
     if treatments := tuple(describe_treatment(one) for one in found.treatments):
         parts.append(Part("Treatments of the recordings that were tried", [treatments], brief=False))
     if left := tuple(describe_unexplained(found, region) for region in found.unexplained):
@@ -83,8 +83,8 @@ def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[P
     return parts
 
 
-def refit_content(refit: HorizonRefit, units: JointUnits) -> Content:
-    """Errors before and after a refit to free motion."""
+def narrate_refit(refit: HorizonRefit, units: JointUnits) -> Content:
+    """Narrate the errors before and after a refit to free motion."""
     factor, angle = to_shown_unit(1.0, units.unit("rad"))
     errors = f"torque [{units.unit(NEWTON_METRE)}]", f"position [{angle}]"
     headers = ("model", *(f"{what}, {part}" for part in ("fitted", "held out") for what in errors))
@@ -96,14 +96,14 @@ def refit_content(refit: HorizonRefit, units: JointUnits) -> Content:
     return [TextTable(headers, rows), describe_refit(refit)]
 
 
-def ends(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors, Errors]:
-    """Errors of the first and the last model."""
+def get_end_errors(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors, Errors]:
+    """Return the errors of the first and the last model."""
     return steps[0].errors[part], steps[-1].errors[part]
 
 
-def judged(candidates: Sequence[Candidate], every: bool, how: str = "") -> Part:
-    """The candidates that matter or every one, with the meaning of their score, and the gates that they met."""
-    ranking, more = candidates_table(candidates, every)
+def narrate_candidates(candidates: Sequence[Candidate], every: bool, how: str = "") -> Part:
+    """Narrate the candidates that matter or every one, with the meaning of their score, and the gates that they met."""
+    ranking, more = tabulate_candidates(candidates, every)
     shown = {row[0] for row in ranking.rows}
     gates = [(one.effect, *gate.cells) for one in candidates if one.effect in shown for gate in one.gates]
     table = TextTable(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
@@ -111,13 +111,13 @@ def judged(candidates: Sequence[Candidate], every: bool, how: str = "") -> Part:
     return Part("Candidates", [ranking, *more_text, SCORE, *([table] if gates else [])], brief=False)
 
 
-def disagreeing(found: Sequence[Disagreement]) -> list[Part]:
-    """Recordings that show another plant than the others, if there are any."""
+def narrate_disagreements(found: Sequence[Disagreement]) -> list[Part]:
+    """Narrate the recordings that show another plant than the others, if there are any."""
     return [Part("Recordings that disagree", [tuple(describe_disagreement(one) for one in found)])] if found else []
 
 
-def of_addition(found: Addition) -> list[Part]:
-    """Errors before and after, what follows from them, and the parameters."""
+def narrate_addition(found: Addition) -> list[Part]:
+    """Narrate the errors before and after, what follows from them, and the parameters."""
     sentences = [
         describe_addition(found),
         *filter(None, [describe_table(found.after) if found.objection is None else None]),
@@ -132,8 +132,10 @@ def of_addition(found: Addition) -> list[Part]:
     parameters = [Part("Parameters", [tabulate_parameters(found.model)])]
     body = found.model.body
     if body.can_simulate:
-        return [Part(f"Errors, {title}", [errors_table(steps, found.model.units()), *sentences]), *parameters]
-    fitted, unseen = (joints_table(ends(steps, part), found.floors, found.model) for part in ("train", "holdout"))
+        return [Part(f"Errors, {title}", [tabulate_errors(steps, found.model.units()), *sentences]), *parameters]
+    fitted, unseen = (
+        tabulate_joints(get_end_errors(steps, part), found.floors, found.model) for part in ("train", "holdout")
+    )
     return [
         Part(f"Torque errors on fitted data, {title}", [fitted]),
         Part(f"Torque errors on held-out data, {title}", [unseen, *sentences]),
@@ -141,8 +143,8 @@ def of_addition(found: Addition) -> list[Part]:
     ]
 
 
-def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
-    """Errors of a model, and where it fails: a profile as a table, unless it is drawn."""
+def narrate_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
+    """Narrate the errors of a model, and where it fails: a profile as a table, unless it is drawn."""
     body, several = found.model.body, len(found.distances)
     regions = [(own.at, describe_region(own)) for own in found.regions]
     texts = [f"{at}: {text}" if at else text for at, text in regions]
@@ -150,7 +152,7 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     axes = [region.axis for region in found.regions if region.axis != "frequency"]
     profile = next((item for axis in axes for item in found.profiles if item.axis == axis), None)
     if profile is not None and not is_drawn:
-        where.append(profile_table(profile))
+        where.append(tabulate_profile(profile))
     if len(found.regions) > 1:
         where.append("regions of different quantities may be of the same moments")
     if found.regions:
@@ -165,23 +167,23 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
             f"nothing in torque stands out of the noise, but free runs err by {error}: something acts near turns or at "
             "rest, `diagnose` tells what may"
         )
-    in_words = [text for text in (errors_in_loop(found), caveat(found)) if text]
+    in_words = [text for text in (describe_loop(found), describe_unstable(found)) if text]
     title = f"Errors of the model with {join_words([term.id for term in found.model.terms])}"
-    table = distances_table(found)
+    table = tabulate_recordings(found)
     if not body.can_simulate:
         title = f"Torque errors, {CLEAR}"
-        table = joints_table((found.joint.errors,), found.joint.floors, found.model, ("torque error",))
+        table = tabulate_joints((found.joint.errors,), found.joint.floors, found.model, ("torque error",))
     return [
         Part(title, [table, *in_words]),
-        *disagreeing(found.disagreements),
+        *narrate_disagreements(found.disagreements),
         Part(f"Where, all {several} recordings together" if several > 1 else "Where", where),
     ]
 
 
-def joints_table(
+def tabulate_joints(
     columns: Sequence[Errors], floors: Mapping[str, float], model: Model, headers: Sequence[str] = ("before", "after")
 ) -> TextTable:
-    """A row a joint: torque errors of models, what noise alone leaves, and the share of the torque that is left."""
+    """Tabulate joints: torque errors of models, noise floor, and the residual as a share of the torque."""
     rows = [
         (
             at,
@@ -195,8 +197,8 @@ def joints_table(
     return TextTable(("joint", *headers, "noise floor", "unit", "of its torque"), rows, left=("unit",))
 
 
-def errors_table(steps: Sequence[Step], units: JointUnits = TURNING) -> TextTable:
-    """Errors step by step, with a bar that shrinks; ratios are held-out errors over the base's."""
+def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextTable:
+    """Tabulate the errors step by step, with a bar that shrinks; ratios are held-out errors over the base's."""
     base = steps[0].errors["holdout"]
     headers, rows = ["model"], [["as it was" if step.added is None else f"+ {step.added}"] for step in steps]
     for kind, unit in base.kinds.items():
@@ -209,7 +211,7 @@ def errors_table(steps: Sequence[Step], units: JointUnits = TURNING) -> TextTabl
     return TextTable([*headers, ""], [[*row, draw_bar(float(row[3]))] for row in rows], left=("",))
 
 
-def fit_text(steps: Sequence[Step]) -> str:
+def describe_fit(steps: Sequence[Step]) -> str:
     """Describe the explained shares of held-out torque and motion of the first and the last model."""
     if steps[0].errors["holdout"].is_in_loop:
         return "mean distance of whole recordings from simulations that know nothing but the goal"
@@ -222,8 +224,8 @@ def fit_text(steps: Sequence[Step]) -> str:
     return f"fit of what was held out: torque {torque}, position {position}"
 
 
-def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tuple[TextTable, str]:
-    """The candidates that matter, or all, and in words which ones are not shown; empty if none.
+def tabulate_candidates(candidates: Sequence[Candidate], every: bool = False) -> tuple[TextTable, str]:
+    """Tabulate the candidates that matter, or all, and in words which ones are not shown; empty if none.
 
     Those that matter are all but the less likely of those left out.
     """
@@ -240,7 +242,7 @@ def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tu
     return TextTable(("effect", "verdict", "score", "reason"), rows, left=("verdict", "reason")), " and ".join(parts)
 
 
-def detectable_table(found: Sequence[Detectable]) -> TextTable:
+def tabulate_detectable(found: Sequence[Detectable]) -> TextTable:
     """Tabulate the smallest detectable sizes of effects."""
     return TextTable(
         ("effect", "would have shown"),
@@ -249,8 +251,8 @@ def detectable_table(found: Sequence[Detectable]) -> TextTable:
     )
 
 
-def parameters_by_scheme(found: Identification) -> TextTable:
-    """Estimates of every scheme, a row a parameter, a column a scheme."""
+def tabulate_by_scheme(found: Identification) -> TextTable:
+    """Tabulate estimates of every scheme, a row a parameter, a column a scheme."""
     models = [one.model.estimates for one in found.schemes.values()]
     rows = [(name, *(own[name].shown.text for own in models), one.shown.unit) for name, one in models[0].items()]
     rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
@@ -261,10 +263,10 @@ def parameters_by_scheme(found: Identification) -> TextTable:
     return TextTable(("parameter", *found.schemes, "unit"), rows, left=("unit",))
 
 
-def schemes_table(found: Identification, by_instruments: Model | None = None) -> TextTable:
+def tabulate_schemes(found: Identification, by_instruments: Model | None = None) -> TextTable:
     """Tabulate the estimates of every scheme, one a row, and those by instruments last; of an arm one a column."""
     if isinstance(found.body, Body):
-        return parameters_by_scheme(found)
+        return tabulate_by_scheme(found)
     model = next(iter(found.schemes.values())).model
     columns, units = model.columns, model.units()
     names = [column.name for column in columns]
@@ -280,20 +282,20 @@ def schemes_table(found: Identification, by_instruments: Model | None = None) ->
     )
 
 
-def trust_text(shown: TextTable) -> str:
+def explain_trust(shown: TextTable) -> str:
     """Say what the row of errors in a table of schemes means, if the table has one."""
     return TRUST if any(row[0] == TIMES for row in shown.rows) else ""
 
 
-def noise_text(floor: float, in_loop: bool = False, units: JointUnits = TURNING) -> str:
-    """What noise alone would leave [N m], or [rad] in the loop, and how that is known, in a sentence."""
+def describe_noise(floor: float, in_loop: bool = False, units: JointUnits = TURNING) -> str:
+    """Describe the noise floor [N m], or [rad] in the loop, and its source in a sentence."""
     if in_loop:
         return f"the encoder alone would leave {measure(Quantity(floor, unit=units.unit('rad')), 2)}"
     noise = measure(Quantity(floor, unit=units.unit(NEWTON_METRE)))
     return f"measurement noise alone, judged by the scatter from sample to sample, would leave {noise}"
 
 
-def kin(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
+def classify_scheme(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
     """Return the style of a scheme: its family, which sets the colour, and whether it is filtered.
 
     A scheme of another name is drawn as of the family `otherwise`, modulo three.
@@ -304,8 +306,8 @@ def kin(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
     return family, "filtered" in scheme
 
 
-def distances_table(found: Comparison) -> TextTable:
-    """Errors of a model on every recording, and on all together if there are several."""
+def tabulate_recordings(found: Comparison) -> TextTable:
+    """Tabulate the errors of a model on every recording, and on all together if there are several."""
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
     units = found.model.units()
     unit, (factor, angle) = units.unit(NEWTON_METRE), to_shown_unit(1.0, units.unit("rad"))
@@ -336,19 +338,19 @@ def distances_table(found: Comparison) -> TextTable:
     )
 
 
-def profile_table(profile: Profile) -> TextTable:
-    """Mean residual over one quantity, with bars to either side of zero."""
+def tabulate_profile(profile: Profile) -> TextTable:
+    """Tabulate the mean residual over one quantity, with bars to either side of zero."""
     largest = float(np.abs(profile.mean).max()) or 1.0
     edges, along = to_shown_unit(profile.edges, profile.unit)
     rows = [
-        (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", _to_either_side(mean / largest))
+        (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", _draw_signed_bar(mean / largest))
         for (low, high), mean in zip(pairwise(edges), profile.mean.tolist(), strict=True)
     ]
     unit = profile.units.unit(NEWTON_METRE)
     return TextTable((f"{SYMBOLS[profile.axis]} [{along}]", f"mean residual [{unit}]", ""), rows, left=("",))
 
 
-def _to_either_side(share: float, width: int = 12) -> str:
-    """Bar from the middle to the left or to the right."""
+def _draw_signed_bar(share: float, width: int = 12) -> str:
+    """Draw the bar from the middle to the left or to the right."""
     left, right = ("", draw_bar(share, width)) if share > 0 else (draw_bar(-share, width), "")
     return f"{left:>{width}}│{right:<{width}}"

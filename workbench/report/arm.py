@@ -9,55 +9,55 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.signals.residual import REGIONS, compute_profiles
 from estimators.weak_form.torque_windows import NEGLIGIBLE
 from pendulum_env.formatting import format_percent
-from workbench.narrator.diagnosis import describe_region, describe_unexplained, headline, next_step
-from workbench.narrator.results import joints_table
-from workbench.report.case import Case, Drawn, ends
-from workbench.report.failures import key, profile_figure
-from workbench.report.numbers import parameters
+from workbench.narrator.diagnosis import describe_next_step, describe_region, describe_result, describe_unexplained
+from workbench.narrator.results import tabulate_joints
+from workbench.report.case import DrawnModel, ReportData, list_ends
+from workbench.report.failures import list_key, plot_profile
+from workbench.report.numbers import make_parameters
 from workbench.report.section import Section
-from workbench.report.story import ranked
+from workbench.report.story import rank_candidates
 
 SHOWN = ("position", "velocity", "time")  # a strip's plots
 
 
-def sections(case: Case) -> list[Section]:
+def make_sections(case: ReportData) -> list[Section]:
     """Build the sections of a report on an arm, for a diagnosis or a comparison."""
-    found, models = case.diagnosis, ends(case.diagnosis.steps, case.first)
+    found, models = case.diagnosis, list_ends(case.diagnosis.steps, case.first)
     measured = "held-out data" if found.searched else "the recordings compared with"
     return [
-        joints(models, measured, headline(found), found.floors, found if found.searched else None),
-        strips(models, case.data.parts[0]),
-        *([ranked(found.candidates)] if found.candidates else []),
-        parameters(case),
+        make_joints(models, measured, describe_result(found), found.floors, found if found.searched else None),
+        make_strips(models, case.data.parts[0]),
+        *([rank_candidates(found.candidates)] if found.candidates else []),
+        make_parameters(case),
     ]
 
 
-def joints(
-    models: Sequence[Drawn],
+def make_joints(
+    models: Sequence[DrawnModel],
     measured: str,
     headline: str,
     floors: Mapping[str, float],
     found: Diagnosis | None = None,
 ) -> Section:
-    """Torque errors of every joint under each model, on the data that `measured` names, and what a diagnosis found."""
+    """Make the section on torque errors of joints, on the data that `measured` names, with the diagnosis if any."""
     final = models[-1][2].model
     errors = [step.errors["holdout"] for _, _, step in models]
     selected, unexplained = (found.selected, found.unexplained) if found is not None else ((), ())
     content = {
         "measured": measured,
-        "table": joints_table(errors, floors, final, [label for label, _, _ in models]),
+        "table": tabulate_joints(errors, floors, final, [label for label, _, _ in models]),
         "laws": [
             (own.id, own.law, {name: one.shown for name, one in final.get_parameters(own.id).items()})
             for own in final.terms
             if own.id in selected
         ],
         "unexplained": [describe_unexplained(found, region) for region in unexplained] if found is not None else [],
-        "next_step": next_step(found) if found is not None else "",
+        "next_step": describe_next_step(found) if found is not None else "",
     }
     return Section("joints", "Result", headline, content)
 
 
-def strips(models: Sequence[Drawn], prepared: RegressionData) -> Section:
+def make_strips(models: Sequence[DrawnModel], prepared: RegressionData) -> Section:
     """Plot the mean residual over angle, velocity and time for each joint and model."""
     curves, data = [(label, color) for label, color, _ in models], prepared.data
     residuals = [prepared.residual(step.model.terms, step.model.theta) for _, _, step in models]
@@ -70,14 +70,14 @@ def strips(models: Sequence[Drawn], prepared: RegressionData) -> Section:
         reach = 1.08 * max(float(np.abs(item.mean).max()) for own in maps for item in own)
         still = regions[-1] if len(maps) > 1 else []
         figures = [
-            profile_figure(curves, drawn, regions[0], still, reach, f"joint-{k}") for drawn in zip(*maps, strict=True)
+            plot_profile(curves, drawn, regions[0], still, reach, f"joint-{k}") for drawn in zip(*maps, strict=True)
         ]
         standing_out = [
             {"label": label, "regions": [describe_region(region) for region in own]}
             for (label, _), own in zip(curves, regions, strict=True)
         ]
         found.append({"joint": joint, "figures": figures, "regions": standing_out})
-    entries = key(curves, standing[0], len(standing) > 1 and standing[-1])
+    entries = list_key(curves, standing[0], len(standing) > 1 and standing[-1])
     content = {
         "strips": found,
         "key": entries,

@@ -15,16 +15,16 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.units import JointUnits, to_shown_unit
 
-Drawn = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
+DrawnModel = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
 
 
-def ends(steps: Sequence[Step], first: str = "base model") -> list[Drawn]:
-    """The first model and, where effects were added, the last one."""
+def list_ends(steps: Sequence[Step], first: str = "base model") -> list[DrawnModel]:
+    """List the first model and, where effects were added, the last one."""
     return [(first, "--base", steps[0]), ("final model", "--final", steps[-1])][: len(steps)]
 
 
 @dataclass(frozen=True)
-class Case:
+class ReportData:
     """A diagnosis with the data that it rests on."""
 
     diagnosis: Diagnosis  # what was found
@@ -40,7 +40,7 @@ class Case:
 
     @cached_property
     def schemes(self) -> Identification | None:
-        """All schemes with the terms of the final model, None where the recordings are too poor for them."""
+        """Return all schemes with the terms of the final model, None where the recordings are too poor for them."""
         try:
             return identify(self.data.recordings, self.diagnosis.model.terms, SCHEMES)
         except IdentificationError:
@@ -49,16 +49,16 @@ class Case:
     @property
     def models(self) -> list[tuple[str, str, Model]]:
         """Label, colour and model of what is drawn, see `ends`."""
-        return [(label, color, step.model) for label, color, step in ends(self.diagnosis.steps, self.first)]
+        return [(label, color, step.model) for label, color, step in list_ends(self.diagnosis.steps, self.first)]
 
     @property
     def units(self) -> JointUnits:
-        """JointUnits that stands for the torque; of an arm that of a joint that turns."""
+        """Return JointUnits that stands for the torque; of an arm that of a joint that turns."""
         return self.diagnosis.model.units()
 
     @property
     def angle(self) -> tuple[float, str]:
-        """Factor from SI to the unit in which positions are shown, and that unit."""
+        """Return the factor from SI to the unit in which positions are shown, and that unit."""
         return to_shown_unit(1.0, self.units.unit("rad"))
 
     @property
@@ -68,7 +68,7 @@ class Case:
 
     @property
     def is_incomplete(self) -> bool:
-        """True if the first model lacks an effect."""
+        """Return whether the first model lacks an effect."""
         return bool(self.diagnosis.selected or self.diagnosis.unexplained)
 
     @cached_property
@@ -76,12 +76,12 @@ class Case:
         return {}
 
     def with_link_states(self, prepared: RegressionData) -> list[RegressionData]:
-        """Prepared data for each drawn model, with its link watched if it has one; worked out once."""
+        """Return the data for each drawn model, with the states of its link if it has one; computed once."""
         if id(prepared) not in self._with_link_states:
             self._with_link_states[id(prepared)] = [prepared.with_link_states(model) for _, _, model in self.models]
         return self._with_link_states[id(prepared)]
 
     def residuals(self, prepared: RegressionData) -> list[Array]:
-        """Measured minus modelled torque (R,) [N m] of each drawn model."""
+        """Return the measured minus modelled torque (R,) [N m] of each drawn model."""
         seen = zip(self.with_link_states(prepared), self.models, strict=True)
         return [own.residual(model.terms, model.theta) for own, (_, _, model) in seen]

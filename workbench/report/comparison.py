@@ -13,13 +13,13 @@ from pendulum_env.formatting import TextTable, capitalise, format_number
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import POINTS, thin
-from workbench.narrator.diagnosis import describe_region, headline, next_step, remarks
-from workbench.report.case import Case
+from workbench.narrator.diagnosis import describe_next_step, describe_region, describe_result, list_remarks
+from workbench.report.case import ReportData
 from workbench.report.section import Section
 
 
-def comparison(case: Case) -> Section:
-    """Both comparisons for every held-out recording, those with the largest errors first."""
+def make_comparison(case: ReportData) -> Section:
+    """Make the section that compares torque and position of held-out recordings, largest errors first."""
     prepared = case.data.parts[1]
     residuals = case.residuals(prepared)
     ends = np.cumsum([len(w.centers) for w in prepared.data.windows])[:-1]
@@ -32,8 +32,8 @@ def comparison(case: Case) -> Section:
     for k in order:
         name, time = prepared.recordings[k].name, np.asarray(prepared.data.windows[k].at_centers().time)
         left = [part[k] for part in split]
-        position = position_figure(case, f"position-{k}", [own.segments[k] for own in case.with_link_states(prepared)])
-        drawn = torque_figure(case, f"torque-{k}", f"recording {name}", time, torque[k], left, noise)
+        position = plot_position(case, f"position-{k}", [own.segments[k] for own in case.with_link_states(prepared)])
+        drawn = plot_torque(case, f"torque-{k}", f"recording {name}", time, torque[k], left, noise)
         runs.append({"name": name, "torque": drawn, "position": position})
     content = {
         "runs": runs,
@@ -45,10 +45,10 @@ def comparison(case: Case) -> Section:
     return Section("comparison", "Comparison", "Measured against modelled", content)
 
 
-def torque_figure(
-    case: Case, id: str, of: str, time: Array, torque: Array, residuals: Sequence[Array], noise: float
+def plot_torque(
+    case: ReportData, id: str, of: str, time: Array, torque: Array, residuals: Sequence[Array], noise: float
 ) -> Figure:
-    """Torque of one recording in every window (N,), above what each model leaves of it."""
+    """Plot the torque of one recording in every window (N,), above the residual of each model."""
     x, (measured, *left) = broken(time, thin(residuals[0]), torque, *residuals)
     modelled = [measured - residual for residual in left]
     label = f"Measured and modelled torque over time, and their difference, {of}"
@@ -58,8 +58,8 @@ def torque_figure(
     return figure
 
 
-def position_figure(case: Case, id: str, each: Sequence[Segments]) -> Figure:
-    """Position of one recording and free-running simulations, each window started from the measured state.
+def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> Figure:
+    """Plot the position of one recording and free-running simulations, each window started from the measured state.
 
     `each` are segments of the recording as each of the case's models starts them.
     """
@@ -87,7 +87,7 @@ def position_figure(case: Case, id: str, each: Sequence[Segments]) -> Figure:
     return figure
 
 
-def loop(
+def make_loop(
     headline: str,
     models: Sequence[tuple[str, Model]],
     recordings: Sequence[Recording],
@@ -95,7 +95,7 @@ def loop(
     left: Sequence[str] = (),
     advice: Sequence[str] = (),
 ) -> Section:
-    """Errors of one or two models on every recording, their motion beside what was measured, and what remains to do.
+    """Make the section on one or two models in the loop: errors, simulated motion and the next step.
 
     `angle` is the factor and the unit in which positions are shown, see `Case.angle`.
     """
@@ -126,7 +126,7 @@ def loop(
     return Section("loop", "In the loop", capitalise(headline), content)
 
 
-def of_diagnosis(case: Case) -> Section:
+def make_loop_diagnosis(case: ReportData) -> Section:
     """Compare the first and the last model of a diagnosis, held-out recordings first."""
     found = case.diagnosis
     held_out = [replace(recording, name=f"{recording.name} (held out)") for recording in case.data.holdout]
@@ -135,4 +135,6 @@ def of_diagnosis(case: Case) -> Section:
     if len(found.steps) > 1:
         models.append(("with what was found", found.model))
     left = [describe_region(region) for region in found.unexplained]
-    return loop(headline(found), models, recordings, case.angle, left, [next_step(found), *remarks(found)])
+    return make_loop(
+        describe_result(found), models, recordings, case.angle, left, [describe_next_step(found), *list_remarks(found)]
+    )

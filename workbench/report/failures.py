@@ -9,7 +9,7 @@ from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, comput
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.report.case import Case
+from workbench.report.case import ReportData
 from workbench.report.section import Section
 
 TITLES = {  # name and symbol of an axis
@@ -24,8 +24,8 @@ QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
 Curve = tuple[str, str]  # label and colour of a model
 
 
-def failures(case: Case) -> Section:
-    """Residual maps of the base model beside the final one, on the data that were fitted."""
+def make_failures(case: ReportData) -> Section:
+    """Make the section on residuals of the base and the final model, on the fitted data."""
     prepared, noise = case.data.parts[0], case.diagnosis.noise_floor
     residuals = case.residuals(prepared)
     maps = [compute_profiles(prepared.samples, residual, noise, units=case.units) for residual in residuals]
@@ -33,16 +33,16 @@ def failures(case: Case) -> Section:
     curves = [(label, color) for label, color, _ in case.models]
     still = case.diagnosis.unexplained if case.diagnosis.selected else ()
     reach = 1.08 * max(float(np.max(np.abs(item.mean))) for drawn in maps for item in drawn if item.axis != "frequency")
-    drawn = zip(case.models, planes(prepared.samples, residuals, case.units), strict=True)
+    drawn = zip(case.models, draw_planes(prepared.samples, residuals, case.units), strict=True)
     about = "Mean residual torque in the plane of angle and velocity"
     content = {
         "first": case.first,
         "regions": regions,
         "unexplained": case.diagnosis.unexplained,
         "found": bool(case.diagnosis.selected),
-        "key": key(curves, bool(regions), bool(case.diagnosis.selected and case.diagnosis.unexplained)),
+        "key": list_key(curves, bool(regions), bool(case.diagnosis.selected and case.diagnosis.unexplained)),
         "threshold": REGIONS.stands_out,
-        "figures": [profile_figure(curves, [m[k] for m in maps], regions, still, reach) for k in range(len(maps[0]))],
+        "figures": [plot_profile(curves, [m[k] for m in maps], regions, still, reach) for k in range(len(maps[0]))],
         "planes": [
             (label, Figure(f"plane-{k}", f"{about}, {label}", [cells], layout, 380))
             for k, ((label, _, _), (cells, layout)) in enumerate(drawn)
@@ -51,8 +51,8 @@ def failures(case: Case) -> Section:
     return Section("failures", "Where it fails", "Where the model fails", content)
 
 
-def key(curves: Sequence[Curve], regions: bool, still: bool) -> list[tuple[str, str, str]]:
-    """Kind, colour and meaning of what the profiles show: curves, and stripes under the first and the last of them."""
+def list_key(curves: Sequence[Curve], regions: bool, still: bool) -> list[tuple[str, str, str]]:
+    """List the kind, colour and meaning of curves, and of stripes under the first and the last of them."""
     entries = [("stroke", color, label) for label, color in curves]
     entries.append(("patch", "--noise", f"noise (±{REGIONS.stands_out:g}σ)"))
     if regions:
@@ -62,7 +62,7 @@ def key(curves: Sequence[Curve], regions: bool, still: bool) -> list[tuple[str, 
     return entries
 
 
-def profile_figure(
+def plot_profile(
     curves: Sequence[Curve],
     drawn: Sequence[Profile],
     regions: Sequence[Region],
@@ -70,7 +70,7 @@ def profile_figure(
     reach: float,
     name: str = "profile",
 ) -> Figure:
-    """Mean residual of each model over one quantity up to `reach` [N m], noise band, and regions that stand out.
+    """Plot the mean residual of each model over one quantity up to `reach` [N m], with noise band and regions.
 
     These are `regions` under the first model, and `still` under the last one, if it is another. `name` is before the
     axis in the figure's id.
@@ -83,13 +83,13 @@ def profile_figure(
     for (label, color), profile in zip(curves, drawn, strict=True):
         data.append(line(middle, profile.mean, label, color, unit, mode="lines" if oscillates else "lines+markers"))
     half = 0.5 if still else 0.0  # both kinds of stripe share the height
-    shapes = [stripe(r, "--region", half, 1.0, factor) for r in regions if r.axis == first.axis]
-    shapes += [stripe(r, "--open", 0.0, half, factor) for r in still if r.axis == first.axis]
+    shapes = [draw_stripe(r, "--region", half, 1.0, factor) for r in regions if r.axis == first.axis]
+    shapes += [draw_stripe(r, "--open", 0.0, half, factor) for r in still if r.axis == first.axis]
     quantity, symbol = TITLES[first.axis]
     title = f"{first.units.name(quantity)}{symbol} [{along}]"
     what = f"{'amplitude' if oscillates else 'mean residual'} [{unit}]"
     layout: JSON = {
-        "xaxis": around(first.units) if first.unit == WITHIN else axis(title),
+        "xaxis": make_angle_axis(first.units) if first.unit == WITHIN else axis(title),
         "yaxis": axis(what, **({"rangemode": "tozero"} if oscillates else {"range": [-reach, reach]})),
         "shapes": shapes,
         "showlegend": False,
@@ -100,8 +100,8 @@ def profile_figure(
     return Figure(f"{name}-{first.axis}", f"Residual torque against {first.axis}", data, layout, 290)
 
 
-def around(units: JointUnits) -> JSON:
-    """Axis of an angle within a turn."""
+def make_angle_axis(units: JointUnits) -> JSON:
+    """Make the axis of an angle within a turn."""
     half, unit = to_shown_unit(np.pi, units.unit("rad"))
     ends = {"tickvals": [half * share for share in (-1, -0.5, 0, 0.5, 1)]}
     return axis(
@@ -109,8 +109,8 @@ def around(units: JointUnits) -> JSON:
     )
 
 
-def stripe(region: Region, color: str, low: float, high: float, factor: float = 1.0) -> JSON:
-    """Stripe over a region, times a factor, from `low` to `high` in shares of the plot's height."""
+def draw_stripe(region: Region, color: str, low: float, high: float, factor: float = 1.0) -> JSON:
+    """Draw the stripe over a region, times a factor, from `low` to `high` in shares of the plot's height."""
     return {
         "type": "rect",
         "layer": "below",
@@ -124,8 +124,8 @@ def stripe(region: Region, color: str, low: float, high: float, factor: float = 
     }
 
 
-def planes(samples: Samples, residuals: Sequence[Array], units: JointUnits) -> list[tuple[JSON, JSON]]:
-    """Cells and layout of a map of each residual (N,) over angle and velocity (N,), all in one colour scale."""
+def draw_planes(samples: Samples, residuals: Sequence[Array], units: JointUnits) -> list[tuple[JSON, JSON]]:
+    """Draw maps of residuals (N,) over angle and velocity, in one colour scale; return cells and layout."""
     position, velocity = wrap_angles(samples.position), samples.velocity
     across = int(np.clip(np.sqrt(len(position)) * 0.8, 10, 40))
     reach = 1.02 * float(np.max(np.abs(velocity)))
@@ -141,16 +141,16 @@ def planes(samples: Samples, residuals: Sequence[Array], units: JointUnits) -> l
         to_shown_unit(middle, units.unit(si)) for middle, si in zip(middles, ("rad", "rad/s"), strict=True)
     )
     layout = {
-        "xaxis": around(units),
+        "xaxis": make_angle_axis(units),
         "yaxis": axis(f"velocity q' [{speed}]"),
         "margin": {"t": 12, "r": 8},
     }
     of = (angle, speed, units.unit("N m"))
-    return [(cells(x, y, mean, limit, of), layout) for mean in means]
+    return [(draw_cells(x, y, mean, limit, of), layout) for mean in means]
 
 
-def cells(x: Array, y: Array, values: Array, limit: float, units: tuple[str, str, str]) -> JSON:
-    """Cells (Y, X) in colours on either side of zero."""
+def draw_cells(x: Array, y: Array, values: Array, limit: float, units: tuple[str, str, str]) -> JSON:
+    """Draw cells (Y, X) in colours on either side of zero."""
     return {
         "type": "heatmap",
         "x": numbers(x),

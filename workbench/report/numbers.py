@@ -17,9 +17,9 @@ from pendulum_env.formatting import capitalise, format_number, format_unit
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.narrator.effects import name
-from workbench.narrator.results import kin
-from workbench.report.case import Case
+from workbench.narrator.effects import name_effect
+from workbench.narrator.results import classify_scheme
+from workbench.report.case import ReportData
 from workbench.report.section import Section
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
@@ -27,8 +27,8 @@ WIDTH, ROW, MARGIN = 240.0, 14.0, 12.0  # of an interval plot [px]
 COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 
 
-def errors(case: Case) -> Section:
-    """Errors after every step: table, and plot where there is more than one."""
+def make_errors(case: ReportData) -> Section:
+    """Make the section on errors after every step."""
     steps = case.diagnosis.steps
     is_simulated = np.isfinite([own.position_rms for step in steps for own in step.errors.values()]).all()
     unit_of_torque = case.units.unit("N m")
@@ -38,14 +38,18 @@ def errors(case: Case) -> Section:
         "angle": case.angle,
         "noise_floor": case.diagnosis.noise_floor,
         "whiteness": [
-            whiteness(f"{label}, {part}", case, prepared, k)
+            check_whiteness(f"{label}, {part}", case, prepared, k)
             for k, (label, _, _) in enumerate(case.models)
             for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
         ],
         "figures": [
-            ladder(case, "torque_rms", f"torque error [{unit_of_torque}]", case.diagnosis.noise_floor),
+            plot_errors(case, "torque_rms", f"torque error [{unit_of_torque}]", case.diagnosis.noise_floor),
             *(
-                [ladder(case, "position_rms", f"free-running position error [{case.angle[1]}]", None, case.angle[0])]
+                [
+                    plot_errors(
+                        case, "position_rms", f"free-running position error [{case.angle[1]}]", None, case.angle[0]
+                    )
+                ]
                 if is_simulated
                 else []
             ),
@@ -56,7 +60,9 @@ def errors(case: Case) -> Section:
     return Section("errors", "Errors", "How the error falls", content)
 
 
-def whiteness(label: str, case: Case, prepared: RegressionData, drawn: int) -> tuple[str, float, float, str]:
+def check_whiteness(
+    label: str, case: ReportData, prepared: RegressionData, drawn: int
+) -> tuple[str, float, float, str]:
     """Test of the residual of a drawn model for correlation between neighbours, beyond what their overlap gives.
 
     Label, what they share [N m], the same in standard errors of white noise, and what that means.
@@ -67,10 +73,10 @@ def whiteness(label: str, case: Case, prepared: RegressionData, drawn: int) -> t
     return label, shared, significance, "white" if significance < Criterion().z_score else f"not white{small}"
 
 
-def ladder(case: Case, quantity: str, title: str, floor: float | None, factor: float = 1.0) -> Figure:
+def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None, factor: float = 1.0) -> Figure:
     """Plot one kind of error over the steps, times a factor, on a logarithmic axis."""
     steps = case.diagnosis.steps
-    labels = ["base model", *(f"+ {name(step.added)}" for step in steps if step.added)]
+    labels = ["base model", *(f"+ {name_effect(step.added)}" for step in steps if step.added)]
     data: list[JSON] = []
     values = []
     shades = ["--base", *["--between"] * (len(steps) - 2), "--final"]
@@ -101,10 +107,10 @@ def ladder(case: Case, quantity: str, title: str, floor: float | None, factor: f
     return Figure(f"ladder-{quantity}", f"{title} after every step", data, layout, 320)
 
 
-def parameters(case: Case) -> Section:
-    """Every parameter of the last model at every step, and what those stand for that combine several."""
+def make_parameters(case: ReportData) -> Section:
+    """Make the section on the parameters of the last model at every step, and on combined parameters."""
     steps = case.diagnosis.steps
-    labels = [case.first if step.added is None else f"+ {name(step.added)}" for step in steps]
+    labels = [case.first if step.added is None else f"+ {name_effect(step.added)}" for step in steps]
     models = [step.model for step in steps]
     shown, final = [model.readable for model in models], models[-1]
     single = [k for k, label in enumerate(final.estimates) if label in shown[-1]]  # entries of tables have their figure
@@ -112,7 +118,7 @@ def parameters(case: Case) -> Section:
     names = list(final.estimates)
     content = {
         "rows": [
-            _row(label, [known[label].shown if label in known else None for known in shown]) for label in shown[-1]
+            _make_row(label, [known[label].shown if label in known else None for known in shown]) for label in shown[-1]
         ],
         "labels": labels,
         "width": WIDTH,
@@ -120,14 +126,14 @@ def parameters(case: Case) -> Section:
         "combined": final.body.combined,
         "names": [names[k] for k in single],
         "correlation": [[correlation[k][j] for j in single] for k in single] if correlation else (),
-        "figures": [_drawn(term, curve, final.units(term.at)) for term, curve in final.tables.values()],
+        "figures": [_plot_table(term, curve, final.units(term.at)) for term, curve in final.tables.values()],
     }
     return Section("parameters", "Parameters", "Parameters and how sure they are", content)
 
 
-def _drawn(table: Table, curve: TableCurve, units: JointUnits) -> Figure:
-    """A table as a function, with its band."""
-    title = f"{capitalise(name(table.id))}, {table.law}"
+def _plot_table(table: Table, curve: TableCurve, units: JointUnits) -> Figure:
+    """Plot a table as a function, with its band."""
+    title = f"{capitalise(name_effect(table.id))}, {table.law}"
     quantity, of = ("angle", "rad") if table.axis == "position" else ("speed", "rad/s")
     (x, along), of_torque = to_shown_unit(curve.x, units.unit(of)), units.unit(table.unit)
     argument = f"{units.name(quantity)} [{along}]"
@@ -138,8 +144,8 @@ def _drawn(table: Table, curve: TableCurve, units: JointUnits) -> Figure:
     return Figure(f"table-{table.id}", title, data, {"xaxis": axis(argument), "yaxis": axis(f"f [{of_torque}]")}, 320)
 
 
-def _row(label: str, estimates: Sequence[Estimate | None]) -> dict[str, Any]:
-    """A parameter under each model, and its intervals as drawn: low, middle and high end, height [px] and style."""
+def _make_row(label: str, estimates: Sequence[Estimate | None]) -> dict[str, Any]:
+    """Make the row of a parameter: estimates, and intervals as low, middle and high end, height [px] and style."""
     known = [(k, e, DRAWING.sigmas * e.std) for k, e in enumerate(estimates) if e is not None]
     low, high = min(e.value - half for _, e, half in known), max(e.value + half for _, e, half in known)
 
@@ -161,30 +167,30 @@ def _row(label: str, estimates: Sequence[Estimate | None]) -> dict[str, Any]:
     }
 
 
-def schemes(case: Case) -> Section | None:
-    """Estimates of every scheme and how they converge; None where recordings are too poor for them."""
+def make_schemes(case: ReportData) -> Section | None:
+    """Make the section on the schemes and their convergence; None for recordings that are too poor."""
     found = case.schemes
     if found is None:
         return None
-    strokes = {id: stroke(k, id) for k, id in enumerate(found.schemes)}
+    strokes = {id: choose_stroke(k, id) for k, id in enumerate(found.schemes)}
     columns, units = next(iter(found.schemes.values())).model.columns, case.units.unit
     content = {
         "found": found,
         "names": [column.name for column in columns],
         "units": [units(column.unit) for column in columns],
         "strokes": strokes,
-        "figures": [convergence_figure(found, k, strokes, units(columns[k].unit)) for k in range(len(columns))],
+        "figures": [plot_convergence(found, k, strokes, units(columns[k].unit)) for k in range(len(columns))],
     }
     return Section("schemes", "Schemes", "The schemes side by side", content)
 
 
-def stroke(place: int, scheme: str) -> JSON:
-    """Line of a scheme: one colour for the plain scheme and its filtered sister, which is dashed."""
-    family, is_filtered = kin(scheme, place)
+def choose_stroke(place: int, scheme: str) -> JSON:
+    """Choose the line of a scheme: one colour for the plain scheme and its filtered sister, which is dashed."""
+    family, is_filtered = classify_scheme(scheme, place)
     return {"color": COLORS[family], "width": 1.8, "dash": "dash" if is_filtered else "solid"}
 
 
-def convergence_figure(found: Identification, column: int, strokes: dict[str, JSON], of: str) -> Figure:
+def plot_convergence(found: Identification, column: int, strokes: dict[str, JSON], of: str) -> Figure:
     """Estimate of one parameter over time, in its unit, every scheme; the wild start is out of the picture."""
     parameter = next(iter(found.schemes.values())).model.columns[column]
     data, settled = [], []
@@ -193,7 +199,7 @@ def convergence_figure(found: Identification, column: int, strokes: dict[str, JS
         estimate = course.theta[:, column]
         late = course.time >= course.time[0] + DRAWING.settled * (course.time[-1] - course.time[0])
         settled.append(estimate[late])
-        data.append(line(course.time, estimate, name(id), "", format_unit(of), line=strokes[id]))
+        data.append(line(course.time, estimate, name_effect(id), "", format_unit(of), line=strokes[id]))
     values = np.concatenate(settled)
     middle = float(np.median([result[-1] for result in settled]))
     reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / DRAWING.frame

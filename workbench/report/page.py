@@ -25,34 +25,34 @@ from pendulum_env.formatting import (
     split_estimate,
     typeset,
 )
-from workbench.narrator.comparison import caveat, errors_in_loop, headline
-from workbench.narrator.diagnosis import describe_disagreement, describe_region, warnings
-from workbench.narrator.effects import name
+from workbench.narrator.comparison import describe_comparison, describe_loop, describe_unstable
+from workbench.narrator.diagnosis import describe_disagreement, describe_region, list_warnings
+from workbench.narrator.effects import name_effect
 from workbench.narrator.reasons import describe_reason
-from workbench.narrator.results import distances_table
+from workbench.narrator.results import tabulate_recordings
 from workbench.report import arm
-from workbench.report.case import Case
-from workbench.report.comparison import comparison, loop, of_diagnosis
-from workbench.report.failures import failures
-from workbench.report.numbers import errors, parameters, schemes
+from workbench.report.case import ReportData
+from workbench.report.comparison import make_comparison, make_loop, make_loop_diagnosis
+from workbench.report.failures import make_failures
+from workbench.report.numbers import make_errors, make_parameters, make_schemes
 from workbench.report.section import Section
-from workbench.report.story import candidates, method, next_experiment, story
+from workbench.report.story import make_candidates, make_method, make_next_experiment, make_story
 
-SECTIONS: tuple[Callable[[Case], Section | None], ...] = (  # of a diagnosis, in the order in which they are read
-    story,
-    comparison,
-    failures,
-    candidates,
-    next_experiment,
-    errors,
-    parameters,
-    schemes,
-    method,
+SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnosis, in the order in which they are read
+    make_story,
+    make_comparison,
+    make_failures,
+    make_candidates,
+    make_next_experiment,
+    make_errors,
+    make_parameters,
+    make_schemes,
+    make_method,
 )
 
 
 @cache
-def _environment() -> Environment:
+def _load_environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("workbench.report"),
         autoescape=True,
@@ -61,51 +61,51 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     formats = (capitalise, join_words, format_number, format_unit, typeset, split_estimate, format_percent)
-    narrators = (caveat, describe_disagreement, describe_reason, describe_region, name, warnings)
+    narrators = (describe_unstable, describe_disagreement, describe_reason, describe_region, name_effect, list_warnings)
     environment.filters |= {function.__name__: function for function in (*formats, *narrators)}
     return environment
 
 
 @cache
-def plotly() -> str:
-    """plotly.js, packed: a third of the size, and browsers unpack it in a few hundredths of a second."""
+def pack_plotly() -> str:
+    """Pack plotly.js: a third of the size, and browsers unpack it in a few hundredths of a second."""
     return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
 
 
 def render(diagnosis: Diagnosis, command: str = "") -> str:
-    """HTML of the report, see `write_report`, with the command lines that do the same, if known."""
-    case = Case(diagnosis, command=command)
+    """Render the report, see `write_report`, with the command lines that do the same, if known."""
+    case = ReportData(diagnosis, command=command)
     if not diagnosis.body.can_simulate:
-        sections = arm.sections(case)
+        sections = arm.make_sections(case)
     elif diagnosis.is_in_loop:
-        sections = [of_diagnosis(case), candidates(case), parameters(case)]
+        sections = [make_loop_diagnosis(case), make_candidates(case), make_parameters(case)]
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
     kind = "diagnosis of" if diagnosis.searched or diagnosis.findings else "comparison with"
-    return _whole(case, sections, kind)
+    return _render_recordings(case, sections, kind)
 
 
-def fragment(section: Section) -> str:
-    """HTML of a section's content on its own, without its figures, for another page in the same style."""
-    return _environment().get_template(section.template).render(content={**section.content, "figures": []})
+def render_fragment(section: Section) -> str:
+    """Render the content of a section without its figures, for another page in the same style."""
+    return _load_environment().get_template(section.template).render(content={**section.content, "figures": []})
 
 
-def shared(name: str) -> str:
-    """Style or script that all pages have: `style.css`, `theme.js`, `plot.js`."""
-    return _environment().get_template(name).render()
+def read_shared(name: str) -> str:
+    """Read the style or script that all pages have: `style.css`, `theme.js`, `plot.js`."""
+    return _load_environment().get_template(name).render()
 
 
-def assemble(sections: Sequence[Section], subject: str) -> str:
-    """HTML of a page from its sections; the first one's title is the page's, `subject` stands above it."""
+def render_page(sections: Sequence[Section], subject: str) -> str:
+    """Render a page from its sections; the first title is that of the page, `subject` stands above it."""
     return (
-        _environment()
+        _load_environment()
         .get_template("page.html")
         .render(
             sections=sections,
             title=sections[0].title,
             subject=subject,
             written=f"{datetime.now().astimezone():%d %B %Y, %H:%M}",
-            plotly=plotly(),
+            plotly=pack_plotly(),
             plotly_version=get_plotlyjs_version(),
         )
     )
@@ -129,7 +129,7 @@ def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -
 
 
 def render_comparison(compared: Comparison) -> str:
-    """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis.
+    """Render a comparison as one self-contained page like that of a diagnosis.
 
     It is that of a diagnosis in which nobody has looked for effects, and all is fitted and checked alike.
     """
@@ -144,21 +144,21 @@ def render_comparison(compared: Comparison) -> str:
         torque_unit=compared.torque_unit,
         data=compared.data,
     )
-    case = Case(found, first="model")  # nothing is added to it
+    case = ReportData(found, first="model")  # nothing is added to it
     if not found.body.can_simulate:
-        return _whole(case, arm.sections(case), "comparison with")
+        return _render_recordings(case, arm.make_sections(case), "comparison with")
     distances = Section(
         "distances",
         "Result",
-        headline(compared),
-        {"compared": compared, "table": distances_table(compared)},
+        describe_comparison(compared),
+        {"compared": compared, "table": tabulate_recordings(compared)},
     )
-    sections = [distances, comparison(case), failures(case), parameters(case)]
-    if (error := errors_in_loop(compared)) is not None:
-        sections.insert(1, loop(error, [("model", compared.model)], case.data.recordings, case.angle))
-    return _whole(case, sections, "comparison with")
+    sections = [distances, make_comparison(case), make_failures(case), make_parameters(case)]
+    if (error := describe_loop(compared)) is not None:
+        sections.insert(1, make_loop(error, [("model", compared.model)], case.data.recordings, case.angle))
+    return _render_recordings(case, sections, "comparison with")
 
 
-def _whole(case: Case, sections: Sequence[Section], kind: str) -> str:
-    """HTML of a page about recordings."""
-    return assemble(sections, f"{kind} {join_words([recording.name for recording in case.data.recordings])}")
+def _render_recordings(case: ReportData, sections: Sequence[Section], kind: str) -> str:
+    """Render a page about recordings."""
+    return render_page(sections, f"{kind} {join_words([recording.name for recording in case.data.recordings])}")

@@ -16,5 +16,5 @@ class Section:
 
     @property
     def template(self) -> str:
-        """File name of the template."""
+        """Return the file name of the template."""
         return f"{self.id}.html"

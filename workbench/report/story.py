@@ -15,12 +15,12 @@ from estimators.weak_form.windows import Windows
 from pendulum_env.formatting import format_number, join_words
 from pendulum_env.physics import list_nameable
 from pendulum_env.quantity import Quantity
-from workbench.narrator.diagnosis import advice, describe_refit, headline, next_step, remarks
-from workbench.narrator.effects import name
+from workbench.narrator.diagnosis import describe_next_step, describe_refit, describe_result, list_advice, list_remarks
+from workbench.narrator.effects import name_effect
 from workbench.narrator.findings import describe_aim, measure, measure_range
 from workbench.narrator.notes import describe_note
-from workbench.narrator.results import detectable_table
-from workbench.report.case import Case
+from workbench.narrator.results import tabulate_detectable
+from workbench.report.case import ReportData
 from workbench.report.section import Section
 
 
@@ -36,30 +36,32 @@ class Change:
     note: str
 
 
-def story(case: Case) -> Section:
-    """Headline, key figures and what follows from them."""
+def make_story(case: ReportData) -> Section:
+    """Make the section with headline, key figures and next step."""
     diagnosis = case.diagnosis
     constant = diagnosis.torque_constant
     content = {
-        "changes": changes(case),
-        "misled": misled(diagnosis),
+        "changes": list_changes(case),
+        "misled": list_misled(diagnosis),
         "refit": describe_refit(diagnosis.refit) if diagnosis.refit is not None else None,
-        "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
+        "findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected],
         "unexplained": diagnosis.unexplained,
         "disagreements": diagnosis.disagreements,
-        "advice": [next_step(diagnosis), *remarks(diagnosis)] if diagnosis.candidates else advice(diagnosis),
+        "advice": [describe_next_step(diagnosis), *list_remarks(diagnosis)]
+        if diagnosis.candidates
+        else list_advice(diagnosis),
         "not_excited": [c for c in diagnosis.candidates if c.verdict is Verdict.NOT_EXCITED],
         "noise_floor": diagnosis.noise_floor,
         "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / diagnosis.noise_floor,
         "candidates": len(diagnosis.candidates),
-        "held_out": held_out(case),
+        "held_out": describe_held_out(case),
         "torque_constant": constant.text if constant is not None else None,
     }
-    return Section("story", "Result", headline(diagnosis), content)
+    return Section("story", "Result", describe_result(diagnosis), content)
 
 
-def changes(case: Case) -> list[Change]:
-    """Held-out errors before and after."""
+def list_changes(case: ReportData) -> list[Change]:
+    """List the held-out errors before and after."""
     diagnosis, (factor, angle) = case.diagnosis, case.angle
     first, last = (diagnosis.steps[k].errors["holdout"] for k in (0, -1))
 
@@ -74,8 +76,8 @@ def changes(case: Case) -> list[Change]:
     ]
 
 
-def misled(diagnosis: Diagnosis) -> list[str]:
-    """Parameters that the base model got wrong for what it lacks: by more than a per cent, and than chance.
+def list_misled(diagnosis: Diagnosis) -> list[str]:
+    """List the parameters that the missing effects biased by more than a per cent and three standard errors.
 
     None where something is left unexplained: then those of the final model may be wrong as well.
     """
@@ -90,12 +92,12 @@ def misled(diagnosis: Diagnosis) -> list[str]:
         # an error is worth a word from one per cent of the parameter and three standard errors on
         if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(wrong.std, right.std)):  # standard errors
             wrong_by.append(
-                f"{name(parameter)} {format_number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}"
+                f"{name_effect(parameter)} {format_number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}"
             )
     return wrong_by
 
 
-def finding(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
+def describe_added(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
     """Describe an added effect: its law, its final parameters, and similar effects."""
     term = next(term for term in diagnosis.model.terms if term.id == effect)
     names = [column.name for column in term.columns] + [f"{term.id}.{parameter.name}" for parameter in term.free]
@@ -111,29 +113,29 @@ def finding(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
     }
 
 
-def held_out(case: Case) -> str:
-    """Which data the errors are from."""
+def describe_held_out(case: ReportData) -> str:
+    """Name the data that the errors are from."""
     if not case.data.holdout:
         return "the last 30 % of each recording, which no parameter was fitted to"
     return f"held-out data that no parameter was fitted to ({join_words([r.name for r in case.data.holdout])})"
 
 
-def candidates(case: Case) -> Section:
-    """Every effect of the library with its verdict, score, error ratio and reason."""
-    return ranked(case.diagnosis.candidates, case.diagnosis.detectable)
+def make_candidates(case: ReportData) -> Section:
+    """Make the section with the verdict, score, error ratio and reason of every effect."""
+    return rank_candidates(case.diagnosis.candidates, case.diagnosis.detectable)
 
 
-def ranked(found: Sequence[Candidate], detectable: Sequence[Detectable] = ()) -> Section:
+def rank_candidates(found: Sequence[Candidate], detectable: Sequence[Detectable] = ()) -> Section:
     """Tabulate any candidates."""
     laws = {id: kind.law for id, kind in list_nameable().items()}
     rows = [(one, laws.get(one.effect.partition("@")[0], ""), list(Verdict).index(one.verdict)) for one in found]
     widest = max([1.25, *(min(one.error_ratio, 2.0) for one in found)])
-    content = {"rows": rows, "widest": widest, "detectable": detectable_table(detectable)}
+    content = {"rows": rows, "widest": widest, "detectable": tabulate_detectable(detectable)}
     return Section("candidates", "Candidates", "What was considered", content)
 
 
-def next_experiment(case: Case) -> Section | None:
-    """The torque that would settle what is open; None if nothing is."""
+def make_next_experiment(case: ReportData) -> Section | None:
+    """Make the section on the next experiment; None without one."""
     suggestion = case.diagnosis.suggestion
     if suggestion is None or suggestion.signal is None:
         return None
@@ -156,11 +158,11 @@ def next_experiment(case: Case) -> Section | None:
     return Section("next", "What next", "The next experiment", content)
 
 
-def method(case: Case) -> Section:
+def make_method(case: ReportData) -> Section:
     """Describe the method of the result."""
     content = {
         "used": [
-            _use(w, part)
+            _tabulate_use(w, part)
             for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
             for w in prepared.data.windows
         ],
@@ -174,7 +176,7 @@ def method(case: Case) -> Section:
     return Section("method", "Method", "How this was done", content)
 
 
-def _use(w: Windows, part: str) -> dict[str, Any]:
+def _tabulate_use(w: Windows, part: str) -> dict[str, Any]:
     """Tabulate the use of a recording: shares of samples at rest and in windows, lengths [s], and noise."""
     covered = np.zeros(len(w.recording), dtype=bool)
     half = len(w.kernel) // 2

@@ -21,7 +21,7 @@ from pendulum_env.physics.plugin import describe_fault
 from pendulum_env.reading import read_bytes
 from pendulum_env.recording import Source
 from workbench.inputs import open_sources
-from workbench.mistakes import MISTAKES, InputError, sentence
+from workbench.mistakes import USER_ERRORS, InputError, format_mistake
 from workbench.terminal import Terminal
 
 ASKED = ("only", "without", "fixed", "bounds")  # of a diagnosis, as it is
@@ -83,8 +83,8 @@ class Settings:
         options = {name: getattr(arguments, name) for name in (*ASKED, *READING)}
         files = {name: os.path.abspath(path) if (path := getattr(arguments, name)) else None for name in NAMED}
         plugins = tuple(os.path.abspath(path) for path in arguments.plugin or ())
-        content = [content_hash(Path(path)) for path in (*files.values(), *plugins) if path]
-        mark = hashlib.sha256(repr((version(), options, content)).encode()).hexdigest()
+        content = [hash_content(Path(path)) for path in (*files.values(), *plugins) if path]
+        mark = hashlib.sha256(repr((get_version(), options, content)).encode()).hexdigest()
         return cls(Namespace(**options, **files, recordings=[]), plugins, mark)
 
     def key(self, source: Source, content: str | None) -> str:
@@ -93,7 +93,7 @@ class Settings:
         return hashlib.sha256(how.encode()).hexdigest()[:32]
 
 
-def content_hash(file: Path) -> str | None:
+def hash_content(file: Path) -> str | None:
     """Hash the content of a file; None if it cannot be read, which reading reports."""
     if not file.is_file():  # a pipe would have to be waited for
         return None
@@ -104,7 +104,7 @@ def content_hash(file: Path) -> str | None:
         return None
 
 
-def version() -> str:
+def get_version() -> str:
     """Return the version of this project."""
     return metadata.version("pendulum-ident")
 
@@ -127,8 +127,8 @@ def diagnose_source(source: Source, settings: Settings) -> JSON:
 
 def describe_error(error: Exception, source: Source) -> str:
     """Make one sentence of an error, without the name of the file."""
-    error = error if isinstance(error, MISTAKES) else describe_fault(error) or InputError(format_error(error))
-    return sentence(error).removeprefix(f"{source.file}: ")
+    error = error if isinstance(error, USER_ERRORS) else describe_fault(error) or InputError(format_error(error))
+    return format_mistake(error).removeprefix(f"{source.file}: ")
 
 
 def _diagnose(source: Source, options: Namespace) -> SurveyResult:
@@ -143,28 +143,28 @@ def _diagnose(source: Source, options: Namespace) -> SurveyResult:
         **{name: getattr(options, name) for name in ASKED},
     )
     date = opened.recordings[0].start_date
-    return {"start": None if date is None else date.timestamp(), "rows": joint_rows(found)}
+    return {"start": None if date is None else date.timestamp(), "rows": make_rows(found)}
 
 
-def joint_rows(found: Diagnosis) -> list[JointRow]:
+def make_rows(found: Diagnosis) -> list[JointRow]:
     """Make a row for each joint of a diagnosis."""
     first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
     joints = tuple(found.floors)
     parameters: dict[str, dict[str, ParameterEstimate]] = {joint: {} for joint in joints}
     biased = set()
     for name, own in found.model.readable.items():
-        joint, quantity = _at_joint(name, joints)
+        joint, quantity = _split_joint(name, joints)
         parameters[joint][quantity] = {
-            "value": None if own.is_unknown else _number(own.value),
-            "std": None if own.is_unknown else _number(own.std),
+            "value": None if own.is_unknown else _get_finite(own.value),
+            "std": None if own.is_unknown else _get_finite(own.std),
             "unit": own.unit,
         }
         if own.is_biased:
             biased.add(joint)
     effects: dict[str, list[tuple[str, ...]]] = {joint: [] for joint in joints}
     for group in found.effects:
-        joint, _ = _at_joint(group[0], joints)
-        effects[joint].append(tuple(_at_joint(effect, (joint,))[1] for effect in group))
+        joint, _ = _split_joint(group[0], joints)
+        effects[joint].append(tuple(_split_joint(effect, (joint,))[1] for effect in group))
     return [
         {
             "joint": joint,
@@ -172,19 +172,19 @@ def joint_rows(found: Diagnosis) -> list[JointRow]:
             "selected": sorted(group[0] for group in effects[joint]),
             "unexplained": any(region.at == joint for region in found.unexplained),
             "biased": joint in biased,
-            "error_before": _number(first.at(joint)),
-            "error_after": _number(last.at(joint)),
-            "noise_floor": _number(found.floors[joint]),
+            "error_before": _get_finite(first.at(joint)),
+            "error_after": _get_finite(last.at(joint)),
+            "noise_floor": _get_finite(found.floors[joint]),
             "error_unit": found.unit_at(joint),
-            "position_rms_before": _number(first.position_rms),
-            "position_rms_after": _number(last.position_rms),
+            "position_rms_before": _get_finite(first.position_rms),
+            "position_rms_after": _get_finite(last.position_rms),
             "parameters": parameters[joint],
         }
         for joint in joints
     ]
 
 
-def _at_joint(name: str, joints: tuple[str, ...]) -> tuple[str, str]:
+def _split_joint(name: str, joints: tuple[str, ...]) -> tuple[str, str]:
     """Split `stribeck@elbow.velocity` into joint and `stribeck.velocity`; of two joints, the first one counts."""
     _, _, place = name.partition("@")
     own = [joint for joint in joints if place == joint or place.startswith((f"{joint}.", f"{joint},"))]
@@ -192,5 +192,5 @@ def _at_joint(name: str, joints: tuple[str, ...]) -> tuple[str, str]:
     return joint, name.replace(f"@{joint}", "", 1)
 
 
-def _number(value: float) -> float | None:
+def _get_finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None

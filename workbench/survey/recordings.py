@@ -16,8 +16,8 @@ import numpy as np
 
 from pendulum_env.recording import Source
 from pendulum_env.recording.formats import READERS
-from workbench.inputs import sources_of
-from workbench.mistakes import InputError, printable
+from workbench.inputs import read_source_names
+from workbench.mistakes import InputError, escape_controls
 
 STUDY = "study.toml"
 TABLES = ("survey.parquet", "survey.csv", "trends.parquet", "trends.csv")  # that a survey writes
@@ -57,19 +57,21 @@ def find_recordings(folder: Path, reading: Namespace, output: Path | None = None
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder: check the path")
     folder = Path(os.path.abspath(folder))  # the workers of a cluster look for the same path
-    found = sorted((_label(source, folder) for source in _sources(folder, reading, output)), key=lambda own: own.name)
+    found = sorted(
+        (_label_source(source, folder) for source in _find_sources(folder, reading, output)), key=lambda own: own.name
+    )
     if not found:
         raise InputError(f"{folder}: holds no recording: their names end in {', '.join(ENDINGS)}")
     return found
 
 
-def _sources(folder: Path, reading: Namespace, output: Path | None) -> Iterator[Source]:
+def _find_sources(folder: Path, reading: Namespace, output: Path | None) -> Iterator[Source]:
     named: set[str] = set()  # by studies
     files: list[Path] = []
     for place, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
         if STUDY in names:
-            sources = sources_of(str(Path(place, STUDY)), reading)
+            sources = read_source_names(str(Path(place, STUDY)), reading)
             named |= {os.path.realpath(source.file) for source in sources}
             yield from sources
         is_output = output is not None and os.path.realpath(place) == os.path.realpath(output)
@@ -77,21 +79,21 @@ def _sources(folder: Path, reading: Namespace, output: Path | None) -> Iterator[
         files += [Path(place, name) for name in names if name.lower().endswith(ENDINGS) and name not in tables]
     for file in files:
         if not file.name.startswith(".") and os.path.realpath(file) not in named:
-            yield from sources_of(str(file), reading)
+            yield from read_source_names(str(file), reading)
 
 
-def _label(source: Source, folder: Path) -> SurveyedRecording:
-    path = PurePosixPath(printable(Path(os.path.relpath(source.file, folder)).as_posix()))
-    part = "" if source.range is None else "#{}-{}".format(*(_shortest(time) for time in source.range))
+def _label_source(source: Source, folder: Path) -> SurveyedRecording:
+    path = PurePosixPath(escape_controls(Path(os.path.relpath(source.file, folder)).as_posix()))
+    part = "" if source.range is None else "#{}-{}".format(*(_format_shortest(time) for time in source.range))
     folders = [name for name in path.parts[:-1] if name != ".."]
     machine = "/".join(name for name in folders if parse_date(name) is None) or folder.name
     texts = [match[0] for name in (path.name, *reversed(folders)) for match in DATE.finditer(name)]
     dates = [date for text in texts if (date := parse_date(text)) is not None and not is_future(date)]
-    date = dates[0] if dates else _change_time(source.file)
+    date = dates[0] if dates else _read_change_time(source.file)
     return SurveyedRecording(f"{path}{part}", machine, date, "name" if dates else "file", source)
 
 
-def _shortest(number: float) -> str:
+def _format_shortest(number: float) -> str:
     return np.format_float_positional(number, trim="-")
 
 
@@ -110,7 +112,7 @@ def parse_date(text: str) -> datetime | None:
         return None
 
 
-def _change_time(file: Path) -> datetime:
+def _read_change_time(file: Path) -> datetime:
     """Return the time of a file's last change; 1970 if there is no file, which reading reports."""
     try:
         return datetime.fromtimestamp(file.stat().st_mtime, UTC)

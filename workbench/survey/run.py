@@ -18,7 +18,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.recording import Source
 from pendulum_env.settings import use_writer
 from workbench.mistakes import InputError, write_option
-from workbench.survey.diagnosis import Settings, content_hash, describe_error, diagnose_source, read_result
+from workbench.survey.diagnosis import Settings, describe_error, diagnose_source, hash_content, read_result
 from workbench.survey.recordings import SurveyedRecording
 from workbench.survey.table import label_rows
 
@@ -29,7 +29,7 @@ Task = Callable[[Source, Settings], JSON]  # as `diagnose_source`; it travels to
 Start = Callable[[int], AbstractContextManager[Executor]]  # starts that many workers
 
 
-def survey(
+def run_survey(
     found: Sequence[SurveyedRecording],
     settings: Settings,
     output: Path,
@@ -57,7 +57,7 @@ def survey(
         InputError: if the cluster is lost.
     """
     (output / RESULTS).mkdir(parents=True, exist_ok=True)
-    hashes = [content_hash(own.source.file) for own in found]
+    hashes = [hash_content(own.source.file) for own in found]
     keys = [settings.key(own.source, content) for own, content in zip(found, hashes, strict=True)]
     files = [output / RESULTS / f"{key}.json" for key in keys]
     # by index in `found`: several recordings may have the same name, or be of the same file
@@ -118,7 +118,7 @@ def _diagnose_all(
 
 
 @contextmanager
-def cluster_workers(address: str) -> Iterator[Executor]:
+def open_cluster(address: str) -> Iterator[Executor]:
     """Use the workers of the Dask cluster whose scheduler is at an address; they see files under the same paths.
 
     Raises:

@@ -16,7 +16,7 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.files import replace_file
 from pendulum_env.formatting import TextTable, format_estimate, format_number
 from pendulum_env.recording.clock import find_date
-from workbench.survey.diagnosis import version
+from workbench.survey.diagnosis import get_version
 from workbench.survey.recordings import SurveyedRecording, is_future
 
 WEEK = 7 * 86400.0  # [s]
@@ -50,7 +50,7 @@ def label_rows(own: SurveyedRecording, result: JSON, content: str | None) -> lis
         "date": date or own.date,
         "dated_by": "clock" if date else own.dated_by,
         "hash": content,
-        "version": version(),
+        "version": get_version(),
     }
     failed: JSON = {"joint": "", "error": result.get("error"), "parameters": {}}
     return [label | row for row in result.get("rows", [failed])]
@@ -82,18 +82,18 @@ class Series:
 
     @property
     def label(self) -> str:
-        """Machine, joint, parameter and effects in one: `arm elbow coulomb (with stribeck)`."""
+        """Return the machine, joint, parameter and effects in one: `arm elbow coulomb (with stribeck)`."""
         effects = f"(with {self.effects})" if self.effects else ""
         return " ".join(filter(None, (self.machine, self.joint, self.parameter, effects)))
 
     @property
     def mean(self) -> float:
-        """Mean of the estimates."""
+        """Return the mean of the estimates."""
         return float(self.value.mean())
 
     @property
     def jump_date(self) -> datetime | None:
-        """Date of the first recording after a jump; None without one."""
+        """Return the date of the first recording after a jump; None without one."""
         jump = self.trend.jump if self.change == "jump" else None
         return None if jump is None else datetime.fromtimestamp(float(self.date[jump.first]), UTC)
 
@@ -162,14 +162,14 @@ def _write(path: Path, rows: Sequence[JSON], columns: dict[str, pa.DataType]) ->
             write(table, file)
 
 
-def recordings_table(rows: Sequence[JSON]) -> TextTable:
+def tabulate_recordings(rows: Sequence[JSON]) -> TextTable:
     """Make the table of recordings for a reader: failed ones first, then those with an effect or a residual."""
     columns: dict[str, Callable[[JSON], str]] = {
         "recording": lambda row: row["recording"],
         "joint": lambda row: row["joint"],
         "date": lambda row: f"{row['date']:%Y-%m-%d}",
-        "error held out": _error,
-        "result": _result,
+        "error held out": _format_error,
+        "result": _format_result,
     }
 
     def order(row: JSON) -> tuple[bool, bool, str]:
@@ -181,17 +181,17 @@ def recordings_table(rows: Sequence[JSON]) -> TextTable:
     return TextTable(tuple(columns), cells, left=[name for name in ("joint", "date", "result") if name in columns])
 
 
-def _error(row: JSON) -> str:
+def _format_error(row: JSON) -> str:
     return "" if row.get("error_after") is None else f"{row['error_after']:.3g} {row['error_unit']}"
 
 
-def _result(row: JSON) -> str:
+def _format_result(row: JSON) -> str:
     if "error" in row:
         return str(row["error"])
     return ", ".join(filter(None, (row["effects"], "unexplained residual" * row["unexplained"]))) or "nothing missing"
 
 
-def changes_table(series: Sequence[Series]) -> TextTable:
+def tabulate_changes(series: Sequence[Series]) -> TextTable:
     """Make the table of the parameters that change, for a reader."""
     rows = []
     for own in series:

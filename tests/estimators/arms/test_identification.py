@@ -20,7 +20,7 @@ from pendulum_env.physics import BASE, Model, ModelError
 from pendulum_env.recording import Recording
 from tests.pendulum_env.arms.test_body import chain, written
 from tests.two_link import recorded
-from workbench.narrator.comparison import headline
+from workbench.narrator.comparison import describe_comparison
 
 ARM = TwoLink()
 RATE = 1000.0
@@ -108,7 +108,7 @@ def test_results_show_themselves_joint_by_joint(found, recording):
     assert "errors, times the least" in page and "coulomb@elbow" in page
     compared = compare(found["filtered_dynamic"].model, recording)
     page = compared._repr_html_()
-    assert headline(compared)[1:] in page and "Torque errors" in page and "nan" not in page
+    assert describe_comparison(compared)[1:] in page and "Torque errors" in page and "nan" not in page
 
 
 def test_recordings_of_another_plant_are_refused(recording, body):

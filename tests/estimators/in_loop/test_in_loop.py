@@ -26,7 +26,7 @@ from pendulum_env.recording import Recording, RecordingError, Source, read_recor
 from pendulum_env.servo.drive import ServoDrive
 from tests.notes import noted
 from workbench.cli import main
-from workbench.narrator.diagnosis import headline
+from workbench.narrator.diagnosis import describe_result
 
 TRUE = {"inertia": 0.012, "gravity": 0.9, "viscous": 0.05, "coulomb": 0.08}
 FEW = [id for id in effects() if id in ("stribeck", "load_dependent_friction", "cogging", "viscous_asymmetry")]
@@ -97,7 +97,7 @@ def test_a_law_without_a_name_is_kept_as_a_table_of_a_servo():
 
 def test_parameters_come_back_from_goals_and_positions(plain):
     found = diagnose(plain[:2], plain[2:], only=FEW)
-    assert headline(found) == "Nothing is missing" and found.is_in_loop
+    assert describe_result(found) == "Nothing is missing" and found.is_in_loop
     for name, value in TRUE.items():
         own = found.model.estimates[name]
         assert own.value == pytest.approx(value, rel=0.02)
@@ -166,7 +166,7 @@ def under_voltage(kp: float, seed: int, rubs: float = 0.0, pressed: float = 0.0,
 
 def test_what_a_motor_brakes_is_told_from_viscous_friction_where_the_gear_rubs_under_its_torque(rubbed):
     found = diagnose(rubbed[:2], rubbed[2:], only=("load_dependent_friction",))
-    assert headline(found) == "Load dependent friction is missing"
+    assert describe_result(found) == "Load dependent friction is missing"
     for name, value in {**TRUE, "back_emf": 0.25, "load_dependent_friction": 0.25}.items():
         own = found.model.estimates[name]
         assert abs(own.value - value) < 4 * own.std and own.std < 0.1 * max(value, 0.25)

@@ -19,7 +19,7 @@ from pendulum_env.physics import BASE, Model, simulate
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording
 from tests.cases import PLANT, THETA, TRUTH, recorded
-from workbench.narrator.diagnosis import headline
+from workbench.narrator.diagnosis import describe_result
 
 
 def std(model: Model) -> np.ndarray:
@@ -134,7 +134,7 @@ def test_torque_that_was_asked_of_an_open_motor_did_not_act():
     run = Recording("run", time, position, asked, enabled=enabled)
     assert not run.torque[enabled == 0].any() and run.torque[enabled == 1] == pytest.approx(asked[enabled == 1])
     assert identify(run)["dynamic"].model.theta == pytest.approx(theta, rel=0.01, abs=1e-3)
-    assert headline(diagnose(run, only=["stribeck"])) == "Nothing is missing"
+    assert describe_result(diagnose(run, only=["stribeck"])) == "Nothing is missing"
     short = run.slice(1450, 1510)
     assert len(cut(short, 0.04).centers) == 0  # the motor is off in half of it
 

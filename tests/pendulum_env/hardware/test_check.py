@@ -10,7 +10,7 @@ from pendulum_env.backends.hardware.config import load
 from tests import slow
 from tests.pendulum_env.rigs import PATIENT, Disturbed
 from workbench.cli import main
-from workbench.rig_check import STEPS, CheckFailed, check
+from workbench.rig_check import STEPS, CheckFailed, check_rig
 
 pytestmark = pytest.mark.realtime
 
@@ -39,7 +39,7 @@ class Helper:
 
 def checked(rig):
     helper = Helper(rig)
-    check(load(rig.config), helper.say, helper.confirm)
+    check_rig(load(rig.config), helper.say, helper.confirm)
     return helper
 
 

@@ -29,10 +29,10 @@ def written(recording: Recording, folder: Path, held_out: bool = False) -> Sourc
 
 def loaded(recording: Recording, held_out: bool = False):
     """The same as a session has it, its file being nowhere."""
-    from workbench.app.loaded import Loaded
+    from workbench.app.loaded import LoadedRecording
 
     file = f"{recording.name}.csv"
-    return Loaded(file, Source(Path(file), "holdout" if held_out else "fit"), recording)
+    return LoadedRecording(file, Source(Path(file), "holdout" if held_out else "fit"), recording)
 
 
 def url(content: bytes) -> str:
@@ -68,9 +68,9 @@ def drop(session, *files: Path) -> None:
 def reloaded(state, folder: Path):
     """Another session, into which a study, a model and recordings are loaded as another session exports them."""
     from workbench.app.session import Session
-    from workbench.app.stages.export import file
+    from workbench.app.stages.export import make_file
 
-    made = dict(file(state, what, "") for what in ("study", "model"))
+    made = dict(make_file(state, what, "") for what in ("study", "model"))
     read = [one.source.file for one in state.loaded] + ([] if state.robot is None else [state.robot.file])
     made |= {one.name: one.read_bytes() for one in read}
     session = Session(folder)
@@ -80,14 +80,14 @@ def reloaded(state, folder: Path):
 
 def comes_to_the_same(state, *languages: str) -> None:
     """Whether what the stage Export shows makes the state's model, in the working directory with its files."""
-    from workbench.app.stages.export import commands, snippet
+    from workbench.app.stages.export import write_commands, write_snippet
 
     for language in languages:
         Path("model.json").unlink(missing_ok=True)
         if language == "Python":
-            exec(snippet(state), {})
+            exec(write_snippet(state), {})
         else:
-            assert [main(shlex.split(line)[1:]) for line in commands(state).splitlines()].count(2) == 0
+            assert [main(shlex.split(line)[1:]) for line in write_commands(state).splitlines()].count(2) == 0
         made = Model.load("model.json")
         assert made.effects == state.model.effects
         assert made.theta == pytest.approx(state.model.theta, rel=1e-6)

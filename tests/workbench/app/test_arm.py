@@ -17,13 +17,13 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import write_recording
 from tests.two_link import recorded
 from tests.workbench.app.plants import drop, reloaded, upload
-from workbench.app.asked import Asked
-from workbench.app.card import Choice
+from workbench.app.asked import SearchChoices
+from workbench.app.card import ColumnChoice
 from workbench.app.page.layout import describe_state
-from workbench.app.parts import effects_to_choose
+from workbench.app.parts import list_choices
 from workbench.app.session import Session
 from workbench.app.stages import STAGES, data, export
-from workbench.app.stages.export import file, study
+from workbench.app.stages.export import make_file, write_study_text
 from workbench.cli import main
 from workbench.robot import RobotFile
 
@@ -56,8 +56,8 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     state = session.state
     assert session.notice == "" and state.body is not None and not state.trouble
     assert describe_state(state)[1] == "Something is missing at shoulder and elbow"
-    assert effects_to_choose(state.body, tables=True)["torque_by_angle@elbow"].endswith("at elbow")
-    session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow")))
+    assert list_choices(state.body, tables=True)["torque_by_angle@elbow"].endswith("at elbow")
+    session.act(lambda: diagnose.start(session, SearchChoices("torque_offset,spring@elbow")))
     assert session.notice == ""
     assert session.state.found == ("torque_offset@elbow",)
     assert describe_state(session.state)[1] == "A torque offset at elbow is missing"
@@ -66,16 +66,16 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.ladder)
     assert state.added == ("torque_offset@elbow",) and not state.found and after < 0.2 * before
     assert all(stage.show(session) for stage in STAGES)
-    assert "torque_offset@elbow" in file(state, "report", "")[1].decode()
+    assert "torque_offset@elbow" in make_file(state, "report", "")[1].decode()
 
     for name in ("study", "model"):
-        saved, content = file(state, name, "")
+        saved, content = make_file(state, name, "")
         (tmp_path / saved).write_bytes(content)
     theta = json.loads((tmp_path / "model.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(OFFSET, rel=0.05)
     monkeypatch.chdir(tmp_path)
-    for same in (lambda: exec(export.snippet(state), {}), lambda: [main(line.split()[1:]) for line in
-                                                                 export.commands(state).splitlines()]):  # fmt: skip
+    lines = [line.split()[1:] for line in export.write_commands(state).splitlines()]
+    for same in (lambda: exec(export.write_snippet(state), {}), lambda: [main(line) for line in lines]):
         Path("model.json").unlink()
         same()
         assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
@@ -114,7 +114,7 @@ def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
     assert [choice.role for choice in card.choices] == ["time", "position_shoulder", "", "torque_shoulder", ""]
     assert stage_text(session).count("on the side of the joint") == 1
     choices = list(card.choices)
-    choices[2], choices[4] = Choice("position_elbow"), Choice("torque_elbow", "A", "*0.5")
+    choices[2], choices[4] = ColumnChoice("position_elbow"), ColumnChoice("torque_elbow", "A", "*0.5")
     session.act(lambda: session.answer(card.told(choices, False, (None, None))))
     assert session.notice == "" and not session.cards and not session.state.trouble
     assert session.state.loaded[0].source.columns["torque_elbow"] == "i2:A*0.5"
@@ -137,7 +137,7 @@ def test_a_saved_study_and_model_bring_back_the_robot_its_recordings_and_its_ter
     drop(session, tmp_path / "first.json")
     assert session.notice == "" and not session.state.trouble
     again = reloaded(session.state, tmp_path / "again")
-    assert again.notice == "" and study(again.state) == study(session.state)
+    assert again.notice == "" and write_study_text(again.state) == write_study_text(session.state)
     assert replace(again.state.robot, file=robot) == session.state.robot
     assert [one.held_out for one in again.state.loaded] == [True, False]
     assert again.state.model.theta == pytest.approx(session.state.model.theta, rel=1e-6)
@@ -149,11 +149,11 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     file, run = two_link(tmp_path, 4.0)
     session.act(lambda: session.take_robot(RobotFile(file, bolted=True, rotors=True, weightless=True)))
     drop(session, run)
-    session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow", "torque_offset@shoulder")))
-    first, second = export.commands(session.state).splitlines()
+    session.act(lambda: diagnose.start(session, SearchChoices("torque_offset,spring@elbow", "torque_offset@shoulder")))
+    first, second = export.write_commands(session.state).splitlines()
     assert first.endswith("--rotors --no-gravity --scheme filtered_dynamic -o model.json")
     assert "--only=torque_offset,spring@elbow --without=torque_offset@shoulder" in second
-    snippet = export.snippet(session.state)
+    snippet = export.write_snippet(session.state)
     assert "RobotFile(Path('arm.urdf'), None, bolted=True, rotors=True, weightless=True)" in snippet
     assert "only=['torque_offset', 'spring@elbow'], without=['torque_offset@shoulder'])" in snippet
 

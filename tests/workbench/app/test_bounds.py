@@ -90,7 +90,7 @@ def test_a_file_that_has_vanished_is_a_sentence_and_no_failure(page):
     "begun", [b"GET / HT", b"GET / HTTP/1.1\r\nHost: a", b"POST / HTTP/1.1\r\nContent-Length: 9\r\n\r\n{"]
 )
 def test_a_request_that_does_not_go_on_is_not_waited_for(monkeypatch, capfd, begun):
-    monkeypatch.setattr(server._Silent, "timeout", 0.05)
+    monkeypatch.setattr(server._SilentHandler, "timeout", 0.05)
     here = server.Server()
     thread = Thread(target=here._server.serve_forever)
     thread.start()

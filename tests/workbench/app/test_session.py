@@ -35,21 +35,21 @@ from tests.workbench.app.plants import (
     url,
     written,
 )
-from workbench.app.asked import NOTHING, Asked
-from workbench.app.card import Card, Choice, understood
+from workbench.app.asked import NO_CHOICES, SearchChoices
+from workbench.app.card import ColumnCard, ColumnChoice, describe_unit
 from workbench.app.page.server import make_app
 from workbench.app.parts import UNWRAP
-from workbench.app.recorder import options
+from workbench.app.recorder import read_options
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
 from workbench.app.stages import compare, data, diagnose, export
-from workbench.app.stages.compare import MAP, PHASE, TIME, inside, lit, within
-from workbench.app.stages.export import commands, study
+from workbench.app.stages.compare import MAP, PHASE, TIME, highlight, select_box, select_region
+from workbench.app.stages.export import write_commands, write_study_text
 from workbench.app.state import State
-from workbench.app.uploads import safe_name, unpack
+from workbench.app.uploads import clean_name, unpack
 from workbench.cli import main
 from workbench.mistakes import InputError
-from workbench.narrator.diagnosis import diagnosis_json
+from workbench.narrator.diagnosis import write_diagnosis
 from workbench.processes import Workers
 
 IDS = ["0" * 32, "1" * 32]
@@ -64,7 +64,7 @@ def swing() -> Recording:
 @pytest.fixture(scope="module")
 def state(swing: Recording) -> State:
     """A session's that looks for two effects alone."""
-    return State((loaded(swing),), asked=Asked(only="stribeck,quadratic_drag"))
+    return State((loaded(swing),), asked=SearchChoices(only="stribeck,quadratic_drag"))
 
 
 # ------------------------------------------------------------------------------------------------ files
@@ -75,7 +75,7 @@ def test_an_upload_lies_in_its_folder_whatever_its_name(tmp_path, name):
     file = unpack(tmp_path, name, url(b"x"))
     assert file.resolve().parent == tmp_path.resolve() and file.read_bytes() == b"x"
     assert len(file.name.encode()) < 200 and file.name.isprintable()
-    assert safe_name("Montag früh (1).csv.gz") == "Montag früh (1).csv.gz"
+    assert clean_name("Montag früh (1).csv.gz") == "Montag früh (1).csv.gz"
 
 
 def test_an_upload_that_is_damaged_is_refused(session):
@@ -110,18 +110,23 @@ def servo(swing: Recording) -> bytes:
     return f"clock,motor angle,mode,current\n{text}".encode()
 
 
-SERVO = [Choice("time", "ms"), Choice("position", "deg", "*-1/6"), Choice(), Choice("torque", "A", "0.091")]
+SERVO = [
+    ColumnChoice("time", "ms"),
+    ColumnChoice("position", "deg", "*-1/6"),
+    ColumnChoice(),
+    ColumnChoice("torque", "A", "0.091"),
+]
 
 
 def test_what_the_card_says_is_what_the_command_line_says(session, swing, tmp_path, monkeypatch, refused):
     (tmp_path / "run.csv").write_bytes(servo(swing))
     monkeypatch.chdir(tmp_path)
     upload(session, "run.csv", servo(swing))
-    for wrong, told in ((Choice("torque"), "current"), (Choice("torque", "A", "*2*x"), "current:A*2*x")):
+    for wrong, told in ((ColumnChoice("torque"), "current"), (ColumnChoice("torque", "A", "*2*x"), "current:A*2*x")):
         session.act(lambda wrong=wrong: session.answer(session.cards[0].told([*SERVO[:3], wrong], False, (None, None))))
         said = refused("identify", "run.csv", f"--columns=time=clock:ms,position=-motor angle:deg/6,torque={told}")
         assert said == f"pendulum-ident: {session.cards[0].why}\n"
-    twice = [SERVO[0], *[Choice("position")] * 3]
+    twice = [SERVO[0], *[ColumnChoice("position")] * 3]
     session.act(lambda: session.answer(session.cards[0].told(twice, False, (None, None))))
     assert "'motor angle', 'mode' and 'current' are all to be position: choose one" in session.cards[0].why
 
@@ -142,7 +147,7 @@ def test_columns_of_a_loaded_recording_can_be_named_anew_over_a_range(session, s
     (card,) = session.cards
     roles = dict(zip(card.preview.headers, card.choices, strict=True))
     assert {name: choice.role for name, choice in roles.items()} == {name: name for name in roles} and card.why == ""
-    roles |= {"velocity": Choice(), "torque": Choice("torque", "", "*2")}
+    roles |= {"velocity": ColumnChoice(), "torque": ColumnChoice("torque", "", "*2")}
     asked = card.told([roles[name] for name in card.preview.headers], False, (2.0, None))
     session.act(lambda: session.answer(asked))
     (one,) = session.state.loaded
@@ -161,7 +166,7 @@ def test_columns_of_a_loaded_recording_can_be_named_anew_over_a_range(session, s
     ],
 )
 def test_the_card_says_in_which_unit_a_column_is_understood(role, text, said):
-    assert understood(role, text, ("clock", "phi [deg]", "w_rpm", "iq")) == said
+    assert describe_unit(role, text, ("clock", "phi [deg]", "w_rpm", "iq")) == said
 
 
 def test_an_end_waits_for_no_answer_that_takes_long():
@@ -190,7 +195,7 @@ def test_work_goes_on_from_the_study_the_model_and_the_recordings_that_were_save
     state = session.state
     state = state.with_step(add(state.model, "stribeck", state.train, state.holdout))
     again = reloaded(state, tmp_path / "again")
-    assert again.notice == "" and not again.cards and study(again.state) == study(state)
+    assert again.notice == "" and not again.cards and write_study_text(again.state) == write_study_text(state)
     for old, new in zip(state.loaded, again.state.loaded, strict=True):
         assert new.id == old.id and new.held_out == old.held_out
         assert new.recording.torque_unit == old.recording.torque_unit
@@ -201,7 +206,7 @@ def test_work_goes_on_from_the_study_the_model_and_the_recordings_that_were_save
     assert again.last_change == "start from model.json"
     again.act(again.undo)
     assert again.state.model.effects == () and len(again.state.loaded) == 2
-    upload(alone := Session(tmp_path / "alone"), "study.toml", study(state).encode())
+    upload(alone := Session(tmp_path / "alone"), "study.toml", write_study_text(state).encode())
     assert "drop both here together" in alone.notice and alone.state.loaded == ()
 
 
@@ -213,7 +218,7 @@ def test_a_study_may_use_several_ranges_of_a_file(session, swing, tmp_path):
     assert session.notice == "" and [one.held_out for one in session.state.loaded] == [False, True]
     assert [one.id for one in session.state.loaded] == ["swing.csv", "swing.csv (2)"]
     assert session.state.seconds == pytest.approx(9.0, abs=0.01)
-    (tmp_path / "study.toml").write_text(study(session.state))
+    (tmp_path / "study.toml").write_text(write_study_text(session.state))
     assert [source.range for source in read_sources(tmp_path / "study.toml")] == [(0, 6), (6, 9)]
     upload(session, "study.toml", b"[[recording]]")
     assert session.notice.startswith("study.toml: 'recording[0]' lacks 'file'")
@@ -319,15 +324,15 @@ def test_only_this_computer_is_answered():
 
 
 def test_a_form_becomes_options_and_cannot_pass_for_others():
-    assert {"--excitation=rl", "--policy=rms"} <= set(options(run_form("rl-rms")))
-    assert "--excitation=rl-/tmp/own.npz" in options(run_form("rl-/tmp/own.npz"))  # which knows no such name
-    words = options(run_form(effect="stribeck=0.4 --output=elsewhere.csv", seed=3))
+    assert {"--excitation=rl", "--policy=rms"} <= set(read_options(run_form("rl-rms")))
+    assert "--excitation=rl-/tmp/own.npz" in read_options(run_form("rl-/tmp/own.npz"))  # which knows no such name
+    words = read_options(run_form(effect="stribeck=0.4 --output=elsewhere.csv", seed=3))
     assert all(word.count("--") <= 1 or word.startswith("--effect=") for word in words)
     assert words[-1] == "--seed=3"
     with pytest.raises(InputError, match="lasts from 1"):
-        options(run_form(seconds=None))
+        read_options(run_form(seconds=None))
     with pytest.raises(InputError, match="bound of its own"):
-        options(run_form("rl-rms", amplitude=3.0))
+        read_options(run_form("rl-rms", amplitude=3.0))
 
 
 # ------------------------------------------------------------------------------------------------ states
@@ -378,7 +383,7 @@ def test_where_identify_fits_more_than_the_workbench_the_page_says_so(session, s
         written(recording, tmp_path)
     session.state = State(tuple(loaded(one, held_out=one is not swing) for one in recordings))
     monkeypatch.chdir(tmp_path)
-    (line,) = commands(session.state).splitlines()
+    (line,) = write_commands(session.state).splitlines()
     assert main(shlex.split(line)[1:]) == 0
     agrees = Model.load("model.json").theta == pytest.approx(session.state.model.theta, rel=1e-6)
     assert agrees == held_out
@@ -392,9 +397,9 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(s
         (tmp_path / file).write_bytes(servo(late))
     session.act(lambda: session.hold_out("check.csv", True))
     session.state = session.state.anew(is_aligned=True)
-    (tmp_path / "study.toml").write_text(study(session.state))
+    (tmp_path / "study.toml").write_text(write_study_text(session.state))
     monkeypatch.chdir(tmp_path)
-    assert commands(session.state) == "pendulum-ident identify study.toml --align -o model.json"
+    assert write_commands(session.state) == "pendulum-ident identify study.toml --align -o model.json"
     assert export.BESIDE in str(export.show(session))
     comes_to_the_same(session.state, "shell", "Python")
 
@@ -414,11 +419,11 @@ def test_every_effect_has_a_picture_beside_the_residual(session, worked):
 
 def test_an_experiment_that_is_suggested_is_saved(session, tmp_path):
     with pytest.raises(InputError, match="the diagnosis suggests no experiment"):
-        export.file(session.state, "experiment", "")
+        export.make_file(session.state, "experiment", "")
     wagging, found = wagged("a spring at small angles")
     session.act(lambda: session.load([written(wagging, tmp_path)]))
     session.state = session.state.diagnosed(found)
-    rows = np.loadtxt(io.BytesIO(export.file(session.state, "experiment", "")[1]), delimiter=",", skiprows=1)
+    rows = np.loadtxt(io.BytesIO(export.make_file(session.state, "experiment", "")[1]), delimiter=",", skiprows=1)
     assert rows.shape[1] == 2 and np.abs(rows[:, 1]).max() > 1.0
 
 
@@ -426,18 +431,18 @@ def test_an_experiment_that_is_suggested_is_saved(session, tmp_path):
 
 
 def test_a_box_selects_the_same_windows_in_every_view(state):
-    points = compare._points(state, state.loaded[0].id)
+    points = compare._find_points(state, state.loaded[0].id)
     x = points.samples
-    upright = inside(x, PHASE, {"x": [-1.0, 1.0], "y": [8.0, 0.0]})
+    upright = select_box(x, PHASE, {"x": [-1.0, 1.0], "y": [8.0, 0.0]})
     assert np.array_equal(upright, (np.abs(x.position) <= 1) & (x.velocity >= 0) & (x.velocity <= 8))
-    assert np.array_equal(upright, inside(x, MAP, {"x": [-1.0, 1.0], "y": [0.0, 8.0]}))  # less than a turn
-    early = inside(x, TIME, {"x": [0.0, 2.0], "y2": [-0.1, 0.1]})
+    assert np.array_equal(upright, select_box(x, MAP, {"x": [-1.0, 1.0], "y": [0.0, 8.0]}))  # less than a turn
+    early = select_box(x, TIME, {"x": [0.0, 2.0], "y2": [-0.1, 0.1]})
     assert x.time[early].max() <= 2.0 < x.time[~early].min()
-    traces = lit(points, early, 0)
+    traces = highlight(points, early, 0)
     assert len(traces[TIME]) == 2 and max(traces[TIME][0]["x"]) <= 2.0
     assert len(traces[MAP][0]["x"]) == len(traces[PHASE][0]["x"]) == len(traces[TIME][0]["x"])
     region = next(region for region in state.told.unexplained if region.axis == "velocity")
-    chosen = x.velocity[within(x, region)]
+    chosen = x.velocity[select_region(x, region)]
     assert len(chosen) and chosen.min() >= region.low and chosen.max() <= region.high
 
 
@@ -462,7 +467,7 @@ def test_a_card_begins_with_what_is_said_of_its_columns_and_reads_as_they_do(tmp
     rows = np.column_stack([time, -6 * np.degrees(np.sin(time)) + 180, np.cos(time), np.cos(time)])
     np.savetxt(file, rows, delimiter=",", header="t,motor,i,speed", comments="")
     said = {"position": "-motor:deg/6+30:deg", "torque": "i:A*0.1", "velocity": "unused"}
-    card = Card.of(Source(file, columns=said))
+    card = ColumnCard.of(Source(file, columns=said))
     first, again = Source(file, columns=said).read(), card.asked().read()
     np.testing.assert_allclose(again.position, first.position, rtol=1e-12)
     np.testing.assert_allclose(again.torque, first.torque, rtol=1e-12)
@@ -472,7 +477,9 @@ def test_a_card_begins_with_what_is_said_of_its_columns_and_reads_as_they_do(tmp
         card.told(both, False, (None, None)).asked()
 
 
-ASKED = Asked(only="stribeck,quadratic_drag,spring", without="spring", fix="gravity=2.01", bound="viscous=0:0.2")
+ASKED = SearchChoices(
+    only="stribeck,quadratic_drag,spring", without="spring", fix="gravity=2.01", bound="viscous=0:0.2"
+)
 
 
 @pytest.fixture(scope="module")
@@ -503,18 +510,18 @@ def test_what_is_asked_for_gives_what_the_command_line_gives(asked):
     made = asked.state.model.estimates
     assert made["gravity"].value == 2.01 and made["viscous"].value <= 0.2
     comes_to_the_same(asked.state, "shell", "Python")
-    assert json.loads(Path("diagnosis.json").read_text()) == json.loads(json.dumps(diagnosis_json(found)))
+    assert json.loads(Path("diagnosis.json").read_text()) == json.loads(json.dumps(write_diagnosis(found)))
 
 
 def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(asked):
     before = asked.state
-    diagnose.look_for(asked, Asked(only="stribeck"))
+    diagnose.choose_search(asked, SearchChoices(only="stribeck"))
     assert asked.state.prepared is before.prepared
-    diagnose.look_for(asked, Asked(bound="gravity=:1.5"))
+    diagnose.choose_search(asked, SearchChoices(bound="gravity=:1.5"))
     assert asked.state.model.estimates["gravity"].value == pytest.approx(1.5)
     asked.state = asked.state.anew(loaded=asked.state.loaded)  # perhaps other recordings: the same bounds
     assert asked.state.model.estimates["gravity"].value == pytest.approx(1.5)
-    diagnose.look_for(asked, NOTHING)
+    diagnose.choose_search(asked, NO_CHOICES)
     assert asked.state.model.theta == pytest.approx(before.model.theta)
 
 
@@ -524,11 +531,11 @@ def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(aske
 )
 def test_a_mistake_is_told_in_the_words_of_the_command_line(asked, field, wrong, refused):
     before = asked.state
-    asked.act(lambda: diagnose.look_for(asked, Asked(**{field: wrong})))
+    asked.act(lambda: diagnose.choose_search(asked, SearchChoices(**{field: wrong})))
     assert asked.state is before and asked.job is None
     assert asked.notice != "" and asked.notice in refused("diagnose", "swing.csv", f"--{field}={wrong}")
 
 
 def test_fields_of_the_form_become_options():
     form = {"ask-only": ["stribeck", "cogging"], "ask-without": None, "ask-fix": " gravity=2 ", "ask-bound": ""}
-    assert Asked.of(form) == Asked("stribeck,cogging", "", "gravity=2")
+    assert SearchChoices.of(form) == SearchChoices("stribeck,cogging", "", "gravity=2")

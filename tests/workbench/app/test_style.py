@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.report.page import shared
+from workbench.report.page import read_shared
 
 APP = Path(__file__).parents[3] / "workbench" / "app" / "assets" / "app.css"
 BACKGROUNDS = ("--page", "--surface", "--raised")
@@ -24,7 +24,7 @@ MARKS = [
 def colors(theme: str) -> dict[str, str]:
     """Colours of a theme, those of the app over those of the report."""
     found: dict[str, str] = {}
-    for style in (shared("style.css"), APP.read_text(encoding="utf-8")):
+    for style in (read_shared("style.css"), APP.read_text(encoding="utf-8")):
         light = re.findall(r":root \{(.*?)\}", style, re.DOTALL)
         dark = re.findall(r':root\[data-theme="dark"\] \{(.*?)\}', style, re.DOTALL)
         for block in [*light, *(dark if theme == "dark" else [])]:

@@ -1,9 +1,9 @@
 """Every change of a session is taken back."""
 
 from tests.workbench.app.plants import recorded, upload, written
-from workbench.app.asked import Asked
+from workbench.app.asked import SearchChoices
 from workbench.app.session import UNDONE, Session
-from workbench.app.stages.diagnose import look_for
+from workbench.app.stages.diagnose import choose_search
 from workbench.app.state import State
 
 
@@ -14,13 +14,13 @@ def test_every_change_is_taken_back_in_turn(tmp_path):
     for do, what in (
         (lambda: session.load(sources), "load swing and check"),
         (lambda: session.hold_out("check.csv", True), "fit or check"),
-        (lambda: look_for(session, Asked(fix="gravity=2")), "choose what is looked for"),
+        (lambda: choose_search(session, SearchChoices(fix="gravity=2")), "choose what is looked for"),
         (lambda: session.remove("check.csv"), "remove check"),
     ):
         known.append((session.state, what))
         session.act(do)
         assert session.notice == "" and session.last_change == what
-        session.act(lambda: look_for(session, session.state.asked))
+        session.act(lambda: choose_search(session, session.state.asked))
         assert session.last_change == what  # what changes nothing is no change
     for before, what in reversed(known):
         assert session.last_change == what
@@ -51,7 +51,7 @@ def test_a_recording_that_was_removed_comes_back_though_another_took_its_name(tm
 def test_only_the_latest_changes_are_taken_back(tmp_path):
     session = Session(tmp_path / "session")
     for k in range(UNDONE + 1):
-        session.act(lambda k=k: look_for(session, Asked(fix=f"gravity={k + 1}")))
+        session.act(lambda k=k: choose_search(session, SearchChoices(fix=f"gravity={k + 1}")))
     for _ in range(UNDONE):
         session.act(session.undo)
     assert session.notice == "" and session.last_change == "" and session.state.asked.fix == "gravity=1"

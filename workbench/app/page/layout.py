@@ -13,22 +13,22 @@ from pendulum_env.formatting import capitalise, format_number, join_words
 from pendulum_env.lookup import find
 from workbench.app import uploads
 from workbench.app.card import COLUMN
-from workbench.app.parts import LINKED, PLOT, SPEC, aria, button
+from workbench.app.parts import LINKED, PLOT, SPEC, make_aria, make_button
 from workbench.app.session import Form, Session, Sessions, Stage
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
-from workbench.narrator.diagnosis import describe_errors, headline
-from workbench.narrator.effects import name
-from workbench.narrator.results import ends
-from workbench.report.page import shared
+from workbench.narrator.diagnosis import describe_errors, describe_result
+from workbench.narrator.effects import name_effect
+from workbench.narrator.results import get_end_errors
+from workbench.report.page import read_shared
 
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 VERSION = Output("version", "data", allow_duplicate=True)
 
 
-def index() -> str:
-    """The document: style and scripts of the report are part of it, so that both look alike before anything loads."""
+def write_index() -> str:
+    """Write the document with the style and the scripts of the report."""
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -36,10 +36,10 @@ def index() -> str:
 {{%metas%}}
 <title>{{%title%}}</title>
 <link rel="icon" href="data:,">
-<style>{shared("style.css")}</style>
+<style>{read_shared("style.css")}</style>
 {{%css%}}
-<script>{shared("theme.js")}</script>
-<script>{shared("plot.js")}</script>
+<script>{read_shared("theme.js")}</script>
+<script>{read_shared("plot.js")}</script>
 </head>
 <body>
 {{%app_entry%}}
@@ -52,14 +52,14 @@ def index() -> str:
 </html>"""
 
 
-def page() -> Component:
+def make_page() -> Component:
     """Lay out what every visitor gets; the rest follows from the session."""
     most: dict[str, Any] = {"data-most": str(uploads.LARGEST)}  # so that the page can say why it refuses a file
     brand = html.Span("pendulum-ident", className="brand")
-    stages = html.Nav(navigation(STAGES[0], NO_RECORDING), id="nav", **aria(label="Stages"))
-    switch = aria(label="Switch between light and dark")
+    stages = html.Nav(make_navigation(STAGES[0], NO_RECORDING), id="nav", **make_aria(label="Stages"))
+    switch = make_aria(label="Switch between light and dark")
     theme = html.Button(html.Span("Theme"), id="theme", type="button", **switch)
-    story = html.Div(id="story", className="so-far", **aria(live="polite"))
+    story = html.Div(id="story", className="so-far", **make_aria(live="polite"))
     stage = html.Div(id="stage", tabIndex=-1)
     return html.Div(
         [
@@ -80,13 +80,13 @@ def page() -> Component:
     )
 
 
-def navigation(here: Stage, trouble: str) -> list[Component]:
-    """Links to the stages that can be entered; `trouble`: why there is no model."""
+def make_navigation(here: Stage, trouble: str) -> list[Component]:
+    """Make the links to the stages that can be entered; `trouble`: why there is no model."""
 
     def link(stage: Stage) -> Component:
-        now = aria(current="page") if stage is here else {}
+        now = make_aria(current="page") if stage is here else {}
         if stage.needs_model and trouble:
-            now |= {"title": capitalise(trouble), **aria(disabled="true")}
+            now |= {"title": capitalise(trouble), **make_aria(disabled="true")}
         else:
             now["href"] = f"#{stage.id}"
         return html.A(stage.title, id=f"to-{stage.id}", **now)
@@ -94,18 +94,18 @@ def navigation(here: Stage, trouble: str) -> list[Component]:
     return [link(stage) for stage in STAGES]
 
 
-def story_so_far(state: Work) -> list[Component]:
+def show_state(state: Work) -> list[Component]:
     """Show the headline, and the numbers behind it."""
     kicker, title, lead = describe_state(state)
     return [html.P(kicker, className="kicker"), html.H1(title), html.P(lead, className="lead")]
 
 
-def steps(session: Session) -> list[Component]:
+def show_undo(session: Session) -> list[Component]:
     """Show the way back."""
     what = session.last_change
     if not (what or session.state.loaded):
         return []
-    back = button(f"Undo: {what}" if what else "Undo", "back", disabled=session.busy() or not what)
+    back = make_button(f"Undo: {what}" if what else "Undo", "back", disabled=session.busy() or not what)
     return [html.Div(back, className="row")]
 
 
@@ -122,32 +122,32 @@ def describe_state(state: Work) -> tuple[str, str, str]:
     kicker = f"{robot}{count} recording{'s' if count != 1 else ''}, {state.seconds:.3g} s"
     if state.trouble:
         return kicker, "Nothing can be fitted yet", f"{capitalise(state.trouble)}."
-    kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name(effect)}' for effect in state.added)}"
+    kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name_effect(effect)}' for effect in state.added)}"
     lead = f"{capitalise(describe_errors(replace(state.told, steps=state.ladder)))}."
     if state.found:
-        found = join_words([name(effect) for effect in state.found])
+        found = join_words([name_effect(effect) for effect in state.found])
         lead += f" With {found}: {describe_errors(state.told)}."
     if state.found or not state.added:
-        return kicker, headline(state.told), lead
-    (first, last), names = ends(state.ladder), join_words([name(effect) for effect in state.added])
+        return kicker, describe_result(state.told), lead
+    (first, last), names = get_end_errors(state.ladder), join_words([name_effect(effect) for effect in state.added])
     smaller, joint = max((first.at(at) / last.at(at), at) for at in state.told.floors)
     error = f"torque error of {joint}" if joint else "torque error"
     return kicker, f"With {names} the {error} is {format_number(smaller, 2)} times smaller", lead
 
 
-def running(session: Session) -> list[Component]:
+def show_job(session: Session) -> list[Component]:
     """Render the running job, its duration, and a button to cancel it."""
     job = session.job
     if job is None or not job.running:
         return []
     said = f" {job.what} · {job.elapsed:.0f}{NBSP}s so far"
     what = html.Div([html.Strong(job.title), html.Span(said, className="note")])
-    bar = html.Progress(value=str(round(job.share, 3)), max="1", **aria(label=job.title))
-    return [html.Div([what, bar], className="running-text"), button("Cancel", "cancel")]
+    bar = html.Progress(value=str(round(job.share, 3)), max="1", **make_aria(label=job.title))
+    return [html.Div([what, bar], className="running-text"), make_button("Cancel", "cancel")]
 
 
 def show(session: Session, stage: Stage) -> list[Component]:
-    """A stage, or the way to it."""
+    """Show a stage, or the way to it."""
     if stage.needs_model and session.state.trouble:
         why = html.P(f"{capitalise(session.state.trouble)}.")
         return [html.Section([why, html.A("Go to Data", href="#data")], className="panel empty")]
@@ -182,8 +182,8 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
             if ctx.triggered_id == "url":
                 session.notice = ""  # it was about another stage
         return (
-            navigation(stage, session.state.trouble),
-            [*story_so_far(session.state), *steps(session)],
+            make_navigation(stage, session.state.trouble),
+            [*show_state(session.state), *show_undo(session)],
             session.notice,
             html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
         )
@@ -197,7 +197,7 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
         prevent_initial_call="initial_duplicate",
     )
     def watch(id: str | None, _: str | None, version: int, __: int) -> tuple[Any, ...]:
-        """The one owner of the progress bar, so that no late answer can bring it back."""
+        """Draw the progress bar, whose one owner this is: no late answer brings it back."""
         if id is None:
             raise PreventUpdate
         session = sessions.of(id)
@@ -205,7 +205,7 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
             busy = session.busy()
             # a page that has just been loaded is drawn already: it only has to learn when its job is over
             changed = session.version != version if version else ctx.triggered_id == "poll" and not busy
-            return running(session), not busy, session.version if changed else no_update
+            return show_job(session), not busy, session.version if changed else no_update
 
 
 def _connect_actions(app: Dash, sessions: Sessions) -> None:
@@ -239,7 +239,7 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
         if asked["do"] == "cancel":  # at once, whatever goes on
             session.cancel()
             return session.version
-        return act(session, asked["do"], asked["of"], filled(ctx.states_list))
+        return act(session, asked["do"], asked["of"], collect_form(ctx.states_list))
 
     @app.callback(VERSION, Input("came", "data"), State("session", "data"), prevent_initial_call=True)
     def take(came: Form, id: str) -> int:
@@ -256,15 +256,15 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
     def choose(*values: Any) -> int:
         session = sessions.of(values[-1])
         with session.lock:
-            form, card = filled(ctx.states_list), next(iter(session.cards), None)
+            form, card = collect_form(ctx.states_list), next(iter(session.cards), None)
             if card is None or len(values[0]) != len(card.choices) or card.is_as(asked := card.filled(form)):
                 raise PreventUpdate  # controls that have just appeared
             session.act(lambda: setattr(session, "cards", (asked, *session.cards[1:])))
             return session.version
 
 
-def filled(groups: Sequence[Any]) -> dict[str, Any]:
-    """Values of the controls on the page, as Dash lists them, by name: `field`, or `field:k` of one of several."""
+def collect_form(groups: Sequence[Any]) -> dict[str, Any]:
+    """Collect the values of the controls on the page by name: `field`, or `field:k` of one of several."""
     controls = [one for group in groups if isinstance(group, list) for one in group]
     return {":".join(str(part) for part in one["id"].values()): one.get("value") for one in controls}
 

@@ -18,8 +18,8 @@ from pendulum_env.recording import Source
 from workbench.app import uploads
 from workbench.app.page import layout
 from workbench.app.session import Sessions
-from workbench.mistakes import MISTAKES, InputError, sentence
-from workbench.report.page import plotly
+from workbench.mistakes import USER_ERRORS, InputError, format_mistake
+from workbench.report.page import pack_plotly
 from workbench.robot import RobotFile
 
 log = logging.getLogger("workbench.app")
@@ -36,7 +36,7 @@ def make_app(
     recordings: Sequence[Source] = (),
     robot: RobotFile | None = None,
 ) -> tuple[Dash, Sessions]:
-    """The app, and its sessions with their workers; close them in the end.
+    """Make the app, and its sessions with their workers; close them in the end.
 
     Args:
         recordings: what every session begins with.
@@ -45,7 +45,7 @@ def make_app(
     app = Dash(
         "pendulum-ident",
         assets_folder=str(Path(__file__).parents[1] / "assets"),
-        index_string=layout.index(),
+        index_string=layout.write_index(),
         title="pendulum-ident",
         update_title="",
         suppress_callback_exceptions=True,  # stages come and go
@@ -53,22 +53,24 @@ def make_app(
         compress=False,
         enable_mcp=False,
         add_log_handler=False,
-        on_error=_excuse,
+        on_error=_report_error,
     )
     sessions = Sessions(recordings, robot)
-    app.layout = layout.page()
+    app.layout = layout.make_page()
     layout.connect(app, sessions)
     _guard(app.server)
     return app, sessions
 
 
-def _excuse(error: Exception) -> None:
+def _report_error(error: Exception) -> None:
     """Tell in the page why nothing came of what somebody did there: a file that has gone, or a mistake of ours."""
-    if isinstance(error, MISTAKES):
-        text = sentence(error)
+    if isinstance(error, USER_ERRORS):
+        text = format_mistake(error)
     else:
         last = traceback.extract_tb(error.__traceback__)[-1]
-        log.error("an answer to the page failed: %s, in %s, line %d", _told(error), last.filename, last.lineno)
+        log.error(
+            "an answer to the page failed: %s, in %s, line %d", _describe_error(error), last.filename, last.lineno
+        )
         text = "something went wrong, which the terminal tells: load the page again"
     set_props("notice", {"children": text})
 
@@ -81,7 +83,7 @@ def _guard(server: flask.Flask) -> None:
     def senseless(error: Exception) -> flask.Response | HTTPException:
         if isinstance(error, HTTPException):
             return error
-        log.warning("a request made no sense: %s", _told(error))
+        log.warning("a request made no sense: %s", _describe_error(error))
         return flask.Response("this request makes no sense", status=400, mimetype="text/plain")
 
     @server.before_request
@@ -98,12 +100,12 @@ def _guard(server: flask.Flask) -> None:
         return response
 
 
-def _told(error: Exception) -> str:
+def _describe_error(error: Exception) -> str:
     """Describe a failed request in one line."""
-    return sentence(InputError(repr(error)))
+    return format_mistake(InputError(repr(error)))
 
 
-class _Silent(WSGIRequestHandler):
+class _SilentHandler(WSGIRequestHandler):
     """Says nothing about requests, and ends those that do not go on."""
 
     timeout = 60.0  # [s] in the middle of a request, after which it is not waited for
@@ -125,14 +127,14 @@ class Server:
             app, self.sessions = make_app(**shown)
             number = listening.getsockname()[1]
             self._server = make_server(
-                HOST, number, app.server, threaded=True, request_handler=_Silent, fd=listening.fileno()
+                HOST, number, app.server, threaded=True, request_handler=_SilentHandler, fd=listening.fileno()
             )
         self.address = f"http://{HOST}:{number}/"
 
     def serve(self) -> None:
         """Answer until an interrupt comes."""
         self.sessions.workers.warm()
-        Thread(target=plotly, daemon=True).start()  # packing it takes a moment, and is done once
+        Thread(target=pack_plotly, daemon=True).start()  # packing it takes a moment, and is done once
         self._server.serve_forever()
 
     def close(self) -> None:

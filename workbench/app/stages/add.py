@@ -12,32 +12,40 @@ from estimators.diagnosis.addition import add
 from estimators.diagnosis.result import Addition
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.formatting import capitalise
-from workbench.app.parts import button, effects_to_choose, field, fragment, graph, labelled, panel
+from workbench.app.parts import (
+    label_control,
+    list_choices,
+    make_button,
+    make_fragment,
+    make_graph,
+    make_panel,
+    name_field,
+)
 from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.mistakes import InputError
 from workbench.narrator.addition import describe_table
 from workbench.narrator.diagnosis import describe_errors
-from workbench.narrator.effects import name
-from workbench.report.arm import joints
-from workbench.report.numbers import errors
+from workbench.narrator.effects import name_effect
+from workbench.report.arm import make_joints
+from workbench.report.numbers import make_errors
 
 
 def show(session: Session) -> list[Component]:
     """Render possible effects, the added steps, and their errors."""
     state, busy = session.state, session.busy()
-    undo = [button(f"Take {name(state.added[-1])} out", "undo", disabled=busy)] if state.added else []
-    offer = choice(state, busy, effects_to_choose(state.body, tables=True))
+    undo = [make_button(f"Take {name_effect(state.added[-1])} out", "undo", disabled=busy)] if state.added else []
+    offer = show_choice(state, busy, list_choices(state.body, tables=True))
     if state.robot is not None:
         rungs = [("base model" if rung.added is None else f"+ {rung.added}", "", rung) for rung in state.ladder]
-        section = joints(rungs, "held-out data", "", state.told.floors)
-        return [offer, panel("Errors step by step", fragment(section), *undo)]
-    section = errors(state.standing)
-    plots = html.Div([graph(figure) for figure in section.content["figures"]], className="columns even")
-    fall = panel(section.title, html.P(describe_step(state), className="before-after"), plots, *undo)
+        section = make_joints(rungs, "held-out data", "", state.told.floors)
+        return [offer, make_panel("Errors step by step", make_fragment(section), *undo)]
+    section = make_errors(state.standing)
+    plots = html.Div([make_graph(figure) for figure in section.content["figures"]], className="columns even")
+    fall = make_panel(section.title, html.P(describe_step(state), className="before-after"), plots, *undo)
     return [
         *([offer, fall] if state.found or not state.added else [fall, offer]),
-        panel("Errors step by step", fragment(section)),
+        make_panel("Errors step by step", make_fragment(section)),
     ]
 
 
@@ -49,21 +57,21 @@ def describe_step(state: Work) -> str:
     return " ".join([f"{capitalise(errors)}.", *filter(None, [describe_table(state.ladder[-1])])])
 
 
-def calls(state: Work, busy: bool) -> Component:
+def show_calls(state: Work, busy: bool) -> Component:
     """Render the effects that the diagnosis selected, or the next step if all are added."""
     if state.diagnosis is None:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
-    offers = [(f"Add {name(effect)}", effect) for effect in state.found]
+    offers = [(f"Add {name_effect(effect)}", effect) for effect in state.found]
     table = next(iter(state.told.tables), None)  # a function that no effect is and that would explain what is left
     if not offers and table is not None and table not in state.model.effects:
-        offers = [(f"Keep {name(table)} as a table", table)]
-    presses = [button(label, "add", id, primary=k == 0, disabled=busy) for k, (label, id) in enumerate(offers)]
-    why = html.P("The diagnosis calls for it:" if state.found else settled(state))
+        offers = [(f"Keep {name_effect(table)} as a table", table)]
+    presses = [make_button(label, "add", id, primary=k == 0, disabled=busy) for k, (label, id) in enumerate(offers)]
+    why = html.P("The diagnosis calls for it:" if state.found else describe_rest(state))
     return html.Div([why, html.Div(presses, className="row")])
 
 
-def settled(state: Work) -> str:
+def describe_rest(state: Work) -> str:
     """Render the next step after all selected effects are added."""
     rest = "something is left that no effect of the library explains" if state.told.unexplained else ""
     if not state.called:
@@ -71,14 +79,16 @@ def settled(state: Work) -> str:
     return f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
 
 
-def choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
+def show_choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
     """Render the choice between selected effects and any effect of the library."""
     others = {id: label for id, label in known.items() if id not in state.model.effects}
     kept = f"beyond {' '.join(state.model.effects)}"  # a model with an effect more asks anew
     more: dict[str, Any] = {"placeholder": "choose", "persistence": kept, "persistence_type": "session"}
-    library = labelled("Any effect of the library, or a table", dcc.Dropdown(others, None, id=field("any"), **more))
-    any_of_them = html.Div([library, button("Add it", "add-any", disabled=busy)], className="fields wide")
-    return panel("Add an effect", calls(state, busy), any_of_them)
+    library = label_control(
+        "Any effect of the library, or a table", dcc.Dropdown(others, None, id=name_field("any"), **more)
+    )
+    any_of_them = html.Div([library, make_button("Add it", "add-any", disabled=busy)], className="fields wide")
+    return make_panel("Add an effect", show_calls(state, busy), any_of_them)
 
 
 def start(session: Session, id: str | None) -> None:
@@ -91,20 +101,20 @@ def start(session: Session, id: str | None) -> None:
     state = session.state
     kind = find_kind(id, state.body)
     if kind.id in state.model.effects:
-        raise InputError(f"{name(id)} is in the model already")
+        raise InputError(f"{name_effect(id)} is in the model already")
     task = partial(add, state.model, id, state.train, state.holdout, **state.asked.limits)
 
     def keep(added: Addition) -> None:
-        session.change(f"add {name(id)}", session.state.with_step(added))
+        session.change(f"add {name_effect(id)}", session.state.with_step(added))
 
-    session.work(f"Adding {name(id)}", task, keep)
+    session.work(f"Adding {name_effect(id)}", task, keep)
 
 
 def undo(session: Session) -> None:
     """Take the last effect out of the ladder."""
     state = session.state
     if state.added:
-        session.change(f"take {name(state.added[-1])} out", state.without_step())
+        session.change(f"take {name_effect(state.added[-1])} out", state.without_step())
 
 
 STAGE = Stage(

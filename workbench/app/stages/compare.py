@@ -22,15 +22,15 @@ from pendulum_env.formatting import capitalise, format_number
 from pendulum_env.physics import Samples
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
-from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, graph, labelled, panel
+from workbench.app.parts import LINKED, label_control, list_choices, make_dropdown, make_graph, make_panel, name_field
 from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import describe_region
-from workbench.narrator.effects import description
-from workbench.report.arm import strips
-from workbench.report.case import Case, ends
-from workbench.report.comparison import position_figure, torque_figure
-from workbench.report.failures import planes, profile_figure
+from workbench.narrator.effects import find_description
+from workbench.report.arm import make_strips
+from workbench.report.case import ReportData, list_ends
+from workbench.report.comparison import plot_position, plot_torque
+from workbench.report.failures import draw_planes, plot_profile
 
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."
@@ -40,16 +40,16 @@ LIT = 1500  # points of a selection that are drawn in one view
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class WindowPoints:
     """R windows of one recording under the models that are compared."""
 
-    case: Case  # the models, and what they were fitted to
+    case: ReportData  # the models, and what they were fitted to
     samples: Samples  # time, position, velocity and torque at the windows' centres (R,), SI
     residuals: tuple[Array, ...]  # measured minus modelled torque of each model (R,) [N m]
 
     @classmethod
-    def of(cls, case: Case, recording: Recording) -> Points:
-        """Windows of one of the recordings, fitted and held-out ones alike."""
+    def of(cls, case: ReportData, recording: Recording) -> WindowPoints:
+        """Return the windows of one of the recordings, fitted and held-out ones alike."""
         parts = []
         for prepared in case.data.parts:
             windows, x = prepared.data.windows, prepared.samples
@@ -61,7 +61,7 @@ class Points:
 
     @property
     def noise(self) -> float:
-        """Torque error that measurement noise alone gives [N m]."""
+        """Return the torque error that measurement noise alone gives [N m]."""
         return self.case.diagnosis.noise_floor
 
     def regions(self, shown: int) -> list[Region]:
@@ -69,13 +69,13 @@ class Points:
         return find_regions(self.samples, self.residuals[shown], self.noise, units=self.case.units)
 
 
-def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
-    """The three views; `shown` is the model whose residual the map shows."""
+def make_figures(points: WindowPoints, shown: int, name: str) -> dict[str, Figure]:
+    """Make the three views; `shown` is the model whose residual the map shows."""
     x, label = points.samples, points.case.models[shown][0]
-    cells, map_layout = planes(x, points.residuals, points.case.units)[shown]
+    cells, map_layout = draw_planes(x, points.residuals, points.case.units)[shown]
     select = {"dragmode": "select", "margin": {"t": 12, "r": 8}}
     dots, kept = thin(x.velocity, LIT), thin(x.velocity, 2 * LIT)
-    picked = _dots(wrap_angles(x.position[dots]), x.velocity[dots], "--text", 2, opacity=0.25, hoverinfo="skip")
+    picked = _draw_dots(wrap_angles(x.position[dots]), x.velocity[dots], "--text", 2, opacity=0.25, hoverinfo="skip")
     units = points.case.units
     speed = units.unit("rad/s")
     _, (q, v) = broken(x.time, kept, x.position, x.velocity)
@@ -89,14 +89,14 @@ def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
     return {
         MAP: Figure(MAP, about, [cells, picked], map_layout | select, 380),
         PHASE: Figure(PHASE, f"Phase plane, {name}", [motion], axes | select, 380),
-        TIME: _over_time(points, name),
+        TIME: _plot_time(points, name),
     }
 
 
-def _over_time(points: Points, name: str) -> Figure:
-    """Measured and modelled torque above what the models leave of it."""
+def _plot_time(points: WindowPoints, name: str) -> Figure:
+    """Plot measured and modelled torque above the residuals."""
     time, torque = points.samples.time, points.samples.torque
-    drawn = torque_figure(points.case, TIME, name, time, torque, points.residuals, points.noise)
+    drawn = plot_torque(points.case, TIME, name, time, torque, points.residuals, points.noise)
     layout = drawn.layout | {"dragmode": "select", "selectdirection": "h", "hovermode": "closest"}
     # ranges of all of it, so that nothing moves when a selection lights up
     layout["xaxis"]["range"] = span([time], 0.01)
@@ -105,14 +105,14 @@ def _over_time(points: Points, name: str) -> Figure:
     return Figure(TIME, drawn.label, drawn.data, layout, 420)
 
 
-def _dots(x: Array, y: Array, color: str, size: float, **more: object) -> JSON:
+def _draw_dots(x: Array, y: Array, color: str, size: float, **more: object) -> JSON:
     marker = {"color": color, "size": size}
     plain = {"type": "scatter", "mode": "markers", "x": numbers(x), "y": numbers(y), "marker": marker}
     return {**plain, "showlegend": False, **more}
 
 
-def inside(x: Samples, view: str, box: Mapping[str, Any]) -> Mask:
-    """Windows within a box that was drawn in a view; `box` is what plotly.js calls a range."""
+def select_box(x: Samples, view: str, box: Mapping[str, Any]) -> Mask:
+    """Select the windows within a box that was drawn in a view; `box` is a range of plotly.js."""
     ranges = {key[0]: sorted(map(float, ends)) for key, ends in box.items() if len(ends) == 2}
     (left, right), (low, high) = (ranges.get(key, [-np.inf, np.inf]) for key in "xy")
     if view == TIME:
@@ -121,22 +121,22 @@ def inside(x: Samples, view: str, box: Mapping[str, Any]) -> Mask:
     return (angle >= left) & (angle <= right) & (x.velocity >= low) & (x.velocity <= high)
 
 
-def within(x: Samples, region: Region) -> Mask:
-    """Windows within a region that stands out, which is not one of frequencies."""
+def select_region(x: Samples, region: Region) -> Mask:
+    """Select the windows within a region that stands out, which is not one of frequencies."""
     values: Array = getattr(x, region.axis)
     if region.axis == "position" and makes_whole_turns(values):
         values = wrap_angles(values)
     return (values >= region.low) & (values <= region.high)
 
 
-def lit(points: Points, selected: Mask, shown: int) -> dict[str, list[JSON]]:
-    """Traces that each view shows on top of its own for a selection (R,)."""
+def highlight(points: WindowPoints, selected: Mask, shown: int) -> dict[str, list[JSON]]:
+    """Draw the traces that each view shows on top of its own for a selection (R,)."""
     at, x, residual = np.flatnonzero(selected), points.samples, points.residuals[shown]
     at = at[thin(residual[at], LIT)] if len(at) else at
     q, v = x.position[at], x.velocity[at]
 
     def dots(x: Array, y: Array, **more: object) -> JSON:
-        return _dots(x, y, "--brush", 4, hoverinfo="skip", name="selected", **more)
+        return _draw_dots(x, y, "--brush", 4, hoverinfo="skip", name="selected", **more)
 
     return {
         MAP: [dots(wrap_angles(q), v)],
@@ -146,70 +146,70 @@ def lit(points: Points, selected: Mask, shown: int) -> dict[str, list[JSON]]:
 
 
 def show(session: Session) -> list[Component]:
-    """Which recording and model, then the views."""
+    """Show the choice of recording and model, then the views."""
     state = session.state
     names = [{"label": one.recording.name, "value": one.id} for one in state.loaded]
-    models: list[Any] = [{"label": label, "value": k} for k, (label, *_) in enumerate(ends(state.ladder))]
+    models: list[Any] = [{"label": label, "value": k} for k, (label, *_) in enumerate(list_ends(state.ladder))]
     last = len(models) - 1  # the one that the headline is about
     chosen = [  # of an arm, all are drawn, and nothing lights up
-        labelled("Residual of the", dcc.RadioItems(models, last, id="of", inline=True, className="pair")),
+        label_control("Residual of the", dcc.RadioItems(models, last, id="of", inline=True, className="pair")),
         html.Button("Clear selection", id="clear", type="button", n_clicks=0, className="action"),
     ]
-    recording = labelled("Recording", dropdown("shown", names, names[0]["value"], searchable=False))
+    recording = label_control("Recording", make_dropdown("shown", names, names[0]["value"], searchable=False))
     return [
         html.Div([recording, html.Div(chosen, hidden=state.robot is not None)], className="fields wide"),
         html.P(HINT, id="selected", className="brushed", role="status", hidden=state.robot is not None),
         dcc.Store(id="lit"),
-        html.Div(_views(state, names[0]["value"], last), id="views"),
+        html.Div(_show_views(state, names[0]["value"], last), id="views"),
     ]
 
 
-def _views(state: Work, id: str, shown: int) -> list[Component]:
-    """The regions of a recording that stand out, and three views of it; of an arm, a strip of plots a joint."""
+def _show_views(state: Work, id: str, shown: int) -> list[Component]:
+    """Show the regions of a recording that stand out, and three views of it; of an arm, a strip of plots a joint."""
     if state.robot is not None:
-        return _strips(state, id)
-    points, recording = _points(state, id), state.recordings[state.loaded.index(state.find(id))]
-    drawn = figures(points, shown, recording.name)
+        return _show_strips(state, id)
+    points, recording = _find_points(state, id), state.recordings[state.loaded.index(state.find(id))]
+    drawn = make_figures(points, shown, recording.name)
     map_, phase, time = (
-        html.Div(graph(drawn[view], html.B(title), LINKED), className="panel")
+        html.Div(make_graph(drawn[view], html.B(title), LINKED), className="panel")
         for view, title in ((MAP, "Residual map"), (PHASE, "Phase plane"), (TIME, "Over time"))
     )
     return [
-        _regions(points, shown),
+        _show_regions(points, shown),
         html.Div([map_, phase], className="columns even"),
         time,
-        _alike(state, points, shown),
-        _flown(state.standing, recording),
+        _show_gallery(state, points, shown),
+        _show_free_run(state.standing, recording),
     ]
 
 
-def _strips(state: Work, id: str) -> list[Component]:
-    """Residuals of a recording, joint by joint, under the ends of the ladder."""
+def _show_strips(state: Work, id: str) -> list[Component]:
+    """Show the residuals of a recording, joint by joint, under the ends of the ladder."""
     recording = state.recordings[state.loaded.index(state.find(id))]
-    section = strips(ends(state.ladder), RegressionData.of_arm([recording], state.model.terms))
+    section = make_strips(list_ends(state.ladder), RegressionData.of_arm([recording], state.model.terms))
     parts = []
     for strip in section.content["strips"]:
         texts: list[Component] = []
         for own in strip["regions"]:
             texts.append(html.P(f"Under the {own['label']}{':' if own['regions'] else ' nothing stands out.'}"))
             texts.append(html.Ul([html.Li(capitalise(text)) for text in own["regions"]], className="regions-list"))
-        plots = [graph(figure) for figure in strip["figures"]]
-        parts.append(panel(strip["joint"], html.Div(plots, className="grid strip"), *texts))
+        plots = [make_graph(figure) for figure in strip["figures"]]
+        parts.append(make_panel(strip["joint"], html.Div(plots, className="grid strip"), *texts))
     return parts
 
 
-def _flown(case: Case, recording: Recording) -> Component:
-    """Free-running simulation of a recording: of its held-out part, if it has one."""
+def _show_free_run(case: ReportData, recording: Recording) -> Component:
+    """Show the free-running simulation of a recording: of its held-out part, if it has one."""
     found = ((part, k) for part in reversed(case.data.parts) for k in range(len(part.segments)))
     part, k = next((part, k) for part, k in found if part.segments[k].windows.recording is recording)
     segments = [own.segments[k] for own in case.with_link_states(part)]
     note = "Each simulation starts from the measured state and runs freely for one second on the recorded torque alone."
-    return panel(
-        "Position in free run", html.P(note, className="note"), graph(position_figure(case, "flown", segments))
+    return make_panel(
+        "Position in free run", html.P(note, className="note"), make_graph(plot_position(case, "flown", segments))
     )
 
 
-def _regions(points: Points, shown: int) -> Component:
+def _show_regions(points: WindowPoints, shown: int) -> Component:
     rows = [
         html.Button(capitalise(describe_region(region)), id={"region": k}, n_clicks=0, type="button", className="link")
         if region.axis != "frequency"
@@ -217,12 +217,12 @@ def _regions(points: Points, shown: int) -> Component:
         for k, region in enumerate(points.regions(shown))
     ]
     listed = html.Ul([html.Li(row) for row in rows], className="regions-list")
-    return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."))
+    return make_panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."))
 
 
-def _alike(state: Work, points: Points, shown: int) -> Component:
-    """The rest, and what each effect leaves of a model that lacks it: the likeliest first, if somebody has looked."""
-    names = effects_to_choose()
+def _show_gallery(state: Work, points: WindowPoints, shown: int) -> Component:
+    """Show the residual beside the residuals that single effects leave, the likeliest first after a diagnosis."""
+    names = list_choices()
     found = [one.effect for one in state.diagnosis.candidates] if state.diagnosis is not None else []
     ranked = sorted(names, key=lambda id: found.index(id) if id in found else len(found))
     drawn, curve = (
@@ -230,32 +230,34 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
         points.case.models[shown],
     )
     reach = 1.08 * max(float(np.abs(item.mean).max()) for item in drawn)
-    here = [profile_figure([curve[:2]], [item], points.regions(shown), (), reach, "here") for item in drawn]
+    here = [plot_profile([curve[:2]], [item], points.regions(shown), (), reach, "here") for item in drawn]
     rows = []
     for id in ranked:
         if (GALLERY / f"{id}.svg").is_file():
             leaves = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
-            rows.append(html.Li([names[id], html.Div([leaves, html.P(description(id).signature, className="note")])]))
-    return panel(
+            rows.append(
+                html.Li([names[id], html.Div([leaves, html.P(find_description(id).signature, className="note")])])
+            )
+    return make_panel(
         "What it looks like",
         html.P(
             "The mean of what is left here over angle, velocity, torque and time, and what noise alone would give. "
             "Below, the same where one effect is hidden in the paper's pendulum. Signs and sizes may differ.",
             className="note",
         ),
-        html.Div([graph(figure, bar=False) for figure in here], className="grid strip"),
+        html.Div([make_graph(figure, bar=False) for figure in here], className="grid strip"),
         html.Details([html.Summary("Effects to compare it with"), html.Ul(rows)]),
         className="gallery",
     )
 
 
 @lru_cache(maxsize=4)  # while somebody looks at one
-def _points(state: Work, id: str) -> Points:
-    return Points.of(state.standing, state.recordings[state.loaded.index(state.find(id))])
+def _find_points(state: Work, id: str) -> WindowPoints:
+    return WindowPoints.of(state.standing, state.recordings[state.loaded.index(state.find(id))])
 
 
-def say(points: Points, selected: Mask, shown: int) -> str:
-    """A selection in words."""
+def describe_selection(points: WindowPoints, selected: Mask, shown: int) -> str:
+    """Describe a selection in words."""
     if not selected.any():
         return "Nothing is in this selection."
     residual, time = points.residuals[shown][selected], points.samples.time[selected]
@@ -276,14 +278,14 @@ def connect(app: Dash, sessions: Sessions) -> None:
         Output("views", "children"),
         Output("lit", "data", allow_duplicate=True),
         Output("selected", "children", allow_duplicate=True),
-        Input(field("shown"), "value"),
+        Input(name_field("shown"), "value"),
         Input("of", "value"),
         State("session", "data"),
         prevent_initial_call=True,
     )
     def choose(recording: str, shown: int, id: str) -> tuple[list[Component], None, str]:
         state = sessions.of(id).state
-        return _views(state, recording, shown), None, HINT
+        return _show_views(state, recording, shown), None, HINT
 
     @app.callback(
         Output("lit", "data"),
@@ -291,7 +293,7 @@ def connect(app: Dash, sessions: Sessions) -> None:
         *(Input({"kind": LINKED, "of": view}, "selectedData") for view in VIEWS),
         Input({"region": ALL}, "n_clicks"),
         Input("clear", "n_clicks"),
-        State(field("shown"), "value"),
+        State(name_field("shown"), "value"),
         State("of", "value"),
         State("session", "data"),
         prevent_initial_call=True,
@@ -303,15 +305,17 @@ def connect(app: Dash, sessions: Sessions) -> None:
             raise PreventUpdate
         if cause == "clear":
             return None, HINT
-        points, source = _points(sessions.of(id).state, recording), None
+        points, source = _find_points(sessions.of(id).state, recording), None
         if "region" in cause:
-            selected = within(points.samples, points.regions(shown)[cause["region"]])
+            selected = select_region(points.samples, points.regions(shown)[cause["region"]])
         elif "range" in value:
             source = cause["of"]
-            selected = inside(points.samples, source, value["range"])
+            selected = select_box(points.samples, source, value["range"])
         else:
             raise PreventUpdate
-        return {"source": source, "traces": lit(points, selected, shown)}, say(points, selected, shown)
+        return {"source": source, "traces": highlight(points, selected, shown)}, describe_selection(
+            points, selected, shown
+        )
 
 
 STAGE = Stage("compare", "Compare", show, connect=connect)

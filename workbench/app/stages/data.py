@@ -15,17 +15,27 @@ from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
 from pendulum_env.units import JointUnits
 from workbench.app import card, recorder, uploads
-from workbench.app.loaded import Loaded
-from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, panel, saves, table
+from workbench.app.loaded import LoadedRecording
+from workbench.app.parts import (
+    UNWRAP,
+    make_aria,
+    make_button,
+    make_drop_area,
+    make_graph,
+    make_panel,
+    make_save_button,
+    make_table,
+    name_field,
+)
 from workbench.app.session import Action, Form, Session, Stage
 from workbench.app.state import State
 from workbench.app.uploads import MODEL, STUDY
 from workbench.narrator.diagnosis import describe_disagreement
-from workbench.narrator.effects import name
+from workbench.narrator.effects import name_effect
 from workbench.narrator.findings import describe, describe_late
 from workbench.narrator.notes import describe_note
 from workbench.options import FORMATS
-from workbench.robot import held_text
+from workbench.robot import describe_held
 
 WHY = "No effect does that, and several may be found that only imitate it."
 NUMBERS = ("Length [s]", "Rate [Hz]", "Samples", "In stick", "Turns", "Peak torque [N m]")
@@ -33,37 +43,39 @@ HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": Fa
 
 
 def show(session: Session) -> list[Component]:
-    """Ways to get recordings, then what they are."""
+    """Show the ways to get recordings, then the recordings."""
     state = session.state
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
-    beside = _record() if not isinstance(state.body, Body) else _robot(state, state.body)
-    parts.append(html.Div([upload(state), beside], className="columns"))
+    beside = _show_recorder() if not isinstance(state.body, Body) else _show_robot(state, state.body)
+    parts.append(html.Div([show_upload(state), beside], className="columns"))
     if state.loaded:
-        plots = [graph(figure) for k, own in enumerate(state.recordings[:4]) for figure in _courses(state, k, own)]
-        told = [*timing(state), _telling(state)] if state.body.can_simulate else []
-        parts += [recordings(state), *told, html.Div(plots, className="panel")]
+        plots = [
+            make_graph(figure) for k, own in enumerate(state.recordings[:4]) for figure in _plot_joints(state, k, own)
+        ]
+        told = [*show_timing(state), _show_findings(state)] if state.body.can_simulate else []
+        parts += [show_recordings(state), *told, html.Div(plots, className="panel")]
     return parts
 
 
-def _robot(state: State, body: Body) -> Component:
-    """The robot that the recordings are of."""
+def _show_robot(state: State, body: Body) -> Component:
+    """Show the robot that the recordings are of."""
     texts = [
         f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
-        *(text for text in (held_text(body), *state.questions, state.trouble) if text),
+        *(text for text in (describe_held(body), *state.questions, state.trouble) if text),
         "columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
         "(joints) and what other columns mean",
     ]
     is_light = state.robot is not None and state.robot.weightless
-    gravity = button(f"Its torques are with{'' if is_light else 'out'} gravity", "turn-gravity")
-    leave = button("Leave the robot", "leave-robot")
-    return panel("The robot", *(html.P(f"{capitalise(text)}.") for text in texts), leave, " ", gravity)
+    gravity = make_button(f"Its torques are with{'' if is_light else 'out'} gravity", "turn-gravity")
+    leave = make_button("Leave the robot", "leave-robot")
+    return make_panel("The robot", *(html.P(f"{capitalise(text)}.") for text in texts), leave, " ", gravity)
 
 
-def _courses(state: State, k: int, recording: Recording) -> list[Figure]:
-    """Position and torque of a recording over time, of an arm joint by joint."""
+def _plot_joints(state: State, k: int, recording: Recording) -> list[Figure]:
+    """Plot the position and torque of a recording over time, of an arm joint by joint."""
     height = {} if len(recording.joints) == 1 else {"height": 260}
     return [
-        course(
+        plot_recording(
             own,
             f"course-{k}-{n}",
             f"{joint}, {recording.name}" if joint else recording.name,
@@ -74,10 +86,10 @@ def _courses(state: State, k: int, recording: Recording) -> list[Figure]:
     ]
 
 
-def upload(state: State) -> Component:
+def show_upload(state: State) -> Component:
     """Render the upload of files."""
     ways = [
-        drop([html.Strong("Choose recordings"), " or drop them here"], "upload", several=True),
+        make_drop_area([html.Strong("Choose recordings"), " or drop them here"], "upload", several=True),
         html.P(
             f"{FORMATS} with time, position and torque; 0 hangs down. What columns mean is "
             f"asked where their names do not tell, or told by a {STUDY} among the files. Of an arm, its URDF or MJCF "
@@ -86,51 +98,51 @@ def upload(state: State) -> Component:
             f"Up to {uploads.LARGEST / 1e6:.0f} MB at once; nothing leaves this computer.",
             className="note",
         ),
-        dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id=field("unwrap")),
+        dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id=name_field("unwrap")),
     ]
     if not state.loaded:
         ways += [
             html.P(["No recording at hand? The demo has two of a pendulum that hides something."], className="or"),
-            button("Try the demo", "demo", primary=True),
+            make_button("Try the demo", "demo", primary=True),
         ]
-    return panel("Load recordings", *ways)
+    return make_panel("Load recordings", *ways)
 
 
-def _record() -> Component:
-    return panel(
+def _show_recorder() -> Component:
+    return make_panel(
         "Or record a simulated pendulum",
         html.P(
             "The paper's pendulum at 1 kHz, behind its encoder, with "
             "0.02\N{NO-BREAK SPACE}N\N{NO-BREAK SPACE}m of torque noise.",
             className="note",
         ),
-        html.Div(recorder.fields(), className="fields"),
-        button("Record", "record"),
+        html.Div(recorder.make_fields(), className="fields"),
+        make_button("Record", "record"),
     )
 
 
-def recordings(state: State) -> Component:
+def show_recordings(state: State) -> Component:
     """Render the table of recordings; for an arm, turns and torque are the largest of its joints."""
-    stick = _share_in_stick(state) if state.body.can_simulate else {}
-    rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
+    stick = _compute_stick(state) if state.body.can_simulate else {}
+    rows = [_show_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
     note = [] if any(one.held_out for one in state.loaded) else [html.P(split, className="note")]
     how = html.Span("how these are read and used, for the command line and to load again with them", className="note")
-    save = html.Div([saves(f"Save {STUDY}", "study"), how], className="row")
-    return panel("Recordings", table(HEADERS, rows, "Recordings"), *note, save, className="recordings")
+    save = html.Div([make_save_button(f"Save {STUDY}", "study"), how], className="row")
+    return make_panel("Recordings", make_table(HEADERS, rows, "Recordings"), *note, save, className="recordings")
 
 
-def _row(one: Loaded, recording: Recording, stick: dict[int, float]) -> tuple[Any, ...]:
+def _show_row(one: LoadedRecording, recording: Recording, stick: dict[int, float]) -> tuple[Any, ...]:
     """Render a recording and its actions."""
     label = recording.name
-    columns = button("Columns", "columns", one.id, className="link", **aria(label=f"Columns of {label}"))
+    columns = make_button("Columns", "columns", one.id, className="link", **make_aria(label=f"Columns of {label}"))
     roles = [
-        button(role, role, one.id, className="", **aria(pressed=is_so, label=f"{role} {label}"))
+        make_button(role, role, one.id, className="", **make_aria(pressed=is_so, label=f"{role} {label}"))
         for role, is_so in (("fit", str(not one.held_out).lower()), ("check", str(one.held_out).lower()))
     ]
     ways = [
-        saves("Save", "recording", one.id, **aria(label=f"Save {label}")),
-        button("Remove", "remove", one.id, **aria(label=f"Remove {label}")),
+        make_save_button("Save", "recording", one.id, **make_aria(label=f"Save {label}")),
+        make_button("Remove", "remove", one.id, **make_aria(label=f"Remove {label}")),
     ]
     return (
         [
@@ -149,8 +161,8 @@ def _row(one: Loaded, recording: Recording, stick: dict[int, float]) -> tuple[An
     )
 
 
-def _share_in_stick(state: State) -> dict[int, float]:
-    """Share of each recording at rest, by its identity; where windows are cut from two parts of it, of the first."""
+def _compute_stick(state: State) -> dict[int, float]:
+    """Compute the share of each recording at rest, by its identity; of a split recording, that of the first part."""
     if state.trouble:
         return {}
     training, testing = state.prepared.data.parts
@@ -158,36 +170,36 @@ def _share_in_stick(state: State) -> dict[int, float]:
     return {id(w.recording): 1.0 - float(np.mean(w.moving)) for w in windows}
 
 
-def _telling(state: State) -> Component:
+def _show_findings(state: State) -> Component:
     withheld = {parameter for doubt in state.doubts for parameter in doubt.withheld}
     terms = BASE if state.trouble else state.model.terms
-    known = [name(column.name) for term in terms for column in term.columns if column.name not in withheld]
+    known = [name_effect(column.name) for term in terms for column in term.columns if column.name not in withheld]
     can = [] if state.trouble or not known else [html.P(["They tell ", html.Strong(join_words(known)), "."])]
     texts = [state.trouble] if state.trouble else []
     texts += [*map(describe_disagreement, state.disagreements), *map(describe, state.doubts)]
     cannot = html.Ul([html.Li(capitalise(text)) for text in texts])
     nothing = html.P("Nothing in them stands in the way of the model's parameters.")
-    return panel("What these recordings tell, and what not", *can, cannot if texts else nothing)
+    return make_panel("What these recordings tell, and what not", *can, cannot if texts else nothing)
 
 
-def timing(state: State) -> list[Component]:
+def show_timing(state: State) -> list[Component]:
     """Render the finding on timing as on the command line; empty without one."""
     if state.trouble:
         return []
     late, acts = (state.prepared.timed.find_timing(is_late) for is_late in (True, False))
     if late and state.is_aligned:
         said = [html.P(describe_late(own, "It is corrected in all that follows.")) for own in late]
-        press = [button("Take it as it was logged", "align-back")]
+        press = [make_button("Take it as it was logged", "align-back")]
     elif late:
         said = [html.P(describe_late(own, WHY)) for own in late]
-        press = [button("Correct it", "align", primary=True)]
+        press = [make_button("Correct it", "align", primary=True)]
     else:
         said, press = [html.P(describe(own)) for own in acts], []
-    return [panel("Torque and motion in time", *said, *press)] if said else []
+    return [make_panel("Torque and motion in time", *said, *press)] if said else []
 
 
-def course(r: Recording, id: str, title: str, units: JointUnits, height: int = 340) -> Figure:
-    """Position and torque over time."""
+def plot_recording(r: Recording, id: str, title: str, units: JointUnits, height: int = 340) -> Figure:
+    """Plot the position and torque over time."""
     data, (angle, torque) = [], (units.unit("rad"), units.unit("N m"))
     for series, label, color, unit, where in (
         (r.position, "position", "--final", angle, "y"),
@@ -201,8 +213,8 @@ def course(r: Recording, id: str, title: str, units: JointUnits, height: int = 3
     return Figure(id, f"Position and torque over time, {title}", data, layout, height)
 
 
-def _record_as_said(session: Session, _: str, form: Form) -> None:
-    recorder.start(session, {recorder.free_name(session.state): recorder.options(form)})
+def _record(session: Session, _: str, form: Form) -> None:
+    recorder.start(session, {recorder.choose_name(session.state): recorder.read_options(form)})
 
 
 def _align(session: Session, is_aligned: bool, what: str) -> None:
@@ -219,7 +231,7 @@ def _turn_gravity(session: Session, *_: object) -> None:
 ACTIONS: dict[str, Action] = {
     "upload": lambda session, _, came: session.receive(came["files"], came["unwrap"]),
     "demo": lambda session, *_: recorder.start_demo(session),
-    "record": _record_as_said,
+    "record": _record,
     "columns": lambda session, id, _: session.ask(id),
     "card-load": lambda session, _, form: session.answer(session.cards[0].filled(form)),
     "card-close": lambda session, *_: setattr(session, "cards", session.cards[1:]),

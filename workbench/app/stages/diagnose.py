@@ -10,64 +10,76 @@ from dash.development.base_component import Component
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
 from pendulum_env.formatting import join_words
-from workbench import options
 from workbench.app import recorder
-from workbench.app.asked import NOTHING, Asked
-from workbench.app.parts import KEPT, button, effects_to_choose, field, fragment, labelled, panel
+from workbench.app.asked import NO_CHOICES, SearchChoices
+from workbench.app.parts import KEPT, label_control, list_choices, make_button, make_fragment, make_panel, name_field
 from workbench.app.session import Session, Stage
-from workbench.app.stages.add import calls
-from workbench.app.stages.data import timing
+from workbench.app.stages.add import show_calls
+from workbench.app.stages.data import show_timing
 from workbench.app.state import State as Work
-from workbench.narrator.diagnosis import headline
+from workbench.narrator.diagnosis import describe_result
 from workbench.narrator.findings import describe_aim
-from workbench.report.arm import joints
-from workbench.report.case import ends
-from workbench.report.story import ranked, story
+from workbench.options import parse_effects
+from workbench.report.arm import make_joints
+from workbench.report.case import list_ends
+from workbench.report.story import make_story, rank_candidates
 
 
 def show(session: Session) -> list[Component]:
-    """The search, then its result."""
+    """Show the search, then its result."""
     state, busy = session.state, session.busy()
     found = state.diagnosis
-    search = panel(
+    search = make_panel(
         "Search for what is missing",
         html.P(
             "Every effect of the library is screened for what explains the rest of the torque, of an arm at every "
             "joint that it can be at. It counts as missing only if it lowers the errors on data it was not fitted to, "
             "in torque and, of a pendulum, in free-running simulation."
         ),
-        choices(state, is_open=state.asked != NOTHING or bool(session.notice)),
-        button("Diagnose" if found is None else "Diagnose again", "diagnose", primary=found is None, disabled=busy),
+        show_choices(state, is_open=state.asked != NO_CHOICES or bool(session.notice)),
+        make_button(
+            "Diagnose" if found is None else "Diagnose again", "diagnose", primary=found is None, disabled=busy
+        ),
     )
     if found is None:
-        return [*timing(state), search]
+        return [*show_timing(state), search]
     kind = "story found" if state.told.selected else "story"
     if state.robot is not None:
-        result = joints(ends(state.ladder), "held-out data", headline(found), found.floors, found)
+        result = make_joints(list_ends(state.ladder), "held-out data", describe_result(found), found.floors, found)
     else:
-        result = story(state.case)
+        result = make_story(state.case)
     return [
-        panel("What was found", fragment(result), className=kind),
-        *timing(state),
-        *_next(state, busy),
-        panel("Ranking", calls(state, busy), fragment(ranked(found.candidates, found.detectable)), className="ranking"),
+        make_panel("What was found", make_fragment(result), className=kind),
+        *show_timing(state),
+        *_show_next(state, busy),
+        make_panel(
+            "Ranking",
+            show_calls(state, busy),
+            make_fragment(rank_candidates(found.candidates, found.detectable)),
+            className="ranking",
+        ),
         search,
     ]
 
 
-def choices(state: Work, is_open: bool) -> Component:
-    """Fields for what is looked for and what is known, of a pendulum; what was typed stays where it was a mistake."""
-    asked, library, has_limits = state.asked, effects_to_choose(state.body), state.body.can_limit
+def show_choices(state: Work, is_open: bool) -> Component:
+    """Show the fields for effects to look for and, of a pendulum, for known values; a mistake keeps its text."""
+    asked, library, has_limits = state.asked, list_choices(state.body), state.body.can_limit
 
     def several(label: str, id: str, empty: str) -> Component:
         control = dcc.Dropdown(
-            library, options.ids(getattr(asked, id)), id=field(f"ask-{id}"), multi=True, placeholder=empty, **KEPT
+            library,
+            parse_effects(getattr(asked, id)),
+            id=name_field(f"ask-{id}"),
+            multi=True,
+            placeholder=empty,
+            **KEPT,
         )
-        return labelled(label, control)
+        return label_control(label, control)
 
     def text(label: str, id: str, example: str, note: str) -> Component:
-        control = dcc.Input(getattr(asked, id), type="text", id=field(f"ask-{id}"), placeholder=example, **KEPT)
-        return labelled(label, control, note)
+        control = dcc.Input(getattr(asked, id), type="text", id=name_field(f"ask-{id}"), placeholder=example, **KEPT)
+        return label_control(label, control, note)
 
     parameters = ", ".join(column.name for term in state.base_terms for column in term.columns)
     effects = "one of the two may be left out; cogging.order=10:14"
@@ -84,18 +96,18 @@ def choices(state: Work, is_open: bool) -> Component:
     return html.Details([summary, *groups], open=is_open)
 
 
-def _next(state: Work, busy: bool) -> list[Component]:
-    """The experiment that would settle what is open, to be recorded at once if the pendulum is a simulated one."""
+def _show_next(state: Work, busy: bool) -> list[Component]:
+    """Show the next experiment, with a button to record it on a simulated pendulum."""
     suggestion = state.diagnosis.suggestion if state.diagnosis is not None else None
-    if suggestion is None or recorder.simulated(state) is None:
+    if suggestion is None or recorder.find_plant_options(state) is None:
         return []
     aims = join_words([describe_aim(own.effect, own.instead) for own in suggestion.settles])
     what = f"The same simulated pendulum can play it now: {suggestion.seconds:g} s to {aims}."
-    press = button("Record the next experiment", "record-next", primary=not state.found, disabled=busy)
-    return [panel("The next experiment", html.P(what), press)]
+    press = make_button("Record the next experiment", "record-next", primary=not state.found, disabled=busy)
+    return [make_panel("The next experiment", html.P(what), press)]
 
 
-def look_for(session: Session, asked: Asked) -> None:
+def choose_search(session: Session, asked: SearchChoices) -> None:
     """Look for some effects, or with some values known, from now on.
 
     Raises ValueError if that makes no sense, in the words of the command line.
@@ -106,16 +118,16 @@ def look_for(session: Session, asked: Asked) -> None:
         session.change("choose what is looked for", change)
 
 
-def start(session: Session, asked: Asked) -> None:
+def start(session: Session, asked: SearchChoices) -> None:
     """Search for the effects that the ladder's last model lacks, in the background."""
-    look_for(session, asked)
+    choose_search(session, asked)
     state = session.state
 
     def keep(found: Diagnosis) -> None:
         session.change("diagnose", state.diagnosed(found))
 
     limits = {**asked.effects, **asked.limits}
-    if recorder.simulated(state) is not None:  # it bears all
+    if recorder.find_plant_options(state) is not None:  # it bears all
         limits |= {"max_angle": inf, "max_speed": inf}
     task = partial(diagnose, state.train, state.holdout, state.model.terms, **limits)
     session.work("Diagnosing", task, keep)
@@ -126,7 +138,7 @@ STAGE = Stage(
     "Diagnose",
     show,
     {
-        "diagnose": lambda session, _, form: start(session, Asked.of(form)),
+        "diagnose": lambda session, _, form: start(session, SearchChoices.of(form)),
         "record-next": lambda session, *_: recorder.start_suggested(session),
     },
 )

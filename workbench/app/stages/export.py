@@ -19,13 +19,13 @@ from dash.exceptions import PreventUpdate
 from estimators.schemes.identification import SAVED
 from pendulum_env.lookup import find
 from pendulum_env.recording.study import collect_log_format, write_study
-from workbench.app.parts import panel, saves
+from workbench.app.parts import make_panel, make_save_button
 from workbench.app.recorder import DIAGNOSIS
 from workbench.app.session import Session, Sessions, Stage
-from workbench.app.state import State, ids
+from workbench.app.state import State, list_added
 from workbench.app.uploads import MODEL, STUDY
 from workbench.mistakes import InputError
-from workbench.narrator.diagnosis import diagnosis_json
+from workbench.narrator.diagnosis import write_diagnosis
 from workbench.report import render
 
 PROGRAM, REPORT, EXPERIMENT = "pendulum-ident", "report.html", "experiment.csv"
@@ -50,17 +50,17 @@ def show(session: Session) -> list[Component]:
     """Render the downloads, and the equivalent commands and Python code."""
     state = session.state
     fits_more = not (state.added or state.holdout or state.model_file)  # `add` would hold the last 30 % out as well
-    notes = [BESIDE] * _needs_study(state) + [WHOLE] * fits_more
+    notes = [BESIDE] * _is_study_needed(state) + [WHOLE] * fits_more
     notes += [f"{state.robot.file.name} lies there, too."] if state.robot is not None else []
     beside = [html.P(text, className="note") for text in notes]
     return [
-        downloads(state),
-        panel("The same on the command line", *beside, code(commands(state), "commands")),
-        panel("The same in Python", code(snippet(state), "snippet")),
+        show_downloads(state),
+        make_panel("The same on the command line", *beside, show_code(write_commands(state), "commands")),
+        make_panel("The same in Python", show_code(write_snippet(state), "snippet")),
     ]
 
 
-def downloads(state: State) -> Component:
+def show_downloads(state: State) -> Component:
     """Render the downloads."""
     saved = {
         "report": (REPORT, "one file to share: story, plots and tables; it needs no network and prints"),
@@ -71,21 +71,24 @@ def downloads(state: State) -> Component:
         saved["diagnosis"] = DIAGNOSIS, "verdicts and reasons, for programs"
     if state.diagnosis is not None and state.diagnosis.suggestion is not None and state.diagnosis.suggestion.signal:
         saved["experiment"] = EXPERIMENT, "torque of the next experiment over time, for your controller or for record"
-    rows = [html.Li([saves(file, id, primary=id == "report"), html.Span(what)]) for id, (file, what) in saved.items()]
-    return panel("Save", html.Ul(rows, className="downloads"))
+    rows = [
+        html.Li([make_save_button(file, id, primary=id == "report"), html.Span(what)])
+        for id, (file, what) in saved.items()
+    ]
+    return make_panel("Save", html.Ul(rows, className="downloads"))
 
 
-def code(text: str, id: str) -> Component:
-    """Lines to copy."""
+def show_code(text: str, id: str) -> Component:
+    """Show the lines to copy."""
     copy = dcc.Clipboard(target_id=id, title="copy", className="copy")
     return html.Div([html.Pre(text, id=id, tabIndex=0), copy], className="code")
 
 
-def commands(state: State) -> str:
-    """Command lines that come to the same model."""
-    train, holdout = _files(state)
+def write_commands(state: State) -> str:
+    """Write the command lines that come to the same model."""
+    train, holdout = _list_files(state)
     given = [*train, *(word for file in holdout for word in ("--holdout", file))]
-    if _needs_study(state):
+    if _is_study_needed(state):
         train = given = [STUDY]  # which says what is held out
     limits, align = state.asked.options("fix", "bound"), ["--align"] * state.is_aligned
     lines = [["record", *one.origin, "-o", one.source.file.name] for one in state.loaded if one.origin]
@@ -98,7 +101,7 @@ def commands(state: State) -> str:
         lines.append(["compare", model, *train, *align])
     else:
         lines.append(["identify", *train, *scheme, *align, *limits, "-o", MODEL])
-    for effect in moves(state):
+    for effect in list_moves(state):
         if effect:
             lines.append(["add", model or MODEL, effect, *given, *align, *limits, "-o", MODEL])
             model = MODEL
@@ -108,33 +111,33 @@ def commands(state: State) -> str:
     return "\n".join(shlex.join([PROGRAM, *words]) for words in lines)
 
 
-def _files(state: State) -> tuple[list[str], list[str]]:
-    """Names of files with fitted and held-out recordings."""
+def _list_files(state: State) -> tuple[list[str], list[str]]:
+    """List the names of files with fitted and held-out recordings."""
     train, holdout = ([s.source.file.name for s in state.loaded if s.held_out == held] for held in (False, True))
     return train, holdout
 
 
-def moves(state: State) -> list[str]:
+def list_moves(state: State) -> list[str]:
     """List the steps from the base model: added effects, and an empty text for a diagnosis."""
-    before = len([effect for effect in state.added if effect in ids(state.started)])
+    before = len([effect for effect in state.added if effect in list_added(state.started)])
     return [*state.added[:before], *[""] * (state.diagnosis is not None), *state.added[before:]]
 
 
-def _needs_study(state: State) -> bool:
+def _is_study_needed(state: State) -> bool:
     """Return whether a study file is needed for columns or joints."""
     sources = [one.source for one in state.loaded]
     return state.robot is not None or any(own.columns or own.unwrap or own.range or own.load for own in sources)
 
 
-def snippet(state: State) -> str:
-    """Python that comes to the same model."""
-    train, holdout = _files(state)
+def write_snippet(state: State) -> str:
+    """Write Python that comes to the same model."""
+    train, holdout = _list_files(state)
     limits, looked = (state.asked.arguments(one) for one in (state.asked.limits, state.asked.effects))
     lines = [
         f"recordings = [read_recording(path) for path in {train!r}]",
         f"holdout = [read_recording(path) for path in {holdout!r}]",
     ]
-    if _needs_study(state):
+    if _is_study_needed(state):
         lines = [f"study = read_study({STUDY!r})", "recordings, holdout = study.fitted, study.held_out"]
     if (robot := state.robot) is not None:
         lines = [
@@ -155,17 +158,17 @@ def snippet(state: State) -> str:
     if robot is not None:
         fitted = f"identify(recordings, {terms}, {SAVED!r})[{SAVED!r}]"
     lines.append(f"model = {fitted}.model")
-    for effect in moves(state):
+    for effect in list_moves(state):
         if effect:
             lines.append(f"model = add(model, {effect!r}, recordings, holdout{limits}).after.model")
         else:
             lines.append(f"found = diagnose(recordings, holdout, model.terms{looked}{limits})")
             lines.append(f"write_report(found, {REPORT!r})")
-    return with_imports([*lines, f"model.save({MODEL!r})"])
+    return add_imports([*lines, f"model.save({MODEL!r})"])
 
 
-def with_imports(lines: Sequence[str]) -> str:
-    """Lines of Python behind imports of what they use."""
+def add_imports(lines: Sequence[str]) -> str:
+    """Add imports of the used names to lines of Python."""
     body = "\n".join(lines)
     used = {node.id for node in ast.walk(ast.parse(body)) if isinstance(node, ast.Name)}
     named = {module: [name for name in names if name in used] for module, names in IMPORTED.items()}
@@ -173,7 +176,7 @@ def with_imports(lines: Sequence[str]) -> str:
     return "\n".join([*imports, "", body])
 
 
-def study(state: State) -> str:
+def write_study_text(state: State) -> str:
     """Write a study that names the recordings as they are read, for a folder that holds them."""
     with tempfile.TemporaryDirectory() as folder:
         file, joints = Path(folder) / STUDY, state.robot.joints if state.robot is not None else None
@@ -182,31 +185,31 @@ def study(state: State) -> str:
         return file.read_text(encoding="utf-8")
 
 
-def _json(content: Any) -> str:
+def _format_json(content: Any) -> str:
     return json.dumps(content, indent=1) + "\n"
 
 
-def _model(state: State) -> str:
+def _write_model(state: State) -> str:
     fitted = [one.recording for one in state.loaded if not one.held_out]
-    return _json(replace(state.model, log_format=collect_log_format(fitted)).json())
+    return _format_json(replace(state.model, log_format=collect_log_format(fitted)).json())
 
 
-def _experiment(state: State) -> str:
+def _write_experiment(state: State) -> str:
     if state.diagnosis is None or state.diagnosis.suggestion is None or state.diagnosis.suggestion.signal is None:
         raise InputError("the diagnosis suggests no experiment")
     return state.diagnosis.suggestion.csv()
 
 
 FILES: dict[str, tuple[str, Callable[[State], str]]] = {  # name and content of what any stage saves
-    "report": (REPORT, lambda state: render(state.told, commands(state))),
-    "model": (MODEL, _model),
-    "diagnosis": (DIAGNOSIS, lambda state: _json(diagnosis_json(state.told))),
-    "experiment": (EXPERIMENT, _experiment),
-    "study": (STUDY, study),
+    "report": (REPORT, lambda state: render(state.told, write_commands(state))),
+    "model": (MODEL, _write_model),
+    "diagnosis": (DIAGNOSIS, lambda state: _format_json(write_diagnosis(state.told))),
+    "experiment": (EXPERIMENT, _write_experiment),
+    "study": (STUDY, write_study_text),
 }
 
 
-def file(state: State, what: str, of: str) -> tuple[str, bytes]:
+def make_file(state: State, what: str, of: str) -> tuple[str, bytes]:
     """Name and content of one of `FILES`, or of a recording's own."""
     if what == "recording":
         path = state.find(of).source.file
@@ -228,7 +231,7 @@ def connect(app: Dash, sessions: Sessions) -> None:
         if not any(entry["value"] for entry in dash.ctx.triggered):
             raise PreventUpdate
         asked = dash.ctx.triggered_id
-        name, content = file(sessions.of(id).state, asked["save"], asked["of"])
+        name, content = make_file(sessions.of(id).state, asked["save"], asked["of"])
         return {"filename": name, "content": b64encode(content).decode(), "base64": True}
 
 
