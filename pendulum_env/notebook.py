@@ -1,43 +1,15 @@
-"""HTML of results in a notebook: cards of text, tables and small curves.
+"""How results show themselves in a notebook: the narrator of the workbench registers what to show."""
 
-A cell has no style sheet of its own and may be light or dark, so that everything is styled in place, in the text's own
-colour and three colours that are seen on either. Whatever goes in is escaped, names of recordings and effects included.
-"""
-
-from __future__ import annotations
-
-import re
-from collections.abc import Iterable, Sequence
 from functools import singledispatch
-from html import escape
 from importlib import import_module
-from typing import NamedTuple
-
-import numpy as np
-
-from pendulum_env._typing import Array
-from pendulum_env.formatting import TextTable
-from pendulum_env.thinning import thin
 
 BLUE, ORANGE, GREEN = "#3d85d8", "#d9792a", "#2f9e77"  # 3 : 1 or more on white and on black
-WIDTH, HEIGHT = 600, 64  # of a curve, in its own units
-NARRATOR = "workbench.narrator.notebook"  # module that shows results of estimators
-LINE = "border-bottom:1px solid rgba(128,128,128,.3)"
-SMALL = "font-size:.88em;opacity:.8"
-
-
-class Html(str):
-    """Markup, which is not escaped."""
-
-    __slots__ = ()
+NARRATOR = "workbench.narrator.notebook"  # loaded, by name, when first needed
 
 
 @singledispatch
 def render_html(result: object) -> str:
-    """Render a result as HTML; each kind of result is registered by the code that shows it.
-
-    The narrator of the workbench registers the results of the libraries; it is loaded, by name, when first needed.
-    """
+    """Render a result as HTML; each kind of result is registered by the code that shows it."""
     import_module(NARRATOR)
     show = render_html.dispatch(type(result))
     if show is render_html.dispatch(object):
@@ -53,132 +25,3 @@ def summarise(result: object) -> str:
     if narrate is summarise.dispatch(object):
         raise TypeError(f"there is no headline of a {type(result).__name__}")
     return narrate(result)
-
-
-def escape_markup(content: object) -> Html:
-    """Convert text to markup by escaping it."""
-    return content if isinstance(content, Html) else Html(escape(str(content)))
-
-
-def make_element(tag: str, style: str, *content: object) -> Html:
-    """Make an element with its content, escaped unless it is markup."""
-    return Html(f'<{tag} style="{style}">{"".join(map(escape_markup, content))}</{tag}>')
-
-
-def make_card(title: str, *parts: Html) -> str:
-    """Make a card of a result: its title and its parts."""
-    first = make_element("div", "font-weight:600;font-size:1.12em;margin-bottom:.3em", title)
-    return make_element("div", "max-width:62em;line-height:1.45;overflow-x:auto", first, *parts)
-
-
-def make_heading(text: str) -> Html:
-    """Make the title of a part."""
-    return make_element("div", "font-weight:600;margin:.7em 0 .15em", text)
-
-
-def make_paragraph(text: str) -> Html:
-    """Make a paragraph."""
-    return make_element("div", "margin:.15em 0", text)
-
-
-def make_note(text: str) -> Html:
-    """Make a remark in small print."""
-    return make_element("div", f"margin:.15em 0;{SMALL}", text)
-
-
-def make_bullets(lines: Iterable[str]) -> Html:
-    """Make a list; empty without lines."""
-    entries = [make_element("li", "margin:.1em 0", line) for line in lines]
-    return make_element("ul", "margin:.2em 0;padding-left:1.3em", *entries) if entries else Html()
-
-
-def make_details(title: str, *parts: Html) -> Html:
-    """Make a part that is collapsed at first."""
-    summary = make_element("summary", "cursor:pointer;margin:.5em 0 .2em", title)
-    return make_element("details", "", summary, *parts)
-
-
-def make_table(content: TextTable) -> Html:
-    """Make a table of text; blocks are drawn as bars."""
-    left = [k == 0 or header in content.left for k, header in enumerate(content.headers)]
-
-    def row(tag: str, style: str, cells: Sequence[str]) -> Html:
-        return make_element("tr", "background:none", *(cell(tag, style, k, text) for k, text in enumerate(cells)))
-
-    def cell(tag: str, style: str, place: int, text: str) -> Html:
-        bar = f"color:{BLUE};letter-spacing:-.05em;" if text.startswith("█") else ""
-        wrap = "normal" if tag == "th" or (place > 0 and left[place]) else "nowrap"
-        layout = f"padding:.22em .75em .22em 0;vertical-align:top;{LINE};white-space:{wrap}"
-        return make_element(tag, f"{layout};text-align:{'left' if left[place] else 'right'};{bar}{style}", text)
-
-    # a unit stays on one line
-    headers = [re.sub(r"\[.*?\]", lambda unit: unit[0].replace(" ", "\xa0"), text) for text in content.headers]
-    head = row("th", "font-weight:500;opacity:.75", headers)
-    body = [row("td", "font-variant-numeric:tabular-nums", cells) for cells in content.rows]
-    parts = make_element("thead", "", head), make_element("tbody", "", *body)
-    return make_element("table", "border-collapse:collapse;border:0;margin:.3em 0;font-size:.92em", *parts)
-
-
-class PlotCurve(NamedTuple):
-    """Values (N,) of a curve, and its style."""
-
-    values: Array
-    color: str
-    dashed: bool = False
-
-
-def make_legend(entries: Iterable[tuple[str, PlotCurve]]) -> Html:
-    """Make the legend of curves, each name in its colour."""
-    line = "display:inline-block;width:1.6em;margin:0 .4em .25em 0;border-top:2px"
-    keys = []
-    for name, curve in entries:
-        drawn = make_element("span", f"{line} {'dashed' if curve.dashed else 'solid'} {curve.color}")
-        keys.append(make_element("span", "margin-right:1.2em;white-space:nowrap", drawn, name))
-    return make_element("div", SMALL, *keys)
-
-
-def make_plot(
-    label: str,
-    x: Array,
-    curves: Sequence[PlotCurve],
-    noise: Array | None = None,
-    span: tuple[float, float] | None = None,
-) -> Html:
-    """Make a small plot of curves over x, between the lowest and the highest value, which are printed.
-
-    Args:
-        label: what is seen, with its unit.
-        x: abscissa, increasing (N,).
-        curves: what is drawn.
-        noise: half width of a band about zero (N,).
-        span: lowest and highest value shown; what is beyond is cut off.
-    """
-    seen = np.concatenate([curve.values for curve in curves])
-    low, high = span or (float(seen.min()), float(seen.max()))
-    room = (high - low) or 1.0
-
-    def path(x_values: Array, y_values: Array) -> str:
-        across = WIDTH * (x_values - x[0]) / ((x[-1] - x[0]) or 1.0)
-        down = np.clip(HEIGHT * (high - y_values) / room, -HEIGHT, 2 * HEIGHT)
-        return "M" + "L".join(f"{a:.0f} {b:.1f}" for a, b in zip(across, down, strict=True))
-
-    shapes = []
-    if low < 0 < high:
-        shapes.append(f'<path d="M0 {HEIGHT * high / room:.1f}H{WIDTH}" stroke="currentColor" stroke-opacity=".25"/>')
-    if noise is not None:
-        band = path(np.r_[x, x[::-1]], np.r_[noise, -noise[::-1]])
-        shapes.append(f'<path d="{band}Z" fill="currentColor" fill-opacity=".18"/>')
-    for curve in curves:
-        kept = thin(curve.values, 480)
-        dashes = ' stroke-dasharray="5 3"' if curve.dashed else ""
-        line = f'd="{path(x[kept], curve.values[kept])}" stroke="{curve.color}"{dashes}'
-        shapes.append(f'<path {line} fill="none" stroke-width="1.4" vector-effect="non-scaling-stroke"/>')
-    drawing = Html(
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none" role="img" aria-label="{escape(label)}" '
-        f'style="display:block;width:100%;height:{HEIGHT}px;overflow:hidden">{"".join(shapes)}</svg>'
-    )
-    limits = make_element("span", "white-space:nowrap;margin-left:1em", f"{low:.3g} to {high:.3g}")
-    caption = make_element(
-        "div", f"display:flex;justify-content:space-between;{SMALL}", make_element("span", "", label), limits
-    )
-    return make_element("div", "max-width:42em;margin:.35em 0", caption, drawing)

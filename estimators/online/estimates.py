@@ -8,8 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.formatting import TextTable, format_estimate
-from pendulum_env.notebook import make_card, make_note, make_table, render_html
+from pendulum_env.notebook import render_html
 
 
 @dataclass(eq=False)  # not frozen, which is slow: one is made at every sample
@@ -99,23 +98,3 @@ class SchemeEstimates(dict[str, Any]):
 
     def _repr_html_(self) -> str:
         return render_html(self)
-
-
-@render_html.register
-def show_estimates(found: SchemeEstimates) -> str:
-    """Render the estimates of several schemes; of a batch, those of the first plant."""
-    schemes = {id: own for id, own in found.items() if isinstance(own, SchemeEstimate)}
-    units = {name: of for own in schemes.values() for name, of in own.units.items()}
-    rows = []
-    for id, own in schemes.items():
-        theta = np.atleast_2d(own["theta"])[0]
-        variance = np.diagonal(own["covariance"], axis1=-2, axis2=-1).reshape(-1, len(theta))[0]
-        std = np.sqrt(np.maximum(variance, 0.0))
-        known = {name: format_estimate(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
-        rows.append((id, *(known.get(name, "") for name in units)))
-    batch = [len(own["theta"]) for own in schemes.values() if np.ndim(own["theta"]) > 1]
-    return make_card(
-        "Online estimates",
-        make_table(TextTable(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
-        make_note(f"of the first of {batch[0]} pendulums" if batch else ""),
-    )

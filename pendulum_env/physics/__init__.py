@@ -1,6 +1,5 @@
 """Physics of the pendulum: terms, the library of effects, models and their simulation."""
 
-from pendulum_env.physics import model_card as model_card  # registers how a notebook shows a model
 from pendulum_env.physics.base import BASE, Coulomb, Gravity, Inertia, Viscous
 from pendulum_env.physics.description import Description
 from pendulum_env.physics.library import effect, effects, list_addable, list_nameable, register

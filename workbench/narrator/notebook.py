@@ -8,14 +8,28 @@ import numpy as np
 
 from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Diagnosis
+from estimators.online.estimates import SchemeEstimate, SchemeEstimates
 from estimators.schemes.fitting import Identified
 from estimators.schemes.identification import Identification
 from estimators.selection.errors import get_single
-from pendulum_env.formatting import TextTable, capitalise, format_unit, join_words
-from pendulum_env.notebook import (
-    BLUE,
-    GREEN,
-    ORANGE,
+from pendulum_env.formatting import TextTable, capitalise, format_estimate, format_unit, join_words
+from pendulum_env.notebook import BLUE, GREEN, ORANGE, render_html
+from pendulum_env.notebook import summarise as headlines
+from pendulum_env.physics import Model
+from pendulum_env.recording import Note
+from pendulum_env.recording.record import NEWTON_METRE, Recording, TorqueConstant
+from pendulum_env.units import to_shown_unit
+from workbench.narrator import comparison
+from workbench.narrator.addition import describe_addition
+from workbench.narrator.diagnosis import (
+    describe_next_step,
+    describe_result,
+    list_advice,
+    list_remarks,
+    list_warnings,
+)
+from workbench.narrator.findings import measure_range
+from workbench.narrator.html import (
     Html,
     PlotCurve,
     make_bullets,
@@ -27,16 +41,7 @@ from pendulum_env.notebook import (
     make_paragraph,
     make_plot,
     make_table,
-    render_html,
 )
-from pendulum_env.notebook import summarise as headlines
-from pendulum_env.recording import Note
-from pendulum_env.recording.record import NEWTON_METRE, Recording, TorqueConstant
-from pendulum_env.units import to_shown_unit
-from workbench.narrator import comparison
-from workbench.narrator.addition import describe_addition
-from workbench.narrator.diagnosis import describe_next_step, describe_result, list_advice, list_remarks, list_warnings
-from workbench.narrator.findings import measure_range
 from workbench.narrator.notes import describe_note
 from workbench.narrator.results import (
     Part,
@@ -47,6 +52,7 @@ from workbench.narrator.results import (
     narrate_comparison,
     narrate_diagnosis,
     narrate_disagreements,
+    tabulate_parameters,
     tabulate_schemes,
 )
 
@@ -215,3 +221,31 @@ def _render_parts(parts: Sequence[Part]) -> Iterator[Html]:
             for item in part.content
         ]
         yield from [make_heading(part.title), *content] if part.brief else [make_details(part.title, *content)]
+
+
+@render_html.register
+def show_model(model: Model) -> str:
+    """Show the torque balance and the parameters of a model."""
+    law = " + ".join(term.law for term in model.terms)
+    title = f"Model with {join_words([term.id for term in model.terms])}"
+    return make_card(title, make_paragraph(f"torque = {law}"), make_table(tabulate_parameters(model)))
+
+
+@render_html.register
+def show_estimates(found: SchemeEstimates) -> str:
+    """Render the estimates of several schemes; of a batch, those of the first plant."""
+    schemes = {id: own for id, own in found.items() if isinstance(own, SchemeEstimate)}
+    units = {name: of for own in schemes.values() for name, of in own.units.items()}
+    rows = []
+    for id, own in schemes.items():
+        theta = np.atleast_2d(own["theta"])[0]
+        variance = np.diagonal(own["covariance"], axis1=-2, axis2=-1).reshape(-1, len(theta))[0]
+        std = np.sqrt(np.maximum(variance, 0.0))
+        known = {name: format_estimate(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
+        rows.append((id, *(known.get(name, "") for name in units)))
+    batch = [len(own["theta"]) for own in schemes.values() if np.ndim(own["theta"]) > 1]
+    return make_card(
+        "Online estimates",
+        make_table(TextTable(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
+        make_note(f"of the first of {batch[0]} pendulums" if batch else ""),
+    )

@@ -18,7 +18,7 @@ from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
 from pendulum_env.formatting import TextTable, draw_bar, format_quantity, join_words
 from pendulum_env.physics import Model
-from pendulum_env.physics.model_card import tabulate_parameters
+from pendulum_env.physics.model import shorten_name
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, to_shown_unit
@@ -209,6 +209,13 @@ def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextT
             ratio = format_quantity(holdout / max(getattr(base, kind), 1e-300), 3)
             row += [format_quantity(factor * train, 4), format_quantity(factor * holdout, 4), ratio]
     return TextTable([*headers, ""], [[*row, draw_bar(float(row[3]))] for row in rows], left=("",))
+
+
+def tabulate_parameters(model: Model) -> TextTable:
+    """Tabulate parameters with standard errors."""
+    named = {**model.readable, **model.derived}
+    rows = [(shorten_name(name), e.text, e.unit) for name, e in ((name, own.shown) for name, own in named.items())]
+    return TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))
 
 
 def describe_fit(steps: Sequence[Step]) -> str:
