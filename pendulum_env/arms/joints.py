@@ -142,9 +142,12 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
     """
     for term in terms:
         if not isinstance(term, Links) and not set(list_loads(term.at)) <= set(joints):
-            other = f"none of the joints {', '.join(joints)}: place it, place_term(term, {joints[0]!r})"
+            if not any(joints):
+                raise UserError(
+                    f"{term.id} is at a joint of an arm, and a pendulum has one joint: use the effect itself"
+                )
             raise UserError(
-                f"{term.id} is at {other if any(joints) else 'a joint of an arm, and a pendulum has one joint'}"
+                f"{term.id} is at none of the joints {', '.join(joints)}: place it, place_term(term, {joints[0]!r})"
             )
 
 

@@ -133,7 +133,9 @@ def refuse_jumps(position: Array, rows: Index, starts: Sequence[int], origin: Or
             f"{_format_columns(origin.change_unit('position', 'deg'))}"
         )
     else:
-        raise ColumnError(f"{what}: {_suggest_degrees(origin)}, or repair the glitch if it is one")
+        raise ColumnError(
+            f"{what}: {_suggest_position_unit(origin, confirms=False)}, or repair the glitch if it is one"
+        )
 
 
 def refuse_too_fast(recording: Recording, origin: Origin) -> None:
@@ -164,25 +166,18 @@ def check_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
     raise ColumnError(f"{found.text}: {_suggest_position_unit(origin, found.unit)}")
 
 
-def _suggest_degrees(origin: Origin) -> str:
-    """List the remedies for a position with a doubtful unit or gain."""
-    return _suggest_unit(origin, "deg") if origin.can_be_degrees() else "check its unit and gain"
-
-
-def _suggest_unit(origin: Origin, unit: str) -> str:
-    if origin.are_counts:
-        return f"read it with {_format_columns(origin.change_to_counts())} if an encoder counts 4096 to a turn"
-    name = {"deg": "degrees", "rev": "turns"}[unit]
-    return f"read it with {_format_columns(origin.change_unit('position', unit))} if it is in {name}"
-
-
-def _suggest_position_unit(origin: Origin, unit: str = "deg") -> str:
-    """Suggest a unit of position, and the argument that confirms the guess."""
-    is_guess = not origin.columns["position"].is_unit_told
-    advice = _suggest_unit(origin, unit) if origin.can_be_degrees() else _suggest_degrees(origin)
-    return advice + (
-        f", with {_format_columns(origin.change_unit('position', 'rad'))} if it is not" if is_guess else ""
-    )
+def _suggest_position_unit(origin: Origin, unit: str = "deg", *, confirms: bool = True) -> str:
+    """Suggest another unit of position, and the argument that confirms a guessed one."""
+    if not origin.can_be_degrees():
+        advice = "check its unit and gain"
+    elif origin.are_counts:
+        advice = f"read it with {_format_columns(origin.change_to_counts())} if an encoder counts 4096 to a turn"
+    else:
+        name = {"deg": "degrees", "rev": "turns"}[unit]
+        advice = f"read it with {_format_columns(origin.change_unit('position', unit))} if it is in {name}"
+    if not confirms or origin.columns["position"].is_unit_told:
+        return advice
+    return f"{advice}, with {_format_columns(origin.change_unit('position', 'rad'))} if it is not"
 
 
 def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:

@@ -9,6 +9,7 @@ than a guess. Users name columns as they stand in the file, with what is to be d
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NoReturn
 
 from pendulum_env.errors import ColumnError
 from pendulum_env.lookup import UnknownName, find
@@ -204,43 +205,46 @@ def find_columns(
     ):
         missing = []
     if missing:
-        if missing == ["reference"]:
-            raise ColumnError(
-                f"no column for the goal (goal, reference) among {_list_headers(headers)}: say which with "
-                f"{format_setting('columns', {**told, 'reference': 'NAME'})}"
-            )
         free = [header for k, header in enumerate(headers) if k not in used and k not in wordy]
-        hints = [
-            hint
-            for quantity in missing
-            for hint in _suggest_by_unit(quantity, free) or _suggest_gains(quantity, headers)
-        ]
-        option = format_setting("columns", {**told, **dict.fromkeys(missing, "NAME")})
-        plain = (
-            f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or say which with {option}"
-        )
-        counter = next((header.strip() for header in headers if normalise_name(header) in COUNTERS), None)
-        if "time" in missing and counter is not None:
-            time = format_setting("columns", {"time": f"{counter}/RATE"})
-            hints = [f"if {quote_value(counter, QUOTED)} counts samples, {time} with their rate [Hz]"]
-        if len(joints := _find_joints(headers)) > 1:
-            robot = format_setting("robot", "ARM.urdf")
-            hints = [f"there are some for {_list_headers(joints)}: an arm needs {robot}, one joint needs {option}"]
-        if hints and counter is None:
-            unnamed = [q for q in missing if not any(re.search(rf"\b{q}\b['=]", hint) for hint in hints)]
-            hints += [f"say which is {q} with {q}=NAME" for q in unnamed]
-        if missing == ["torque"]:
-            without = format_setting("columns", {**told, "torque": NONE})
-            hints = hints or [f"say which with {option}"]
-            hints[-1] += f", or {without} if nothing drives the joint"
-        elif "torque" in missing and len(joints) < 2:
-            hints = [*(hints or [plain]), f"write torque={NONE} if nothing drives the joint"]
-        raise ColumnError(
-            f"no column for {', '.join(missing)} among {_list_headers(headers)}: " + ("; ".join(hints) or plain)
-        )
+        _refuse_missing(missing, headers, free, told)
     if "reference" in columns and columns["reference"].unit is None and columns["position"].unit in UNITS["position"]:
         columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)  # one file, one unit
     return _apply_moteus_units(columns, headers)
+
+
+def _refuse_missing(
+    missing: list[str], headers: Sequence[str], free: Sequence[str], told: Mapping[str, str]
+) -> NoReturn:
+    """Refuse a file without columns for quantities; suggest columns of `headers`, those in `free` have no use yet."""
+    if missing == ["reference"]:
+        raise ColumnError(
+            f"no column for the goal (goal, reference) among {_list_headers(headers)}: say which with "
+            f"{format_setting('columns', {**told, 'reference': 'NAME'})}"
+        )
+    hints = [
+        hint for quantity in missing for hint in _suggest_by_unit(quantity, free) or _suggest_gains(quantity, headers)
+    ]
+    option = format_setting("columns", {**told, **dict.fromkeys(missing, "NAME")})
+    plain = f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or say which with {option}"
+    counter = next((header.strip() for header in headers if normalise_name(header) in COUNTERS), None)
+    if "time" in missing and counter is not None:
+        time = format_setting("columns", {"time": f"{counter}/RATE"})
+        hints = [f"if {quote_value(counter, QUOTED)} counts samples, {time} with their rate [Hz]"]
+    if len(joints := _find_joints(headers)) > 1:
+        robot = format_setting("robot", "ARM.urdf")
+        hints = [f"there are some for {_list_headers(joints)}: an arm needs {robot}, one joint needs {option}"]
+    if hints and counter is None:
+        unnamed = [q for q in missing if not any(re.search(rf"\b{q}\b['=]", hint) for hint in hints)]
+        hints += [f"say which is {q} with {q}=NAME" for q in unnamed]
+    if missing == ["torque"]:
+        without = format_setting("columns", {**told, "torque": NONE})
+        hints = hints or [f"say which with {option}"]
+        hints[-1] += f", or {without} if nothing drives the joint"
+    elif "torque" in missing and len(joints) < 2:
+        hints = [*(hints or [plain]), f"write torque={NONE} if nothing drives the joint"]
+    raise ColumnError(
+        f"no column for {', '.join(missing)} among {_list_headers(headers)}: " + ("; ".join(hints) or plain)
+    )
 
 
 def can_be_torque(header: str, place: int) -> bool:
