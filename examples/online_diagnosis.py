@@ -1,4 +1,4 @@
-"""Two effects are hidden in a pendulum; while it runs, a table says what its model lacks, and takes it in.
+"""Hide two effects in a pendulum; while it runs, a table names the missing effects, and adds them to the model.
 
 python examples/online_diagnosis.py
 """
@@ -18,7 +18,7 @@ SHOWN = 6  # effects in the table
 
 
 def table(time: float, said: OnlineDiagnosis) -> Table:
-    """The likeliest effects, with what each gains over the running model."""
+    """Make a table of the most probable effects, with the gain of each over the running model."""
     model = " + ".join(("base", *said.added))
     verdict = " ".join((said.kind, " or ".join(said.group))).strip()
     title = f"{time:4.1f} s  {model}: {verdict}, error {said.error:.4f} N m"

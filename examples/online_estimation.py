@@ -1,4 +1,4 @@
-"""Six schemes estimate while the pendulum runs; at 10 s it picks up a payload, and those that forget follow.
+"""Estimate by six schemes while a pendulum runs; it picks up a payload at 10 s, and forgetting follows the change.
 
 python examples/online_estimation.py
 """
