@@ -79,7 +79,9 @@ class SearchHints:
         is_possible: whether a term has nonlinear parameters of a joint that moved as in N samples.
         alternative_starts: values by name from which the search begins where data call for another than the nominal
             one; without them, the grid holds all values to try.
-        multimodal: nonlinear parameter over which the error has many local minima, searched one by one.
+        multimodal: nonlinear parameter over which the error of torque has many local minima, searched one by one.
+        profiled: nonlinear parameter over which the error of rollouts has many local minima; its standard error is the
+            interval of the profile likelihood.
     """
 
     grid: Grid = make_grid_over_bounds
@@ -87,6 +89,7 @@ class SearchHints:
     is_possible: Callable[[Any, Samples], bool] = _always
     alternative_starts: Mapping[str, float] = field(default_factory=dict)
     multimodal: str = ""
+    profiled: str = ""
 
 
 def set_hints(kind: type[Term], hints: SearchHints) -> None:
@@ -308,7 +311,7 @@ _HINTS: dict[type[Term], SearchHints] = {
         _list_frequencies, n_tried=lambda kind, x, residual: len(_compute_periodogram(x, residual)[0])
     ),
     JointFlexibility: SearchHints(_list_flexible_joints),
-    Backlash: SearchHints(_list_gaps, multimodal="resonance"),
+    Backlash: SearchHints(_list_gaps, multimodal="resonance", profiled="gap"),
     ByAngle: SearchHints(_list_table_angles),
     FrictionBySpeed: SearchHints(_list_table_speeds),
     PowerOfSpeed: SearchHints(_make_value_grid((0.5, 1.5, 2.0, 3.0, 5.0))),

@@ -224,9 +224,9 @@ class RegressionData:
 
         A form is a set of free nonlinear parameters. Empty where the data offer no variant.
         """
-        if find_hints(effect).multimodal and self.layout.has_fast_fits:
+        if find_hints(effect).multimodal:
             variants = self.grid(terms, effect)
-            return [self.torque.search_basins(terms, variants)] if variants else []
+            return [self.maker.search_basins(terms, variants)] if variants else []
         ranked = self.ranked(terms, effect)
         if len(ranked) < 2:
             return ranked
@@ -327,7 +327,8 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     terms, theta = data.fit(terms, exactly=True)
     balance = _open_to_noise(data, terms, theta)
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
-    edges = {term: find_edges(term, data.data.part(term.at).samples) for term in terms}
+    is_torque = data.layout.predicts_torque  # positions have slopes also by a parameter at which a law jumps
+    edges = {term: find_edges(term, data.data.part(term.at).samples) if is_torque else [] for term in terms}
     scanned = {term.get_full_name(parameter.name) for term in terms for parameter in edges[term]}
     is_smooth = np.array([name not in scanned for name in names], dtype=bool)
     fit = balance.fit(data.layout.clusters, _with_payload(data, jacobian[:, is_smooth]), theta)

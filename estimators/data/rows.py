@@ -128,5 +128,8 @@ class RowMaker(Protocol):
     def trial(self, terms: Terms) -> ScoredTerms:
         """Fit one set of terms."""
 
+    def search_basins(self, terms: Terms, variants: Terms) -> ScoredTerms:
+        """Return the best fit of the terms with an effect whose error has many local minima, from several variants."""
+
     def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
         """Fit the continuous nonlinear parameters of one term of a trial from their values."""

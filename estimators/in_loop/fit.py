@@ -18,12 +18,13 @@ import numpy as np
 
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton
+from estimators.search_hints import find_hints
 from estimators.selection.errors import Errors
 from estimators.simulation.output_error import Point
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
-from pendulum_env.physics import Model
+from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording
 
 
@@ -33,7 +34,11 @@ class LoopSettings:
 
     turns: int = 30  # largest number
     dampings: tuple[float, ...] = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of the steps of each turn
-    difference: float = 1e-2  # of a parameter, for derivatives
+    difference: float = 1e-2  # of a parameter, for derivatives,
+    wide: float = 0.06  # and where the likelihood has many local minima: a secant passes over them
+    starts: int = 3  # of a link, from the likeliest values of the parameter with many local minima,
+    shares: tuple[float, ...] = (0.3, 0.6, 0.85)  # of the inertia at first,
+    stiffnesses: tuple[float, ...] = (1.0, 2.5)  # and factors of its resonance, as torque favours a soft contact
     leap: float = 1.0  # of a parameter, the largest step of any
     polls: int = 5  # times that each parameter is tried by itself,
     poll: tuple[float, ...] = (0.1, 0.4)  # and shares by which it is moved
@@ -104,12 +109,18 @@ def compute_parameter_sizes(point: Point, typical: Array) -> Array:
     return np.maximum(values, 1e-9)
 
 
+def has_local_minima(terms: Sequence[Term]) -> bool:
+    """Return whether the likelihood has many local minima over a nonlinear parameter of a term."""
+    return any(find_hints(type(term)).profiled for term in terms)
+
+
 def linearise_errors(rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool) -> Linear:
     """Linearise the errors around a point by linear parameters, and by nonlinear parameters if they are free."""
+    difference = LOOP.wide if nonlinear and has_local_minima(point.terms) else LOOP.difference
     values, size = point.values, compute_parameter_sizes(point, typical)
     count = len(values) if nonlinear else len(point.theta)
     _, high = find_bounds(point)
-    steps = LOOP.difference * size[:count]
+    steps = difference * size[:count]
     steps = np.where(values[:count] + steps > high[:count], -steps, steps)  # into the bounds
     nearby = [point.at(values + own) for own in np.eye(count, len(values)) * steps[:, None]]
     errors = rollouts.position_errors([point, *nearby])
@@ -151,7 +162,7 @@ def fit(
         made.append(Near(local, cost, local.weights * local.error, slopes, at_least, at_most))
         return made[-1]
 
-    polls = iter(range(0 if share else LOOP.polls))
+    polls = iter(range(0 if share or (nonlinear and has_local_minima(point.terms)) else LOOP.polls))
 
     def best(near: Near[Linear], steps: list[Array]) -> tuple[Point, float]:
         moved = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps]

@@ -7,6 +7,7 @@ import numpy as np
 
 from estimators.checks.torque_constant import widen_by_constant
 from estimators.data.regression_data import fit_terms
+from estimators.in_loop.profile import Profile, widen_by_profile
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
@@ -34,9 +35,10 @@ def fit_step(evaluator: ModelEvaluator, added: str | None, terms: Sequence[Term]
     """Fit a step with shorter steps of the integrator."""
     train, unseen = refine_rows(evaluator)
     terms = train.fit(terms).terms
-    model = _convert_to_torque_unit(
-        widen_by_clock(fit_terms(train.data, terms)[0], train), train.rollouts.recordings[0]
-    )
+    profile = train.scan(terms)
+    terms = terms if profile is None else profile.point.terms
+    model = widen_errors(fit_terms(train.data, terms)[0], train, profile)
+    model = _convert_to_torque_unit(model, train.rollouts.recordings[0])
     return Step(added, model, {"train": train.data.errors(model), "holdout": unseen.data.errors(model)})
 
 
@@ -53,8 +55,8 @@ def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
     return widen_by_constant(model, constant, model, replace(model, estimates=there))
 
 
-def widen_by_clock(model: Model, rows: RolloutRows) -> Model:
-    """Widen the standard errors of a model by the error of the clock of a log, a share of a sample."""
+def widen_errors(model: Model, rows: RolloutRows, profile: Profile | None = None) -> Model:
+    """Widen the standard errors of a model by a profile and by the error of the clock of a log, a share of a sample."""
     point = Point.of(model)
     near, rollouts = rows.near(model.terms), rows.rollouts
     by_nonlinear, nonlinear = rows.nonlinear_jacobian(model.terms, point.theta)
@@ -64,7 +66,10 @@ def widen_by_clock(model: Model, rows: RolloutRows) -> Model:
     moved = np.linalg.lstsq(weights * slopes, -weights * (late - rollouts.position_errors([point])), rcond=None)[0]
     names = [*(column.name for column in model.columns), *nonlinear]
     place = [list(model.estimates).index(name) for name in names]
-    covariance = model.assumed_covariance[np.ix_(place, place)] + moved @ moved.T
+    covariance = model.assumed_covariance[np.ix_(place, place)]
+    if profile is not None:
+        covariance = widen_by_profile(names, covariance, profile)
+    covariance += moved @ moved.T
     wider = {
         name: replace(model.estimates[name], std=float(std))
         for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True)

@@ -9,19 +9,30 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import Self
 
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import FOLDS, FittedTerms, FoldFits, RowLayout, ScoredTerms, Terms
-from estimators.in_loop.fit import LOOP, Linear, choose_likeliest_point, fit, linearise_errors, scale_of
+from estimators.in_loop.fit import (
+    LOOP,
+    Linear,
+    choose_likeliest_point,
+    compute_likelihood,
+    fit,
+    linearise_errors,
+    scale_of,
+)
+from estimators.in_loop.profile import Profile, scan_profile
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
+from estimators.search_hints import find_hints
 from estimators.simulation.output_error import Point
 from estimators.weak_form.columns import list_bounds
-from estimators.weak_form.nonlinear import list_continuous_parameters
+from estimators.weak_form.nonlinear import list_continuous_parameters, set_values
 from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -127,6 +138,43 @@ class RolloutRows:
         found = fit(self.rollouts, point, self.typical(terms), nonlinear=True)
         self._keep(found.point.terms, found)
         return found.point.terms
+
+    def scan(self, terms: Terms) -> Profile | None:
+        """Refit some terms by the profile of a parameter with many local minima, and keep the fit; None without."""
+        typical = self.typical(terms)
+        profile = scan_profile(self.rollouts, self.near(terms).point, typical)
+        if profile is not None:
+            self._keep(profile.point.terms, linearise_errors(self.rollouts, profile.point, typical, True))
+            self._converged.add(profile.point.terms)
+        return profile
+
+    def search_basins(self, terms: Terms, variants: Terms) -> ScoredTerms:
+        """Fit the terms with a link from several variants and shares of the inertia, and return the best fit.
+
+        The weight hangs on the link. The likeliest variant at each value of the parameter with many local minima is
+        fitted, the likeliest of them first.
+        """
+        near, name = self.near(terms).point, find_hints(type(variants[0])).profiled
+        theta = dict(zip((column.name for term in near.terms for column in term.columns), near.theta, strict=True))
+        inertia, weight = theta.get("inertia", 0.0), abs(theta.get("gravity", 0.0))
+        points = []
+        for variant, factor, share in product(variants, LOOP.stiffnesses, LOOP.shares):
+            sought = [own for own in variant.nonlinear_parameters if own.name in ("resonance", "gravity")]
+            hung = {"resonance": factor * variant.nonlinear_values["resonance"]}
+            hung["gravity"] = weight / max(share * inertia, 1e-9)
+            term = set_values(variant, sought, [hung[own.name] for own in sought])
+            points.append(Point.within((*near.terms, term), np.append(near.theta, share * inertia)))
+        likelihood = compute_likelihood(self.rollouts, self.rollouts.position_errors(points))
+        starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
+        for k in np.argsort(-likelihood):
+            starts.setdefault(points[k].terms[-1].nonlinear_values[name], points[k])
+        fits = [
+            fit(self.rollouts, point, self.typical(point.terms), nonlinear=True)
+            for point in [*starts.values()][: LOOP.starts]
+        ]
+        found = min(fits, key=lambda one: scale_of(self.rollouts, one.error))
+        self._keep(found.point.terms, found)
+        return self.trial(found.point.terms)
 
     def typical(self, terms: Terms) -> Array:
         """Return a typical size of each linear parameter (P,)."""

@@ -16,6 +16,7 @@ from estimators.signals.motion import get_known_load, get_temperature
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad
+from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.servo.drive import LONGEST
@@ -24,6 +25,7 @@ from pendulum_env.servo.torque import get_bus_voltage
 
 GRAIN = 0.02  # [s] between the positions that are compared,
 STEPS, FINE = 11, 20  # of the integrator while models are searched for, and in the end
+CONTACT = 2  # times as many, where a link hangs on a contact: it is stiffer than the joint
 FINEST = 1e-6  # [rad], below which a step of an encoder is a number's rounding
 JITTER = 0.03  # of a sample, by which a clock is off
 
@@ -170,9 +172,14 @@ class Rollouts:
                 for name, values in nonlinear.items()
             }
             terms.append(type(variants[0])(**same))
-        return self.compare_paths(
-            follow(terms, np.column_stack([point.theta for point in points]), self.servos, self.steps)
-        )
+        own = self._in_contact if has_link(points[0].terms) else self
+        theta = np.column_stack([point.theta for point in points])
+        return self.compare_paths(follow(terms, theta, own.servos, own.steps))
+
+    @cached_property
+    def _in_contact(self) -> Self:
+        """The same rollouts with the shorter steps of the integrator that a contact needs."""
+        return replace(self, steps=CONTACT * self.steps)
 
     def compare_paths(self, paths: Array) -> Array:
         """Return simulated positions (N + 1, V, B), a grain apart from the start, minus measured ones (R, V) [rad]."""

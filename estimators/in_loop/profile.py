@@ -1,0 +1,164 @@
+"""Profile likelihood of a nonlinear parameter over which the likelihood of rollouts has many local minima.
+
+All other parameters are fitted at several values of the parameter, each from the fit at the value beside. A fit ends in
+a local minimum near the likeliest point, so the maximum of each fit has an error. A parabola through the maxima,
+
+    log L = c + b x - a x^2,     x the logarithm of the parameter,
+
+averages over these errors. Its vertex b / 2a is the estimate. The variance is F / 2a, with the factor F by which
+correlated errors widen the interval, plus the variance of the vertex by the scatter of the maxima.
+
+Source: Ionides et al., Monte Carlo profile confidence intervals for dynamic systems, J. R. Soc. Interface 14, 2017.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.in_loop.fit import Linear, compute_likelihood, fit
+from estimators.in_loop.rollouts import Rollouts
+from estimators.regression.least_squares import compute_robust_covariance
+from estimators.search_hints import find_hints
+from estimators.simulation.output_error import Point
+from estimators.weak_form.nonlinear import list_continuous_parameters
+from pendulum_env._typing import Array
+from pendulum_env.physics.limits import limit_term
+
+
+@dataclass(frozen=True)
+class ProfileSettings:
+    """Numbers of a profile."""
+
+    ratio: float = 1.2  # of neighbouring values at first
+    fall: float = 60.0  # [nat], by which the likelihood falls at most from the best value to the next ones
+    beside: int = 2  # values on either side of the best that the parabola passes through
+    most: int = 12  # values
+
+
+PROFILE = ProfileSettings()
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Profile likelihood of a parameter.
+
+    Attributes:
+        name: of the parameter, `id.parameter`.
+        place: of the parameter among all free parameters.
+        point: fit at the estimate.
+        variance: of the estimate.
+        slopes: change of each free parameter with the estimate (P + S,).
+    """
+
+    name: str
+    place: int
+    point: Point
+    variance: float
+    slopes: Array
+
+
+def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | None:
+    """Refit a model by the profile likelihood of its parameter with many local minima; None without such a parameter.
+
+    Args:
+        rollouts: to fit.
+        start: where all parameters are fitted from at first.
+        typical: size of each linear parameter that matters (P,).
+    """
+    free = [(term, parameter) for term in start.terms for parameter in list_continuous_parameters(term)]
+    is_sought = [p.name == find_hints(type(term)).profiled and p.low < p.high for term, p in free]
+    if not any(is_sought):
+        return None
+    term, parameter = free[is_sought.index(True)]
+    name, place = term.get_full_name(parameter.name), len(start.theta) + is_sought.index(True)
+
+    def fit_near(point: Point, value: float | None = None) -> Linear:
+        terms = point.terms if value is None else tuple(limit_term(own, {name: (value, value)}) for own in point.terms)
+        return fit(rollouts, Point.within(terms, point.theta), typical, nonlinear=True, share=0.0)
+
+    first = fit_near(start)
+    fits = {float(first.point.values[place]): first}
+    heights = {value: _compute_height(rollouts, own) for value, own in fits.items()}
+
+    def extend(value: float, neighbour: float) -> None:
+        fits[value] = fit_near(fits[neighbour].point, value)
+        heights[value] = _compute_height(rollouts, fits[value])
+
+    while len(fits) < PROFILE.most:
+        values = sorted(fits)
+        k = values.index(max(heights, key=lambda value: heights[value]))
+        steep = [
+            values[j]
+            for j in (k - 1, k + 1)
+            if 0 <= j < len(values) and heights[values[j]] < heights[values[k]] - PROFILE.fall
+        ]
+        less, more = values[0] / PROFILE.ratio, values[-1] * PROFILE.ratio
+        if k < PROFILE.beside and values[0] not in steep and less >= parameter.low:
+            extend(less, values[0])
+        elif len(values) - 1 - k < PROFILE.beside and values[-1] not in steep and more <= parameter.high:
+            extend(more, values[-1])
+        elif steep:
+            extend(float(np.sqrt(steep[0] * values[k])), values[k])
+        else:
+            break
+    values = sorted(fits)
+    k = values.index(max(heights, key=lambda value: heights[value]))
+    near = values[max(0, k - PROFILE.beside) : k + PROFILE.beside + 1]
+    widening = _compute_widening(rollouts, fits[values[k]], place)
+    log_value, variance = fit_parabola(np.log(near), np.array([heights[value] for value in near]), widening)
+    estimate = float(np.exp(log_value))
+    closest = min(near, key=lambda value: abs(np.log(value / estimate)))
+    last = fit_near(fits[closest].point, estimate).point
+    paths = np.array([fits[value].point.values for value in near])
+    shifts = np.array(near) - np.mean(near)
+    slopes = shifts @ (paths - paths.mean(axis=0)) / (shifts @ shifts)
+    released = tuple(replace(old, **new.nonlinear_values) for old, new in zip(start.terms, last.terms, strict=True))
+    return Profile(name, place, Point(released, last.theta), variance * estimate**2, slopes)
+
+
+def _compute_height(rollouts: Rollouts, near: Linear) -> float:
+    return float(compute_likelihood(rollouts, near.error[:, None])[0])
+
+
+def _compute_widening(rollouts: Rollouts, near: Linear, place: int) -> float:
+    """Return the factor by which errors that are correlated within blocks widen the variance of a parameter."""
+    slopes, error = near.weights[:, None] * near.slopes, near.weights * near.error
+    correlated = compute_robust_covariance(slopes, error, rollouts.clusters)[place, place]
+    return float(max(1.0, correlated / np.linalg.pinv(slopes.T @ slopes)[place, place]))
+
+
+def fit_parabola(x: Array, height: Array, widening: float = 1.0) -> tuple[float, float]:
+    """Return the vertex of a parabola through maxima of a likelihood, and its variance.
+
+    Where the maxima bend upwards or the vertex is beyond them, it is the highest, uncertain by half their range.
+
+    Args:
+        x: places of the maxima (K,).
+        height: the maxima (K,) [nat].
+        widening: factor of the variance by the likelihood.
+    """
+    highest, half = float(x[np.argmax(height)]), 0.5 * float(np.ptp(x))
+    if len(x) < 3:
+        return highest, half**2
+    centre = float(x.mean())
+    columns = np.column_stack([-((x - centre) ** 2), x - centre, np.ones_like(x)])
+    (a, b, _), *_ = np.linalg.lstsq(columns, height)
+    if not (a > 0 and abs(b / (2 * a)) <= half):
+        return highest, half**2
+    scatter = float(np.sum((height - columns @ np.linalg.lstsq(columns, height)[0]) ** 2)) / max(len(x) - 3, 1)
+    covariance = scatter * np.linalg.inv(columns.T @ columns)
+    slopes = np.array([-b / (2 * a**2), 1 / (2 * a), 0.0])  # of the vertex, by a and b
+    return centre + b / (2 * a), float(slopes @ covariance @ slopes + widening / (2 * a))
+
+
+def widen_by_profile(names: list[str], covariance: Array, profile: Profile) -> Array:
+    """Return the covariance (Q, Q) of named parameters with the interval of a profile in it.
+
+    Other parameters have their covariance at a known value of the profile's parameter, and follow it by its slopes.
+    """
+    k = names.index(profile.name)
+    own = covariance[k]
+    known = covariance - np.outer(own, own) / max(own[k], 1e-300)
+    return np.asarray(known + np.outer(profile.slopes, profile.slopes) * profile.variance)
