@@ -26,7 +26,8 @@ from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import scale_swing
-from estimators.in_loop.fit import add_loop_errors
+from estimators.in_loop.goals import decide_goals
+from estimators.in_loop.simulation import add_loop_errors
 from estimators.prediction import Prediction, predict_recordings
 from estimators.regression.equations import IdentificationError
 from estimators.selection.errors import Errors, get_single
@@ -225,7 +226,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     model = check_model(model)
     check_horizon(horizon, model.body.can_simulate)
     recordings = select_recordings(recordings, body=model.body, log_format=model.log_format)
-    recordings = convert_to_model_unit(model, recordings).recordings
+    recordings = decide_goals(convert_to_model_unit(model, recordings).recordings)
     if recordings[0].units.slides:
         model = model.convert_units(JointUnits(model.torque_unit, slides=True))
     select_visible_effects({term.id: type(term) for term in model.terms if term.needs}, recordings)

@@ -12,7 +12,7 @@ import numpy as np
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.figure import Figure, before_and_after, broken
-from estimators.in_loop.fit import simulate_from_goals
+from estimators.in_loop.simulation import simulate_from_goals
 from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import Segments, follow
 from estimators.weak_form import links

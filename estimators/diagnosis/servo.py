@@ -23,7 +23,13 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.goals import read_goals, with_goals
+from estimators.in_loop.goals import (
+    has_unpowered_motor,
+    make_base,
+    read_goals,
+    select_voltage_drives,
+    with_goals,
+)
 from estimators.in_loop.refit import fit_step, refine_rows, refit_step
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
@@ -40,7 +46,6 @@ from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import LoadDependentFriction
-from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 
@@ -48,16 +53,12 @@ from pendulum_env.recording import Recording
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
     """Calibrate the recordings; a simulation from goals shows no effect of a sensor.
 
-    A horn is put on a servo by hand, so the angle at which it hangs is fitted as well. Back-EMF can be distinguished
-    from viscous friction where the motor was off for a while.
-
     Raises:
         UserError: if instruments or bounds of an experiment are asked for.
     """
     setting.refuse_experiment("a servo in the loop")
     data = FitData.of(recordings, holdout, setting.base)
-    more = [GravityTilt(), *([BackEmf()] if has_unpowered_motor(data.recordings) else [])]
-    base = (*setting.base, *(term for term in more if term.id not in list_ids(setting.base)))
+    base = make_base(data.recordings, setting.base)
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
     data = with_goal_reading(data, base)
@@ -184,16 +185,6 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
 def has_gear_friction(step: Step) -> bool:
     """Return whether load-dependent friction is significant; it distinguishes back-EMF from viscous friction."""
     return compute_significant_sign(step.model, LoadDependentFriction.id) > 0
-
-
-def has_unpowered_motor(recordings: Sequence[Recording]) -> bool:
-    """Return whether a motor that a voltage drives is off for a while."""
-    return not all(recording.powered.all() for recording in select_voltage_drives(recordings))
-
-
-def select_voltage_drives(recordings: Sequence[Recording]) -> list[Recording]:
-    """Return the recordings whose drive gives the motor a voltage, not a torque."""
-    return [own for own in recordings if own.drive is not None and own.drive.output in ("duty", "voltage")]
 
 
 def find_regions(trial: Trial) -> Sequence[Region]:

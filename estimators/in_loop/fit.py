@@ -16,16 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
+from estimators.in_loop.rollouts import Rollouts
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton
 from estimators.search_hints import find_hints
-from estimators.selection.errors import Errors
 from estimators.simulation.output_error import Point
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
-from pendulum_env.physics import Model, Term
-from pendulum_env.recording import Recording
+from pendulum_env.physics import Term
 
 
 @dataclass(frozen=True)
@@ -203,44 +201,3 @@ def _make_steps(slopes: Array) -> list[Array]:
     directions = np.vstack([np.eye(count), np.linalg.eigh(slopes.T @ slopes)[1].T[: count // 2]])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
     return [sign * share * own for own in directions for share in LOOP.poll for sign in (1, -1)]
-
-
-def choose_rollouts(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, Array]:
-    """Return the likelier rollouts, with goals held or interpolated, and their position errors (R,) [rad]."""
-    point = Point.of(model)
-    ways = [
-        (one, one.position_errors([point]))
-        for one in (Rollouts(tuple(recordings), FINE, held) for held in (True, False))
-    ]
-    rollouts, missed = max(ways, key=lambda way: float(compute_likelihood(*way)[0]))
-    return rollouts, missed[:, 0]
-
-
-def simulate_recording(model: Model, recording: Recording) -> tuple[Array, Array, Array]:
-    """Return times (R,) [s], simulated and measured positions (R,) [rad] of a recording with a drive."""
-    rollouts, missed = choose_rollouts(model, [recording])
-    return rollouts.time, rollouts.position + missed, rollouts.position
-
-
-def simulate_from_goals(model: Model, recordings: Sequence[Recording]) -> list[Array]:
-    """Return simulated positions (N,) [rad] of each recording of a servo; none without drives."""
-    if not are_driven(recordings):
-        return []
-    rollouts, missed = choose_rollouts(model, recordings)
-    simulated, paths = rollouts.position + missed, []
-    for k, recording in enumerate(recordings):
-        own, path = rollouts.recording_of == k, []
-        for part in recording.segments:
-            time = part.time - recording.time[0]
-            within = own & (rollouts.time > time[0]) & (rollouts.time <= time[-1])
-            known = np.r_[time[0], rollouts.time[within]], np.r_[part.position[0], simulated[within]]
-            path.append(np.interp(time, *known, right=np.nan))
-        paths.append(np.concatenate(path))
-    return paths
-
-
-def add_loop_errors(model: Model, recordings: Sequence[Recording], errors: Errors) -> Errors:
-    """Return the errors of a model with those in the loop, if the recordings have drives."""
-    if not are_driven(recordings):
-        return errors
-    return errors.with_loop(choose_rollouts(model, recordings)[1])

@@ -9,6 +9,7 @@ with the fewest effects.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,11 +20,13 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import densities
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.regression.equations import IdentificationError
 from estimators.selection.score import Bootstrap
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
-from pendulum_env.physics import Term
-from pendulum_env.physics.actuation import ActuatorLag, DeadTime
+from pendulum_env.physics import BASE, Term
+from pendulum_env.physics.actuation import ActuatorLag, BackEmf, DeadTime
+from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 
@@ -84,3 +87,33 @@ def with_goals(recordings: Sequence[Recording], is_held: bool) -> tuple[Recordin
         else own
         for own in recordings
     )
+
+
+def make_base(recordings: Sequence[Recording], base: Sequence[Term] = BASE) -> tuple[Term, ...]:
+    """Return the base model of servos: a horn is put on by hand, so the angle at which it hangs is fitted as well.
+
+    Back-EMF can be distinguished from viscous friction where a motor that a voltage drives was off for a while.
+    """
+    more = [GravityTilt(), *([BackEmf()] if has_unpowered_motor(recordings) else [])]
+    return (*base, *(term for term in more if term.id not in list_ids(base)))
+
+
+def decide_goals(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """Return the recordings with goals that are held or run on, decided as a diagnosis decides it.
+
+    Goals of a joint that moves too little for the decision are held.
+    """
+    reading = None
+    with suppress(IdentificationError):
+        reading = read_goals(recordings, make_base(recordings))
+    return with_goals(recordings, reading is None or reading.kind is Kind.GOALS_HELD)
+
+
+def has_unpowered_motor(recordings: Sequence[Recording]) -> bool:
+    """Return whether a motor that a voltage drives is off for a while."""
+    return not all(recording.powered.all() for recording in select_voltage_drives(recordings))
+
+
+def select_voltage_drives(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return the recordings whose drive gives the motor a voltage, not a torque."""
+    return [own for own in recordings if own.drive is not None and own.drive.output in ("duty", "voltage")]

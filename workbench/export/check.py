@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.fit import choose_rollouts
 from estimators.in_loop.rollouts import GRAIN
+from estimators.in_loop.simulation import make_rollouts
 from estimators.signals.motion import load_in_newton_metres
 from estimators.simulation.free_running import Segments, simulate_all, start_memory
 from estimators.simulation.output_error import Point
@@ -62,7 +62,7 @@ def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording
     steps = round(GRAIN / request.step)
     if abs(steps * request.step - GRAIN) > 1e-9:
         raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
-    rollouts = replace(choose_rollouts(model, recordings)[0], steps=steps)
+    rollouts = replace(make_rollouts(model, recordings)[0], steps=steps)
 
     def error(request: Request) -> float:
         return _compute_mean_size(rollouts.compare_paths(_follow(model, request, rollouts.servos, steps)))

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line
-from estimators.in_loop.fit import simulate_recording
+from estimators.in_loop.goals import decide_goals
+from estimators.in_loop.simulation import simulate_recording
 from estimators.simulation.free_running import HORIZON, Segments, follow
 from pendulum_env._typing import Array
 from pendulum_env.formatting import TextTable, capitalise, format_number
@@ -100,7 +101,7 @@ def make_loop(
     `angle` is the factor and the unit in which positions are shown, see `Case.angle`.
     """
     rows, figures, (factor, unit) = [], [], angle
-    for number, recording in enumerate(recordings):
+    for number, recording in enumerate(decide_goals(recordings)):
         errors, curves = [], []
         for (label, model), color in zip(models, ("--base", "--final")[-len(models) :], strict=True):
             time, simulated, measured = simulate_recording(model, recording)
