@@ -1,0 +1,73 @@
+"""Parameters with many local minima in the loop: several starts, and intervals of the profile likelihood."""
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.data.regression_data import RegressionData
+from estimators.in_loop.profile import fit_parabola
+from estimators.in_loop.rollout_rows import RolloutRows
+from estimators.in_loop.rollouts import Rollouts
+from estimators.search_hints import make_grid
+from pendulum_env.physics import BASE
+from pendulum_env.physics.potential import GravityTilt
+from pendulum_env.physics.transmission import Backlash
+from pendulum_env.recording import Recording
+from pendulum_env.servo.drive import Drive
+from tests import slow
+
+TERMS = (*BASE, GravityTilt())
+CASES = [
+    {"gap": 8.7e-3, "stiffness": 800.0, "damping": 0.5, "link": 0.012, "rate": 100},
+    {"gap": 3.0e-3, "stiffness": 800.0, "damping": 0.3, "link": 0.010, "rate": 100},
+    {"gap": 2.0e-2, "stiffness": 400.0, "damping": 0.3, "link": 0.020, "rate": 200},
+    {"gap": 5.0e-3, "stiffness": 1500.0, "damping": 1.0, "link": 0.008, "rate": 50},
+]
+
+
+def record_play(gap: float, stiffness: float, damping: float, link: float, rate: int) -> tuple[Recording, ...]:
+    """Goals and positions of a servo with play behind its motor of 0.004 kg m^2, by an independent simulator."""
+    transmission = {"Jm": 0.004, "bl_gap": gap, "bl_k": stiffness, "bl_d": damping}
+    plant = Plant(link + 0.004, 0.736, 0.30, 0.09, {"backlash": transmission})
+    told = {"counts": 4096, "control": "servo", "gains": (12.0, 0.0), "torque_limit": 3.0}
+    runs = simulate([(plant, Experiment(1000.0, 8.0, "pd_loop", 0.5, seed, **told)) for seed in (1, 2)])
+    drive, found = Drive(kp=4.0, supply=12.0, gain=0.25, rate=1000.0, goal="ramp"), []
+    for k, run in enumerate(runs):
+        time, position, goal = (series[:: 1000 // rate] for series in (run.time, run.position, run.goal))
+        found.append(Recording(f"{k}", time, position, 12.0 * (goal - position), reference=goal, drive=drive))
+    return tuple(found)
+
+
+@pytest.mark.parametrize("case", slow.but_first(CASES))
+def test_gap_comes_back_within_its_profile_interval_from_every_start_of_the_grid(case):
+    recordings = record_play(**case)
+    rows = RolloutRows(Rollouts(recordings), RegressionData.of(recordings).torque)
+    x = rows.torque.data.samples
+    found = rows.search_basins(TERMS, make_grid(Backlash, x, x.torque)[::3])
+    profile = rows.scan(found.terms)
+    assert profile is not None
+    gap, std = profile.point.values[profile.place], np.sqrt(profile.variance)
+    assert abs(gap - case["gap"]) < 3 * std < 0.3 * case["gap"]
+
+
+def test_terms_without_local_minima_have_no_profile():
+    recordings = record_play(**CASES[0])
+    rows = RolloutRows(Rollouts(recordings), RegressionData.of(recordings).torque)
+    assert rows.scan(BASE) is None
+
+
+def test_parabola_has_the_variance_of_a_likelihood_and_scatter_adds_to_it():
+    x, std = np.linspace(-0.3, 0.4, 8), 0.1
+    height = 50.0 - (x - 0.07) ** 2 / (2 * std**2)
+    value, variance = fit_parabola(x, height)
+    assert value == pytest.approx(0.07) and variance == pytest.approx(std**2)
+    assert fit_parabola(x, height, 4.0)[1] == pytest.approx(4 * std**2)
+    rng = np.random.default_rng(0)
+    trials = [fit_parabola(x, height + rng.standard_normal(8)) for _ in range(400)]
+    scatter = np.var([value for value, _ in trials])
+    assert np.mean([variance for _, variance in trials]) == pytest.approx(std**2 + scatter, rel=0.3)
+
+
+def test_maxima_that_bend_upwards_leave_half_their_range():
+    x = np.linspace(0.0, 1.0, 5)
+    assert fit_parabola(x, (x - 0.4) ** 2) == (1.0, 0.25)
