@@ -13,7 +13,7 @@ from pendulum_env.physics import BASE
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.physics.transmission import Backlash
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.drive import ServoDrive
 from tests import slow
 
 TERMS = (*BASE, GravityTilt())
@@ -31,7 +31,7 @@ def record_play(gap: float, stiffness: float, damping: float, link: float, rate:
     plant = Plant(link + 0.004, 0.736, 0.30, 0.09, {"backlash": transmission})
     told = {"counts": 4096, "control": "servo", "gains": (12.0, 0.0), "torque_limit": 3.0}
     runs = simulate([(plant, Experiment(1000.0, 8.0, "pd_loop", 0.5, seed, **told)) for seed in (1, 2)])
-    drive, found = Drive(kp=4.0, supply=12.0, gain=0.25, rate=1000.0, goal="ramp"), []
+    drive, found = ServoDrive(kp=4.0, supply=12.0, gain=0.25, rate=1000.0, goal="ramp"), []
     for k, run in enumerate(runs):
         time, position, goal = (series[:: 1000 // rate] for series in (run.time, run.position, run.goal))
         found.append(Recording(f"{k}", time, position, 12.0 * (goal - position), reference=goal, drive=drive))
