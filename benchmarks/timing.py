@@ -1,4 +1,4 @@
-"""CPU seconds of `diagnose`, by case, each in a process of its own.
+"""CPU seconds of `diagnose`, by case, and microseconds of a sample online, each in a process of its own.
 
     python -m benchmarks.timing [--other PYTHON] [NAME ...]
 
@@ -36,6 +36,35 @@ LIMITS = {  # [s]
     "six joints, nothing hidden": 8.0,
     "six joints, friction by load at two": 30.0,
 }
+# algorithm, and most CPU time of a sample at 1 kHz [us]
+ONLINE = {
+    "DiagnoseOnline, all effects": ("Diagnoser(1000.0)", 200.0),
+    "EstimateParameters, six schemes": ("OnlineEstimator(1000.0, counts=1_024_000)", 60.0),
+}
+FEED = """
+import time
+import numpy as np
+from estimators.online import Diagnoser, OnlineEstimator
+from pendulum_env.backends import record
+from pendulum_env.excitation import excitation
+run = record(None, excitation("paper", 1), 20.0, rate=1000.0, rng=1)
+samples = [tuple(np.full(1, value) for value in each) for each in zip(run.time, run.position, run.torque)]
+algorithm = {}
+begin = time.process_time()
+for sample in samples:
+    algorithm.take(*sample)
+print((time.process_time() - begin) / len(samples) * 1e6)
+"""
+ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
+
+
+def measure_online(python: str, algorithm: str) -> float:
+    """Return the CPU time of a sample [us] of an online algorithm over 20 s, the least of three runs."""
+    line = [python, "-P", "-c", FEED.format(algorithm)]
+    runs = (
+        subprocess.run(line, capture_output=True, text=True, check=True, env=os.environ | ONE_THREAD) for _ in "abc"
+    )
+    return min(float(run.stdout) for run in runs)
 
 
 def write_inputs(name: str, folder: Path) -> list[str]:
@@ -57,9 +86,8 @@ def write_inputs(name: str, folder: Path) -> list[str]:
 
 def measure(python: str, arguments: Sequence[str]) -> float:
     """Return the CPU seconds [s] of `diagnose` with one thread, by an interpreter."""
-    one_thread = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
     line = [python, "-c", "from workbench.entry import main; raise SystemExit(main())", "diagnose", *arguments]
-    run = subprocess.Popen(line, stdout=subprocess.DEVNULL, env=os.environ | one_thread)
+    run = subprocess.Popen(line, stdout=subprocess.DEVNULL, env=os.environ | ONE_THREAD)
     _, status, usage = os.wait4(run.pid, 0)
     if status:
         raise SystemExit(f"diagnose ended with code {os.waitstatus_to_exitcode(status)}: run {' '.join(line)}")
@@ -68,7 +96,7 @@ def measure(python: str, arguments: Sequence[str]) -> float:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.timing", description=__doc__.splitlines()[0])
-    names = [*(f"pendulum, {effect or 'nothing'}" for effect in PENDULUM), *ARM]
+    names = [*(f"pendulum, {effect or 'nothing'}" for effect in PENDULUM), *ARM, *ONLINE]
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of the cases: {'; '.join(names)}")
     parser.add_argument("--other", metavar="PYTHON", help="interpreter of another release, for the ratio")
     arguments = parser.parse_args(argv)
@@ -76,6 +104,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"unknown case {unknown[0]!r}: choose from {'; '.join(names)}")
     terminal, rows = Terminal(), []
     for name in arguments.names or names:
+        if name in ONLINE:
+            algorithm, limit = ONLINE[name]
+            times = [measure_online(python, algorithm) for python in filter(None, (sys.executable, arguments.other))]
+            ratio = [f"{times[0] / times[1]:.2f}"] if arguments.other else []
+            rows.append((name, *(f"{value:.0f} us" for value in times), *ratio, f"{limit:g} us"))
+            continue
         with tempfile.TemporaryDirectory() as folder:
             inputs = write_inputs(name, Path(folder))
             here = measure(sys.executable, inputs)
