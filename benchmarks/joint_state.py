@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.independent_plant import SimulatedRecording, random_case, simulate
 from estimators.online import Estimates, JointState, OnlineEstimator
-from estimators.online.estimator import RECURSIONS
+from estimators.online.recursion import RECURSIONS
 from estimators.schemes.six import SCHEMES, LowPass, Scheme
 from estimators.signals.measurements import Smoothing, compute_encoder_noise
 from workbench.terminal import Terminal

@@ -5,8 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from estimators.online.clock import Clock
-from estimators.online.stream import Stream, StreamEquations
+from estimators.online.stream import Clock, Stream, StreamEquations
 from estimators.schemes.balance import adapt_to_arms, apply_scheme, compute_balances
 from estimators.schemes.six import GUARD, Scheme
 from estimators.signals.measurements import Smoothing, measure
@@ -118,7 +117,7 @@ class ArmStream:
             usable[: self._memory] = False
         instants = np.array([[x.time, x.position, x.velocity, x.acceleration, x.torque, x.held] for x in m])
         self._n_done = self._count
-        anew = np.zeros(1, dtype=bool)
+        restarted = np.zeros(1, dtype=bool)
         for k in range(first, end):
             for j in range(joints):
                 yield StreamEquations(
@@ -127,7 +126,7 @@ class ArmStream:
                     equations[k, j][None],
                     usable[k, j][None],
                     None,
-                    anew,
+                    restarted,
                     instants[j, :, k + 1 : k + 2],
                     j,
                 )

@@ -23,15 +23,12 @@ Machine Learning 32, 1998 (mixtures that share).
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimators.online.binning import MARGIN, Bin
+from estimators.online.binning import Bins, ModelRows, linearise
 from estimators.online.forgetting import ForgettingMixture, cap_density
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.balance import LEAST_SLOPE
@@ -39,10 +36,7 @@ from estimators.regression.least_squares import RIDGE
 from estimators.regression.recursive import PRIOR
 from estimators.selection.score import log_student, weigh_squares
 from pendulum_env._typing import Array, Index
-from pendulum_env.physics import Column, Samples, Term
-from pendulum_env.physics.term import one, zero
-
-TIME, POSITION, VELOCITY, TORQUE = range(4)  # series of a bin
+from pendulum_env.physics import Term
 
 
 @dataclass(frozen=True)
@@ -51,7 +45,6 @@ class OnlineDiagnosisSettings:
 
     scale_memory: int = 3000  # bins, memory of the error scale
     min_weight: float = -12.0  # least log weight relative to the best variant
-    perturbation: float = 1e-3  # [N m], for derivatives by the torque
     n_scale_iterations: int = 20  # iterations of the error scale
     n_tangents: int = 4  # iterations of a fit with columns that depend on the torque
     calibration_time: float = 1.0  # [s] of motion in the first fit of all models
@@ -67,139 +60,6 @@ class OnlineDiagnosisSettings:
 
 
 ONLINE = OnlineDiagnosisSettings()
-
-
-class ModelRows(NamedTuple):
-    """Equations of V models over R bins, and their derivatives by the torque.
-
-    Attributes:
-        phi: (R, V, P).
-        y: (R, V) [N m].
-        slope: derivative of phi by the torque (R, V, P) [1/(N m)].
-        y_slope: derivative of y by the torque (R, V).
-    """
-
-    phi: Array
-    y: Array
-    slope: Array
-    y_slope: Array
-
-
-def linearise(phi: Array, y: Array, slope: Array, theta: Array, error: Array) -> tuple[Array, Array]:
-    """Linearise the errors of the predicted torque at parameters (..., P), see the module.
-
-    Args:
-        phi: rows (..., P).
-        y: left-hand sides (...).
-        slope: derivatives of phi by the torque (..., P).
-        theta: parameters (..., P).
-        error: of the predicted torque (...).
-    """
-    return phi - error[..., None] * slope, y - error * np.einsum("...p,...p->...", slope, theta)
-
-
-@dataclass(frozen=True)
-class Bins:
-    """R bins of n samples each, of one or several joints.
-
-    Attributes:
-        series: time, position, velocity and torque at n + 3 instants (4, R, n + 3).
-        y: left-hand side, in units of `scale` (R,).
-        period: between samples [s].
-        at: name of the joint of each bin (R,).
-        given: columns of terms whose laws are no functions of one joint (R, G) [N m].
-        scale: of the errors of the joint of each bin, relative to all joints (R,).
-    """
-
-    series: Array
-    y: Array
-    period: float
-    at: NDArray[np.str_]
-    given: Array
-    scale: Array
-
-    @classmethod
-    def of(cls, bins: Sequence[Bin], period: float, joints: Sequence[str], scale: Array) -> Bins:
-        """Stack bins.
-
-        Args:
-            bins: of any joints.
-            period: between samples [s].
-            joints: names.
-            scale: of the errors of each joint (J,).
-        """
-        joint = [one.joint for one in bins]
-        series, own = np.stack([one.series for one in bins], axis=1), scale[joint]
-        y, given = np.array([one.y for one in bins]) / own, np.array([one.phi for one in bins])
-        return cls(series, y, period, np.array(joints)[joint], given, own)
-
-    def of_joint(self, name: str) -> Bins:
-        """Select the bins of one joint."""
-        own = self.at == name
-        return Bins(self.series[:, own], self.y[own], self.period, self.at[own], self.given[own], self.scale[own])
-
-    @property
-    def middle(self) -> Samples:
-        """Return the instants in the middle of the bins, (R,) each."""
-        return Samples(*self.series[:, :, self.series.shape[2] // 2])
-
-    def rows(self, terms: Sequence[Term], count: int = 1) -> ModelRows:
-        """Evaluate the equations of terms, with nonlinear parameters of one variant or of `count` variants.
-
-        The left-hand side is the torque minus all fixed columns.
-        """
-        shape = len(self.y), count
-        phi, slope = np.zeros((2, *shape, sum(len(term.columns) for term in terms)))
-        y, y_slope = np.zeros(shape) + self.y[:, None], np.ones(shape)
-        j, given = 0, iter(self.given.T)
-        for term in terms:
-            own = self.at == term.at
-            of_joint = self if own.all() else self.of_joint(term.at)
-            scale = of_joint.scale[:, None]
-            for column in term.columns:
-                if column.mass is zero and column.force is zero and column.dry is zero:
-                    phi[..., j] = (next(given) / self.scale)[:, None]
-                elif own.any():
-                    value, by_torque = of_joint._column(column, column.of_torque)
-                    phi[own, :, j], slope[own, :, j] = value / scale, by_torque
-                j += 1
-            for column in term.fixed if own.any() else ():
-                value, by_torque = of_joint._column(column, True)
-                y[own] -= value / scale
-                y_slope[own] -= by_torque
-        return ModelRows(phi, y, slope, y_slope)
-
-    def _column(self, column: Column, of_torque: bool) -> tuple[Array, Array | float]:
-        """Average a column over the bins (R, V), and its derivative by the torque; V is 1 if variants do not differ."""
-        x = Samples(*self.series)
-        value = self._impulse(column, x)
-        if not of_torque:
-            return value, 0.0
-        return value, (
-            self._impulse(column, replace(x, torque=x.torque + ONLINE.perturbation)) - value
-        ) / ONLINE.perturbation
-
-    def _impulse(self, column: Column, x: Samples) -> Array:
-        """Average the impulse view of a column (`schemes.six`) over the bins (R, V)."""
-        average = _averaging_matrix(x.velocity.shape[-1])  # (n + 3, n)
-        total: Array | float = 0.0
-        if column.mass is not zero:
-            mass = np.broadcast_to(column.mass(x), x.velocity.shape) if column.mass is one else column.mass(x)
-            total = np.mean((mass @ average) * np.diff(x.velocity)[..., 1:-1], axis=-1) / self.period
-        if column.force is not zero or column.dry is not zero:
-            force = column.force(x)
-            if column.dry is not zero:
-                force = force + column.dry(x) * np.sign(x.velocity)
-            force = np.asarray(force)
-            total = total + (force @ average.mean(axis=1) if force.ndim > 1 else force)
-        return np.atleast_2d(total).T if np.ndim(total) else np.full((len(self.y), 1), float(total))
-
-
-@functools.cache
-def _averaging_matrix(length: int) -> Array:
-    """Return the matrix that averages over the sample before each instant, of fourth order (n + 3, n)."""
-    mean = np.array([-1.0, 13.0, 13.0, -1.0]) / 24
-    return np.column_stack([np.r_[np.zeros(k), mean, np.zeros(length - 4 - k)] for k in range(length - MARGIN)])
 
 
 def _stack_variants(variants: Sequence[Term]) -> Term:

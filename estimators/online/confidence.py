@@ -15,11 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.online.kalman import KalmanLeastSquares
-from estimators.online.recursion import SquareRootLeastSquares
+from estimators.online.recursion import Recursion
 from pendulum_env._typing import Array, Index, Mask
-
-Recursion = SquareRootLeastSquares | KalmanLeastSquares
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ class ClusterCovariance:
         self._forgetting = forgetting
         self._longest = COVARIANCE.max_memory_share / (1.0 - forgetting) if forgetting < 1 else np.inf
         self._shortest = max(2, round(min(COVARIANCE.cluster_time / period, self._longest)))
-        self._left = np.zeros((COVARIANCE.max_clusters, *batch, parameters, parameters + 1))  # A and b
+        self._clusters = np.zeros((COVARIANCE.max_clusters, *batch, parameters, parameters + 1))  # A and b
         self._now = np.zeros((*batch, parameters, parameters + 1))  # of the current cluster, without
         self._rows = np.zeros((self._shortest, *batch, parameters + 1))  # its last equations
         self._used = np.zeros(batch)  # equations in the current cluster
@@ -61,7 +58,7 @@ class ClusterCovariance:
 
     def reset(self, which: Mask) -> None:
         """Restart plants (B,); the others keep their clusters."""
-        self._left[:, which] = 0.0
+        self._clusters[:, which] = 0.0
         self._rows[:, which] = 0.0
         # covariance functions in use keep the old arrays
         self._meat, self._known = self._meat.copy(), self._known.copy()
@@ -86,21 +83,20 @@ class ClusterCovariance:
             return
         theta, P = squares.theta, squares.P
         if self._forgetting < 1:
-            self._left[: self._done] *= (self._forgetting**self._used)[..., None, None]
-        self._left[self._done] = self._now
+            self._clusters[: self._done] *= (self._forgetting**self._used)[..., None, None]
+        self._clusters[self._done] = self._now
         self._done, self._filled = self._done + 1, 0
         learnt = self._used > 0
         self._now[:], self._used[:] = 0.0, 0.0
         if self._done == COVARIANCE.max_clusters and 2 * self._length <= self._longest:
             half = COVARIANCE.max_clusters // 2
-            self._left[:half] = self._left[0::2] + self._left[1::2]
-            self._left[half:] = 0.0
+            self._clusters[:half] = self._clusters[0::2] + self._clusters[1::2]
+            self._clusters[half:] = 0.0
             self._done, self._length = half, 2 * self._length
         elif self._done == COVARIANCE.max_clusters:
-            self._left[:-1, learnt] = self._left[1:, learnt]  # at rest, nothing is forgotten
+            self._clusters[:-1, learnt] = self._clusters[1:, learnt]  # at rest, nothing is forgotten
             self._done -= 1
-        left = self._left[: self._done]
-        A, b = left[..., :-1], left[..., -1:]
+        A, b = np.split(self._clusters[: self._done], [-1], axis=-1)
         score = b - A @ theta[..., None]  # (clusters, B, S, P, 1)
         # J / (J - A) = 1 / (1 - A P); 1e-9 is for a cluster with all the information
         score = np.asarray(np.linalg.solve((1.0 + 1e-9) * np.eye(P.shape[-1]) - A @ P, score), dtype=float)

@@ -21,10 +21,11 @@ import numpy as np
 from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin, Binner
 from estimators.online.change import CHANGE, Fit, ParameterChange, find_change, fit_rows
-from estimators.online.clock import check_rate
-from estimators.online.competitors import ONLINE, TIME
+from estimators.online.competitors import ONLINE
 from estimators.online.evidence import ReferenceDistribution, compute_threshold
 from estimators.online.model_comparison import ModelComparison, PlantBins
+from estimators.online.rows import TIME
+from estimators.online.stream import check_rate
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import Bootstrap
 from estimators.signals.measurements import Smoothing

@@ -5,14 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.online.arm_stream import make_stream
-from estimators.online.clock import check_rate
-from estimators.online.confidence import ClusterCovariance, RandomWalkCovariance, Recursion
+from estimators.online.confidence import ClusterCovariance, RandomWalkCovariance
 from estimators.online.encoder import EncoderNoise
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
-from estimators.online.kalman import KalmanLeastSquares
-from estimators.online.recursion import SquareRootLeastSquares
-from estimators.online.stream import StreamEquations
+from estimators.online.recursion import RECURSIONS, SQUARE_ROOT
+from estimators.online.stream import check_rate
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Scheme, scheme
 from estimators.signals.measurements import Smoothing, compute_encoder_noise
@@ -20,12 +18,6 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term
-
-SQUARE_ROOT = "SquareRootLeastSquares"
-RECURSIONS: dict[str, type[Recursion]] = {
-    SQUARE_ROOT: SquareRootLeastSquares,
-    "KalmanFilter": KalmanLeastSquares,
-}
 
 
 class OnlineEstimator:
@@ -91,7 +83,6 @@ class OnlineEstimator:
             noise = compute_encoder_noise(COUNTS)
             if smoothing is None:
                 self._noise_estimator = EncoderNoise()
-        self._has_estimated_noise = False
         self._skipped = np.zeros(batch, dtype=np.intp)  # samples before the start of the stream
         self._smooth(smoothing or Smoothing.of_noise(noise, rate))
         period /= len(self._stream.joints)  # between equations
@@ -145,10 +136,11 @@ class OnlineEstimator:
             if self._clusters.take(taken.equations, squares.error, taken.usable):
                 self._clusters.close(squares)
         if taken is not None:
-            place = self._place(taken) if self._has_estimated_noise else taken.place
+            self._skipped[taken.restarted] = 0
+            place = np.where(taken.place < 0, taken.place, taken.place + self._skipped)
             self._now = self._regressions(place, taken.time, taken.usable, taken.regressor)
             if self._joint is not None:
-                self._joint.take(time, position, torque, taken.anew, self._now)
+                self._joint.take(time, position, torque, taken.restarted, self._now)
                 self._now = self._joint.append_estimates(self._now)
         return self._now
 
@@ -167,24 +159,19 @@ class OnlineEstimator:
     def _estimate_noise(self, estimator: EncoderNoise, time: Array, position: Array, torque: Array) -> Estimates:
         """Add a sample to the estimate of the encoder noise; parameters are not estimated from it."""
         for taken in self._stream.take(time, position, torque):  # the stream checks the sample
-            self._skipped[taken.anew] = 0
+            self._skipped[taken.restarted] = 0
             none, row = np.zeros_like(taken.usable), taken.regressor
             row = None if row is None else np.zeros_like(row)
             self._now = self._regressions(np.full(self.batch, -1), taken.time, none, row)
         if (noise := estimator.take(position)) is None:
             self._skipped += 1
             return self._now
-        self._noise_estimator, self._has_estimated_noise = None, True
+        self._noise_estimator = None
         self._smooth(Smoothing.of_noise(noise, self.rate))
         self._stream.take(time, position, torque)
         if self._joint is not None:
             self._joint.position_noise = noise
         return self._now
-
-    def _place(self, taken: StreamEquations) -> Index:
-        """Return the index of a sample since the start of each pendulum, before the stream included (B,)."""
-        self._skipped[taken.anew] = 0
-        return np.where(taken.place < 0, taken.place, taken.place + self._skipped)
 
     def _initial_estimates(self) -> Estimates:
         """Return the estimates before the first sample."""

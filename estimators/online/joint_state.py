@@ -118,7 +118,7 @@ class JointFilters:
         """Return which filters have started (B,)."""
         return np.array([one is not None for one in self.filters])
 
-    def take(self, time: Array, position: Array, torque: Array, anew: Mask, regression: Estimates) -> None:
+    def take(self, time: Array, position: Array, torque: Array, restarted: Mask, regression: Estimates) -> None:
         """Update with a sample of every pendulum, and start filters where the last regression is accurate enough.
 
         Pendulums that restart (B,), as after a gap, keep their parameters, and lose position and velocity.
@@ -129,7 +129,7 @@ class JointFilters:
                 if regression.usable[b, -1]:
                     self.filters[b] = self._start_filter(regression, b)
                 continue
-            one.is_lost = one.is_lost or bool(anew[b])
+            one.is_lost = one.is_lost or bool(restarted[b])
             if not np.isfinite(position[b] + torque[b]):
                 continue
             try:

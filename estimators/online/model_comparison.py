@@ -10,8 +10,8 @@ import numpy as np
 
 from estimators.data.rows import BLOCK as STRETCH
 from estimators.findings import Obstacle
-from estimators.online.binning import BLOCK, Bin
-from estimators.online.competitors import ONLINE, Bins, CompetingModels, thin_variants
+from estimators.online.binning import BLOCK, Bin, Bins
+from estimators.online.competitors import ONLINE, CompetingModels, thin_variants
 from estimators.online.evidence import EProcess, ReferenceDistribution
 from estimators.search_hints import is_possible, make_grid
 from pendulum_env._typing import Array

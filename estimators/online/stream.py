@@ -4,6 +4,7 @@ Samples wait in a ring buffer until they are smoothed; instants wait until it is
 The rest is a compiled recurrence, except for values further back: halts, and sums one window ago.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -46,7 +47,7 @@ class StreamEquations(NamedTuple):
         equations: phi and, in the last column, y (B, S, P + 1); the next sample overwrites them.
         usable: which equations may be used (B, S).
         regressor: phi of the torque balance at the sample, 0 in stick (B, P); None for an arm.
-        anew: which plants restarted with the newest sample (B,).
+        restarted: which plants restarted with the newest sample (B,).
         following: the next instant: time, position, velocity, acceleration, torque and held, as in `Measurements`
             (6, B); a view of a ring buffer.
         joint: index of the joint.
@@ -57,7 +58,7 @@ class StreamEquations(NamedTuple):
     equations: Array
     usable: Mask
     regressor: Array | None
-    anew: Mask
+    restarted: Mask
     following: Array
     joint: int = 0
 
@@ -171,12 +172,12 @@ class Stream:
         sample = arrival.given["sample"]
         sample[0], sample[1], sample[2] = time, position, torque
         arrival.step()
-        anew = self._none
-        if np.count_nonzero(arrival.now["anew"]):
-            anew = arrival.now["anew"] > 0
-            self.reset(anew)
+        restarted = self._none
+        if np.count_nonzero(arrival.now["restarted"]):
+            restarted = arrival.now["restarted"] > 0
+            self.reset(restarted)
         self._smooth(arrival.now["taken"])
-        return (self._equations(anew),)
+        return (self._equations(restarted),)
 
     def _smooth(self, taken: Array) -> None:
         """Compute the newest smoothed instant."""
@@ -187,7 +188,7 @@ class Stream:
         np.matmul(self._weights, window, out=instant)
         self._index += 1
 
-    def _equations(self, anew: Mask) -> StreamEquations:
+    def _equations(self, restarted: Mask) -> StreamEquations:
         """Compute the equations of the sample that lies `behind` the newest instant."""
         given, now, count, ring = self._machine.given, self._machine.now, self._count, self._instants
         row = count - self._behind
@@ -215,7 +216,7 @@ class Stream:
             now["equations"].transpose(2, 0, 1),
             now["usable"].T > 0,
             now["regressor"].T.copy(),
-            anew,
+            restarted,
             following,
         )
 
@@ -252,7 +253,7 @@ def _receive_sample(longest: float) -> SymbolicStep:
     is_number = np.abs(sample[0] + sample[1] + sample[2]) < np.inf
     now = [np.where(is_number, value, 0.0) for value in sample]
     taken = np.array([now[0], now[1], now[1] - position, now[2]])
-    after = {"last": taken[:2], "taken": taken, "anew": 1.0 - is_number * (now[0] - time <= longest)}
+    after = {"last": taken[:2], "taken": taken, "restarted": 1.0 - is_number * (now[0] - time <= longest)}
     return SymbolicStep({"sample": sample}, {"last": np.array([time, position])}, after)
 
 
@@ -282,3 +283,48 @@ def _advance_instant(
     found, usable = scheme_equations(schemes, views, clear, moving, given["oldest"], place, period, history)
     results = {"regressor": apply_gate(views[0, :-1], clear[0]), "equations": found, "usable": usable}
     return SymbolicStep(given | own, history.before, history.after | results)
+
+
+class Clock:
+    """Check of sample times against a rate; after the first samples at the rate, a longer time is a gap.
+
+    Attributes:
+        time: of the last sample [s]; minus infinity before the first.
+    """
+
+    def __init__(self, rate: float) -> None:
+        """Create a clock with a rate [Hz]."""
+        self._rate, self.time, self._came = rate, -math.inf, False
+
+    def restart(self) -> None:
+        """Accept any time next."""
+        self.time = -math.inf
+
+    def tick(self, time: float) -> bool:
+        """Check the time of a sample [s], and return whether a gap lies before it.
+
+        Raises:
+            ValueError: if time does not increase, or differs by more than a tenth of a period from the rate.
+        """
+        passed = time - self.time
+        if passed <= 0:
+            raise ValueError(
+                f"a sample at {time:.6g} s follows one at {self.time:.6g} s: call reset where time restarts"
+            )
+        on_time, follows = 0.9 < passed * self._rate < 1.1, math.isfinite(passed)
+        gap = follows and not on_time
+        if gap and not (self._came and passed * self._rate > SAMPLING.long):
+            raise ValueError(f"samples come every {passed:.4g} s, not at {self._rate:g} Hz: pass rate=")
+        self.time, self._came = time, self._came or on_time
+        return gap
+
+
+def check_rate(rate: float) -> float:
+    """Return a rate [Hz].
+
+    Raises:
+        ValueError: if it is not positive and finite.
+    """
+    if not 0 < rate < math.inf:
+        raise ValueError(f"the rate cannot be {rate:g} Hz: give a positive number")
+    return rate

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
-from estimators.online.clock import Clock
+from estimators.online.stream import Clock
 from pendulum_env._typing import Array, Mask
 
 

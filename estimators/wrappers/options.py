@@ -12,7 +12,7 @@ import gymnasium as gym
 
 from estimators.arguments import select_terms
 from estimators.online import JointState, OnlineEstimator
-from estimators.online.clock import check_rate
+from estimators.online.stream import check_rate
 from estimators.schemes.six import SCHEMES, Scheme, select_schemes
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, compute_encoder_noise

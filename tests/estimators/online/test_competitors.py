@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.online.competitors import Bins, CompetingModels
+from estimators.online.binning import Bins
+from estimators.online.competitors import CompetingModels
 from estimators.regression.recursive import PRIOR
 from pendulum_env.physics import BASE
 from pendulum_env.physics.library import effect

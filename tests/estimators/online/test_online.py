@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.online import Estimates, OnlineEstimator
-from estimators.online.estimator import RECURSIONS
-from estimators.online.recursion import SquareRootLeastSquares
+from estimators.online.recursion import RECURSIONS, SquareRootLeastSquares
 from estimators.regression.recursive import PRIOR, compute_history
 from estimators.schemes import six
 from estimators.schemes.six import PAPER, SCHEMES, Integral, LowPass
