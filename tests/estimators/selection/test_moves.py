@@ -2,15 +2,17 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.split import split_recordings
-from estimators.diagnosis.ranking import compute_alternatives
+from estimators.diagnosis.ranking import compute_alternatives, make_excitation_gate
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects, screen_replacements
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, revise
 from pendulum_env.physics import BASE, effect
+from pendulum_env.recording import Recording
 from tests.cases import recorded
 from tests.motions import moved
 
@@ -69,3 +71,31 @@ def test_a_straight_spring_that_turns_gravity_round_gives_way_to_one_that_harden
     )
     assert find_best_variant(evaluator, BASE, effect("spring")).terms == hardening
     assert evaluator.model(hardening).estimates["gravity"].value == pytest.approx(2.0, rel=0.01)
+
+
+def test_a_long_lag_with_hardly_any_inertia_imitates_an_inertia_behind_a_short_lag():
+    """J v' + b v behind 1 / (1 + T s) is also b T v' + b v behind 1 / (1 + J/b s): only its inertia tells them apart."""
+    inertia, viscous, coulomb, lag = 3e-4, 2e-3, 0.01, 2e-3
+    time, rates, sizes = np.arange(0.0, 20.0, 0.005), np.array([2.1, 5.3, 17.0]), np.array([12.0, 7.0, 1.5])
+    position = 30 * time - np.cos(np.outer(time, rates)) @ (sizes / rates)
+    wave = np.outer(time + 0.0025, rates)  # in the middle of each step, as torque is held
+    v, a = 30 + np.sin(wave) @ sizes, np.cos(wave) @ (sizes * rates)
+    jerk = -np.sin(wave) @ (sizes * rates**2)
+    torque = inertia * a + viscous * v + coulomb + lag * (inertia * jerk + viscous * a)
+    torque += 1e-4 * np.random.default_rng(1).standard_normal(len(time))
+    evaluator = ModelEvaluator(*split_recordings([Recording("motor", time, position, torque)]))
+    short, long = ((*BASE, effect("actuator_lag")(own)) for own in (lag, inertia / viscous))
+    assert evaluator.model(short).estimates["inertia"].value == pytest.approx(inertia, rel=0.02)
+    assert evaluator.model(long).estimates["inertia"].value == pytest.approx(viscous * lag, rel=0.3)
+    assert evaluator.is_significant(long, BASE) and evaluator.is_supported(long, BASE)
+    assert evaluator.keeps_base(short, BASE) and not evaluator.keeps_base(long, BASE)
+    assert not evaluator.lowers_errors(long, BASE)
+
+
+def test_an_effect_is_excited_by_the_torque_over_the_least_that_three_standard_errors_show(evaluator):
+    """The coefficient of a constant torque is that torque."""
+    gate = make_excitation_gate(evaluator, (*RIGHT, OFFSET))
+    offset = evaluator.fit_with_std(None, (*RIGHT, OFFSET)).model.estimates["torque_offset"]
+    recorded_rms = float(np.sqrt(np.mean(evaluator.train.data.applied_torque() ** 2)))
+    assert recorded_rms / gate.value == pytest.approx(3 * offset.std, rel=0.3)
+    assert gate.passed == (gate.value > gate.limit == evaluator.criterion.least_excitation)
