@@ -20,6 +20,7 @@ from pendulum_env.physics.effect_check import check_variants
 from pendulum_env.physics.friction import LoadDependentFriction, Presliding, Stribeck, TemperatureDependentFriction
 from pendulum_env.physics.limits import clip_term
 from pendulum_env.physics.potential import Cogging, HardStop, Spring
+from pendulum_env.physics.sensor import EncoderEccentricity
 from pendulum_env.physics.table import ByAngle, ByTime, Extent, FrictionBySpeed, PowerOfSpeed
 from pendulum_env.physics.time_varying import FrictionDrift, PayloadChange, PeriodicDisturbance
 from pendulum_env.physics.transmission import Backlash, JointFlexibility
@@ -302,6 +303,7 @@ _HINTS: dict[type[Term], SearchHints] = {
         lambda kind, x, residual: [kind()] if kind.at else [kind(), kind(3.0)],
         alternative_starts={"degree": 3.0},
     ),
+    EncoderEccentricity: SearchHints(lambda kind, x, residual: [kind(), kind(order=2.0)]),
     HardStop: SearchHints(
         _list_stops, is_possible=_is_stop, alternative_starts={"hysteresis": 0.05, "damping_time": 0.005}
     ),

@@ -13,37 +13,44 @@ Function = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class EncoderEccentricity(Term):
-    """Encoder disc off centre: it reads q + e sin(q + phase), written as e (cos phase sin q + sin phase cos q).
+    """Encoder error of N periods in a turn: it reads q + e sin(Nq + phase), written as s sin Nq + c cos Nq.
 
-    The equation of motion holds for the true angle, q - s sin q - c cos q in terms of the reading q. To first order in
-    e that adds, per unit of s, -(I d^2/dt^2 + mgl cos q + b d/dt) sin q, and the same of cos q per unit of c; inertia,
-    gravity and viscous friction follow the model's own.
+    A disc off centre has N = 1, a tilted or elliptic one N = 2. The equation of motion holds for the true angle,
+    q - s sin Nq - c cos Nq in terms of the reading q. To first order in e that adds, per unit of s,
+    -(I d^2/dt^2 + mgl cos q + b d/dt) sin Nq, and the same of cos Nq per unit of c; inertia, gravity and viscous
+    friction follow the model's own.
     """
 
     inertia: float = 0.09
     gravity: float = 2.0
     viscous: float = 0.36
+    order: float = 1.0
 
     id = "encoder_eccentricity"
-    law = "-(I d^2/dt^2 + mgl cos q + b d/dt)(s sin q + c cos q)"
+    law = "-(I d^2/dt^2 + mgl cos q + b d/dt)(s sin Nq + c cos Nq)"
     kind = "sensor"
     nonlinear_parameters = (
         NonlinearParameter("inertia", "kg m^2", 1e-9, 1e9, follows="inertia"),
         NonlinearParameter("gravity", "N m", -1e9, 1e9, follows="gravity"),
         NonlinearParameter("viscous", "N m s/rad", -1e9, 1e9, follows="viscous"),
+        NonlinearParameter("order", "1", 1, 2, integer=True, nominal=1.0),
     )
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return self._column("sin", np.sin, np.cos), self._column("cos", np.cos, lambda q: -np.sin(q))
+        n = self.order
+        return (
+            self._column("sin", lambda q: np.sin(n * q), lambda q: n * np.cos(n * q)),
+            self._column("cos", lambda q: np.cos(n * q), lambda q: -n * np.sin(n * q)),
+        )
 
     def _column(self, name: str, f: Function, slope: Function) -> Column:
-        """Make the column -(I d^2/dt^2 + mgl cos q + b d/dt) f(q), with f'' = -f."""
+        """Make the column -(I d^2/dt^2 + mgl cos q + b d/dt) f(q), with f'' = -N^2 f."""
 
         def force(x: Samples) -> Array:
             inertia, gravity = self._loaded(x)
             q, v = x.position, x.velocity
-            return inertia * f(q) * v**2 - gravity * np.cos(q) * f(q) - self.viscous * slope(q) * v
+            return inertia * self.order**2 * f(q) * v**2 - gravity * np.cos(q) * f(q) - self.viscous * slope(q) * v
 
         return Column(
             f"encoder_eccentricity.{name}", "rad", mass=lambda x: -self._loaded(x)[0] * slope(x.position), force=force

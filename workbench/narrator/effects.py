@@ -197,8 +197,8 @@ EFFECTS: dict[str, Description] = {
     "encoder_eccentricity": Description(
         symptom="a curve over the angle",
         signature=(
-            "Once a turn the angle runs ahead and falls back: errors of one cycle a turn that grow with the square of "
-            "the speed."
+            "Once or twice a turn the angle runs ahead and falls back: errors of one or two cycles a turn that grow "
+            "with the square of the speed."
         ),
         resembles=("gravity_tilt", "viscous_asymmetry"),
         informative_experiment="full turns at high speed",

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant
+from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.data.split import split_recordings
 from estimators.diagnosis.ranking import compute_alternatives, make_excitation_gate
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects, screen_replacements
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, revise
+from estimators.selection.search import search
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests.cases import recorded
@@ -74,7 +75,7 @@ def test_a_straight_spring_that_turns_gravity_round_gives_way_to_one_that_harden
 
 
 def test_a_long_lag_with_hardly_any_inertia_imitates_an_inertia_behind_a_short_lag():
-    """J v' + b v behind 1 / (1 + T s) is also b T v' + b v behind 1 / (1 + J/b s): only its inertia tells them apart."""
+    """J v' + b v behind 1 / (1 + T s) is b T v' + b v behind 1 / (1 + J/b s): only the inertia tells them apart."""
     inertia, viscous, coulomb, lag = 3e-4, 2e-3, 0.01, 2e-3
     time, rates, sizes = np.arange(0.0, 20.0, 0.005), np.array([2.1, 5.3, 17.0]), np.array([12.0, 7.0, 1.5])
     position = 30 * time - np.cos(np.outer(time, rates)) @ (sizes / rates)
@@ -99,3 +100,18 @@ def test_an_effect_is_excited_by_the_torque_over_the_least_that_three_standard_e
     recorded_rms = float(np.sqrt(np.mean(evaluator.train.data.applied_torque() ** 2)))
     assert recorded_rms / gate.value == pytest.approx(3 * offset.std, rel=0.3)
     assert gate.passed == (gate.value > gate.limit == evaluator.criterion.least_excitation)
+
+
+def test_two_periods_of_an_encoder_error_in_a_turn_are_named_and_no_cogging_beside_them():
+    (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=10.0, seed=5))])
+    reading = run.exact_position + 0.02 * np.sin(2 * run.exact_position + 0.7)
+    library = {
+        id: effect(id) for id in ("encoder_eccentricity", "cogging", "gravity_tilt", "position_dependent_friction")
+    }
+    parts = split_recordings([Recording("tilted disc", run.time, reading, run.torque)])
+    found = search(ModelEvaluator(*parts, library=library))
+    assert [step.added for step in found.steps] == [None, "encoder_eccentricity"]
+    estimates = found.steps[-1].model.estimates
+    assert estimates["encoder_eccentricity.order"].value == 2.0
+    assert estimates["encoder_eccentricity.sin"].value == pytest.approx(0.02 * np.cos(0.7), abs=5e-4)
+    assert estimates["encoder_eccentricity.cos"].value == pytest.approx(0.02 * np.sin(0.7), abs=5e-4)
