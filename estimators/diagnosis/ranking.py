@@ -133,6 +133,9 @@ def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
         verdict, gates = Verdict.REJECTED, [excited, *gates]
         if all(gate.passed for gate in gates):
             gates += _make_confirmation_gates(evaluator, evaluator.fit_with_std(term.id, longer), found.steps[-1])
+        if all(gate.passed for gate in gates) and not evaluator.residuals.is_noise(longer):
+            share, least = evaluator.residuals.explained_share(longer, others), evaluator.criterion.needed_share
+            gates.append(Gate("needed_share", share, least, share > least))
         selected = [step.added for step in found.steps if step.added is not None]
         reason = explain_rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)
         if found.table is not None and term.kind == found.table.kind:

@@ -93,6 +93,8 @@ def _describe_gate(found: Finding) -> str:
         return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"
     if name == "explained_share":
         return f"explains {value.value:.0%} of the residual, less than {limit.value:.0%}"
+    if name == "needed_share":
+        return f"explains {value.value:.0%} of the residual and leaves the rest: an unknown law may cause both"
     if name == "known_parameters":
         return f"predicts no better than other values of the parameters that were given: p = {value.value:.2g}"
     if name == "kept_gravity":
