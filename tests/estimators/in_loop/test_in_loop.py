@@ -419,6 +419,17 @@ def test_no_dead_time_of_half_a_sample_is_named(is_held):
     assert abs(own.value - 0.2) < 3 * own.std
 
 
+def test_goals_are_read_from_the_data_also_where_a_given_model_favours_the_other_reading():
+    recordings = [logged_slowly(True, 0.0, kp, k) for k, kp in enumerate((4.0, 7.0))]
+    wrong = Rollouts(tuple(with_goals(recordings, False)))
+    point = fit(wrong, Point(TILTED, np.array([*TRUE.values(), 0.0])), TYPICAL, share=0.0).point
+    held = Rollouts(tuple(with_goals(recordings, True)))
+    told = [compute_likelihood(own, own.position_errors([point]))[0] for own in (wrong, held)]
+    assert told[0] > told[1]
+    found = compare(Model.build(point.terms, point.theta), recordings)
+    assert found.data is not None and {own.drive.goal for own in found.data.recordings if own.drive} == {"held"}
+
+
 def test_goal_of_a_drive_decides_over_what_rollouts_assume(plain):
     held, ramp = (Rollouts(tuple(with_goals(plain[:1], own)), is_held=not own).servos.goal for own in (True, False))
     ahead = held - ramp
