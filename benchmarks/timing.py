@@ -87,7 +87,8 @@ def write_inputs(name: str, folder: Path) -> list[str]:
 def measure(python: str, arguments: Sequence[str]) -> float:
     """Return the CPU seconds [s] of `diagnose` with one thread, by an interpreter."""
     line = [python, "-c", "from workbench.entry import main; raise SystemExit(main())", "diagnose", *arguments]
-    run = subprocess.Popen(line, stdout=subprocess.DEVNULL, env=os.environ | ONE_THREAD)
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}  # as installed
+    run = subprocess.Popen(line, stdout=subprocess.DEVNULL, env=kept | ONE_THREAD)
     _, status, usage = os.wait4(run.pid, 0)
     if status:
         raise SystemExit(f"diagnose ended with code {os.waitstatus_to_exitcode(status)}: run {' '.join(line)}")

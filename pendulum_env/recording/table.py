@@ -54,7 +54,19 @@ def convert_numbers(column: pa.ChunkedArray) -> Array:
         column = pa.chunked_array([encoded.indices])
     if column.type != pa.float64():
         column = column.cast(pa.float64(), safe=False)
-    return np.array(column.to_numpy())
+    return np.concatenate([np.empty(0), *map(_copy_floats, column.chunks)])
+
+
+def _copy_floats(chunk: pa.DoubleArray) -> Array:
+    """Copy a chunk of floats (N,), null as NaN, from its buffers: a conversion by Arrow imports pandas."""
+    if not len(chunk):
+        return np.empty(0)
+    (is_valid, values), own = chunk.buffers(), slice(chunk.offset, chunk.offset + len(chunk))
+    copied = np.frombuffer(values, np.float64)[own].copy()
+    if is_valid is not None:
+        bits = np.unpackbits(np.frombuffer(is_valid, np.uint8), bitorder="little")[own]
+        copied[bits == 0] = np.nan
+    return copied
 
 
 def is_text(kind: pa.DataType) -> bool:
