@@ -107,8 +107,8 @@ def describe_verdict(found: OnlineDiagnosis, stands: bool) -> str:
     """Describe the verdict, and list the effects that were not tried."""
     after = f"after {found.motion:.1f} s of motion"
     if found.kind == "calibrating":
-        return "too short to tell what is missing: record some seconds more of motion"
-    verdict = f"nothing is surely missing {after}"
+        return "too short for a verdict: record some seconds more of motion"
+    verdict = f"no effect is significant {after}"
     if found.kind == "missing":
         standing = "the verdict stands" if stands else "the verdict does not stand yet"
         verdict = f"missing: {join_words([name_effect(id) for id in found.group], 'or')} ({standing}, {after})"
@@ -117,4 +117,4 @@ def describe_verdict(found: OnlineDiagnosis, stands: bool) -> str:
     if not found.not_run:
         return verdict
     others = join_words([name_effect(id) for id in found.not_run], "and")
-    return f"{verdict}\nnot tried, as only `diagnose` on the recording does: {others}"
+    return f"{verdict}\nnot tried online (run `diagnose` on the recording): {others}"

@@ -54,7 +54,7 @@ def print_diagnosis(
     lines += list_parameters(estimates, bool(found.unexplained))
     first = {region.at: region for region in reversed(found.unexplained)}  # of each joint
     lines += [
-        f"left: {describe_unexplained(found, region)}"
+        f"unexplained: {describe_unexplained(found, region)}"
         for region in reversed(first.values())
         if describe_region(region) != step
     ]
@@ -72,4 +72,4 @@ def print_diagnosis(
 def list_parameters(estimates: Mapping[str, Estimate], is_biased: bool) -> list[str]:
     """List the parameters with standard errors on one line, if there are any."""
     values = ", ".join(f"{shorten_name(name)} {own}" for name, own in estimates.items())
-    return [f"parameters{' (biased by what is left)' if is_biased else ''}: {values}"] if values else []
+    return [f"parameters{' (biased by the unexplained residual)' if is_biased else ''}: {values}"] if values else []

@@ -72,7 +72,7 @@ def test_identify_compare_and_diagnose_an_arm(done, folder):
     brief = out.partition("\n\n")[2].splitlines()
     assert brief[:2] == ["A torque offset at elbow is missing", "torque_offset@elbow: c"] and len(brief) <= 8
     assert re.match(
-        r"error held out: shoulder \S+ -> \S+ N m \(.*\), elbow 0\.\d+ -> 0\.0\d+ N m \(noise alone 0\.00\d+\)$",
+        r"held-out error: shoulder \S+ -> \S+ N m \(.*\), elbow 0\.\d+ -> 0\.0\d+ N m \(noise floor 0\.00\d+\)$",
         brief[2],
     )
     assert re.match(r"parameters: torque_offset@elbow (0\.\d+ ± 0\.\d+) N m$", brief[3])

@@ -119,7 +119,7 @@ def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, few_effect
     out = done(line)
     brief = out.partition("\n\n")[2].splitlines()
     assert brief[:2] == ["Stribeck friction is missing", f"stribeck: {effects()['stribeck'].law}"]
-    assert re.match(r"error held out: torque 0\.0\d+ -> 0\.00\d+ N m .*, free-running position ", brief[2])
+    assert re.match(r"held-out error: torque 0\.0\d+ -> 0\.00\d+ N m .*, free-running position ", brief[2])
     assert re.match(r"parameters: inertia .* kg m\^2, .*stribeck 0\.\d+ ± 0\.\d+ N m, ", brief[3])
     assert brief[4].startswith("next: ") and brief[-1].startswith("wrote ") and len(brief) <= 8
     monkeypatch.setattr("workbench.commands.diagnose.diagnose", lambda *_, **__: made[0])
@@ -181,7 +181,7 @@ def test_record_plays_what_a_diagnosis_suggests(monkeypatch, done):
 def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, few_effects, monkeypatch, done):
     monkeypatch.setattr("workbench.commands.demo.SECONDS", 8.0)
     out = done("demo --seed 3 -o report.html")
-    assert out.index("missing") < out.index("error held out") < out.index("The truth") < out.index("hidden was")
+    assert out.index("missing") < out.index("held-out error") < out.index("The truth") < out.index("hidden was")
     assert {file.name for file in tmp_path.iterdir()} == {"report.html", "report.train.csv", "report.holdout.csv"}
 
 

@@ -118,5 +118,5 @@ def narrate_payload(found: Payload, body: Body) -> list[Part]:
     explained = TextTable(("joint", "without payload", "with it", "unit"), left, left=("unit",))
     return [
         Part(f"Payload at the link behind {found.joint}, in that joint's frame", content),
-        Part("Torque left, friction fitted anew", [explained]),
+        Part("Torque errors, friction refitted", [explained]),
     ]

@@ -113,7 +113,7 @@ def describe_result(found: Diagnosis) -> str:
 def describe_errors(found: Diagnosis) -> str:
     """State the held-out errors before and after, with the noise floors."""
     first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
-    what, source = ("in the loop", "encoder") if last.is_in_loop else ("torque", "noise")
+    what, source = ("in the loop", "encoder noise") if last.is_in_loop else ("torque", "noise floor")
 
     def fall(before: float, after: float, unit: str) -> str:
         is_new = len(found.steps) > 1 and not (math.isnan(before) and math.isnan(after))
@@ -122,13 +122,13 @@ def describe_errors(found: Diagnosis) -> str:
 
     floors = {at: to_shown_unit(floor, found.unit_at(at))[0] for at, floor in found.floors.items()}
     falls = [
-        f"{at or what} {fall(first.at(at), last.at(at), found.unit_at(at))} ({source} alone {floor:.3g})"
+        f"{at or what} {fall(first.at(at), last.at(at), found.unit_at(at))} ({source} {floor:.3g})"
         for at, floor in floors.items()
     ]
     if found.body.can_simulate and not last.is_in_loop:
         angle = found.model.units().unit("rad")
         falls.append(f"free-running position {fall(first.position_rms, last.position_rms, angle)}")
-    return f"error held out: {', '.join(falls)}"
+    return f"held-out error: {', '.join(falls)}"
 
 
 def describe_refit(found: HorizonRefit) -> str:

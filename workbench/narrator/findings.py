@@ -311,7 +311,7 @@ def _compare_goals(found: Finding, reading: str, other: str, key: str) -> str:
 
 
 DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the names of `_collect_words`, or functions
-    Kind.NO_MOTION: "The joint hardly moves, so no parameter can be identified. Record wider or faster motion.",
+    Kind.NO_MOTION: "The joint moves too little to identify any parameter. Record wider or faster motion.",
     Kind.TORQUE_IS_NOISE: (
         "The torque is noise alone, so only ratios of parameters are known. Read the file without it "
         "({without_torque})."
@@ -359,7 +359,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         "{unknown}: the controller has an integral, and known loads do not tell its torque. Give the drive a gain."
     ),
     Kind.GEAR_LOSS_UNKNOWN: "The motor pushes along the motion {share.value:.0%} of the time" + GEAR_LOSSES,
-    Kind.LOAD_BRAKES: "The load torque opposes the motion nearly always" + GEAR_LOSSES,
+    Kind.LOAD_BRAKES: "The load torque nearly always opposes the motion" + GEAR_LOSSES,
     Kind.BACK_EMF: lambda found: (
         f"The log has {LOGGED[found.numbers['back_emf'].unit.partition(' ')[0]]}: back-EMF is part of the viscous "
         f"friction, and its constant k_e is at most {measure(found.numbers['back_emf'])}."

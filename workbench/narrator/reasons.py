@@ -41,7 +41,7 @@ def describe_reason(candidate: Candidate) -> str:
     if found.kind not in (Kind.NOT_TESTED, Kind.NOT_EXCITED):
         return describe_objection(found)
     needed = find_description(candidate.effect).informative_experiment
-    text = "these data hardly depend on it" if found.kind is Kind.NOT_EXCITED else describe_untested(found)
+    text = "these data do not depend on it" if found.kind is Kind.NOT_EXCITED else describe_untested(found)
     return f"{text}; it needs {needed}" if needed else text
 
 
@@ -54,7 +54,7 @@ def describe_objection(found: Finding) -> str:
             joints, share = join_words(found.joints), found.numbers["share"].value
             return f"lowers the held-out torque error of {joints} to {share:.1%}"
         case Kind.TIES:
-            return f"predicts as well as {found.effects[0]}, or nearly"
+            return f"predicts as well as {found.effects[0]}"
         case Kind.IMITATES:
             return f"imitates {found.effects[0]} in these data"
         case Kind.IMITATES_TABLE:
@@ -62,9 +62,9 @@ def describe_objection(found: Finding) -> str:
         case Kind.OTHERS_BETTER:
             return "others explain it better"
         case Kind.LONG_STEPS:
-            return "predicts no better with shorter steps of the integrator: it made up for long ones"
+            return "predicts no better with shorter steps of the integrator: it compensated for long ones"
         case Kind.BY_CHANCE:
-            return "lowers the held-out errors by no more than chance would"
+            return "does not lower the held-out errors significantly"
     return _describe_gate(found)
 
 

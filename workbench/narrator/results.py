@@ -38,12 +38,16 @@ from workbench.narrator.reasons import ERRORS, describe_reason
 RUNNERS_UP = 5  # rejected candidates that are shown
 BIASED = "Biased by a missing effect; the size of the bias is unknown."
 SCORE = (
-    "score: probability that an effect is what the data call for at its place; nats: logarithm of how many times "
-    "likelier it makes data that it was not fitted to"
+    "score: probability that the effect is missing; nat: natural logarithm of the likelihood ratio on data that the "
+    "effect was not fitted to"
+)
+LEGEND = (
+    "noise floor: torque error caused by sensor noise alone; fit: 100 % less the error relative to the deviation of "
+    "the measurement from its mean; held out: not fitted"
 )
 FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
-TIMES = "errors, times the least"  # a row that tells which schemes to trust
-TRUST = f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1"
+TIMES = "relative error"  # a row that tells which schemes to trust
+TRUST = f"{TIMES}: standard errors of a scheme over the smallest; trust schemes near 1"
 CLEAR = "clear of stick and reversals"
 FOLLOWED = 80.0  # [%] of the motion in free runs, below which torque alone does not make a good model
 
@@ -66,7 +70,7 @@ def narrate_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> l
         errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
         noise = describe_noise(found.noise_floor, found.is_in_loop, units)
-        errors = Part("Errors", [tabulate_errors(found.steps, units), describe_fit(found.steps), noise])
+        errors = Part("Errors", [tabulate_errors(found.steps, units), describe_fit(found.steps), noise, LEGEND])
     parts = [
         errors,
         Part("Parameters", [tabulate_parameters(found.model), *([BIASED] if found.unexplained else [])]),
@@ -75,7 +79,9 @@ def narrate_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> l
     if found.refit is not None:
         parts.insert(1, Part(f"Free motion over {found.refit.seconds:g} s", narrate_refit(found.refit, units)))
     if found.detectable:
-        parts.append(Part("What would have shown", [tabulate_detectable(found.detectable)], brief=False))
+        parts.append(
+            Part("Smallest effects that would have shown", [tabulate_detectable(found.detectable)], brief=False)
+        )
     if treatments := tuple(describe_treatment(one) for one in found.treatments):
         parts.append(Part("Treatments of the recordings that were tried", [treatments], brief=False))
     if left := tuple(describe_unexplained(found, region) for region in found.unexplained):
@@ -124,7 +130,7 @@ def narrate_addition(found: Addition) -> list[Part]:
     ]
     if found.left > FAR_ABOVE:
         sentences.append(
-            f"what is left is {found.left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
+            f"The residual is {found.left:.1f} times the noise floor: another effect is missing. Run `diagnose`."
         )
     if found.doubt is not None:
         sentences.append(f"warning: {describe(found.doubt)}")
@@ -154,18 +160,18 @@ def narrate_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     if profile is not None and not is_drawn:
         where.append(tabulate_profile(profile))
     if len(found.regions) > 1:
-        where.append("regions of different quantities may be of the same moments")
+        where.append("Regions of different quantities may show the same moments.")
     if found.regions:
-        where.append("`diagnose` tells which effect would explain this")
+        where.append("Run `diagnose` to find the missing effect.")
     elif not found.is_torque_logged:
-        where.append("no torque was logged, but asked for by the drive: what counts is the error in the loop")
+        where.append("No torque was logged: the error in the loop counts.")
     elif not found.joint.errors.position_fit < FOLLOWED:  # an arm is not simulated
-        where.append("nothing stands out of the noise: the model explains these recordings")
+        where.append("The residual is within the noise: the model explains these recordings.")
     else:
         error = measure(Quantity(found.joint.errors.position_rms, unit=found.model.units().unit("rad")))
         where.append(
-            f"nothing in torque stands out of the noise, but free runs err by {error}: something acts near turns or at "
-            "rest, `diagnose` tells what may"
+            f"The torque residual is within the noise, but free runs err by {error}: an effect acts near reversals or "
+            "at rest. Run `diagnose`."
         )
     in_words = [text for text in (describe_loop(found), describe_unstable(found)) if text]
     title = f"Errors of the model with {join_words([term.id for term in found.model.terms])}"
@@ -174,7 +180,7 @@ def narrate_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
         title = f"Torque errors, {CLEAR}"
         table = tabulate_joints((found.joint.errors,), found.joint.floors, found.model, ("torque error",))
     return [
-        Part(title, [table, *in_words]),
+        Part(title, [table, *in_words, LEGEND]),
         *narrate_disagreements(found.disagreements),
         Part(f"Where, all {several} recordings together" if several > 1 else "Where", where),
     ]
@@ -194,7 +200,7 @@ def tabulate_joints(
         )
         for at, share in columns[-1].shares.items()
     ]
-    return TextTable(("joint", *headers, "noise floor", "unit", "of its torque"), rows, left=("unit",))
+    return TextTable(("joint", *headers, "noise floor", "unit", "share of torque"), rows, left=("unit",))
 
 
 def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextTable:
@@ -221,14 +227,14 @@ def tabulate_parameters(model: Model) -> TextTable:
 def describe_fit(steps: Sequence[Step]) -> str:
     """Describe the explained shares of held-out torque and motion of the first and the last model."""
     if steps[0].errors["holdout"].is_in_loop:
-        return "mean distance of whole recordings from simulations that know nothing but the goal"
+        return "in the loop: mean distance between the recorded motion and a simulation from the goal alone"
     first, last = (step.errors["holdout"] for step in (steps[0], steps[-1]))
     course = " -> " if len(steps) > 1 else ""
     torque, position = (
         f"{format_quantity(old, 4, '%')}{course}{format_quantity(new, 4, '%') if course else ''}"
         for old, new in ((first.torque_fit, last.torque_fit), (first.position_fit, last.position_fit))
     )
-    return f"fit of what was held out: torque {torque}, position {position}"
+    return f"fit of held-out data: torque {torque}, position {position}"
 
 
 def tabulate_candidates(candidates: Sequence[Candidate], every: bool = False) -> tuple[TextTable, str]:
@@ -252,9 +258,9 @@ def tabulate_candidates(candidates: Sequence[Candidate], every: bool = False) ->
 def tabulate_detectable(found: Sequence[Detectable]) -> TextTable:
     """Tabulate the smallest detectable sizes of effects."""
     return TextTable(
-        ("effect", "would have shown"),
+        ("effect", "detectable"),
         [(one.effect, describe_detectable(one)) for one in found],
-        left=("would have shown",),
+        left=("detectable",),
     )
 
 
@@ -297,9 +303,9 @@ def explain_trust(shown: TextTable) -> str:
 def describe_noise(floor: float, in_loop: bool = False, units: JointUnits = TURNING) -> str:
     """Describe the noise floor [N m], or [rad] in the loop, and its source in a sentence."""
     if in_loop:
-        return f"the encoder alone would leave {measure(Quantity(floor, unit=units.unit('rad')), 2)}"
+        return f"noise floor, by the resolution of the encoder: {measure(Quantity(floor, unit=units.unit('rad')), 2)}"
     noise = measure(Quantity(floor, unit=units.unit(NEWTON_METRE)))
-    return f"measurement noise alone, judged by the scatter from sample to sample, would leave {noise}"
+    return f"noise floor, by the scatter between samples: {noise}"
 
 
 def classify_scheme(scheme: str, otherwise: int = 0) -> tuple[int, bool]:

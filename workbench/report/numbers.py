@@ -69,7 +69,7 @@ def check_whiteness(
     """
     residual, model = case.residuals(prepared)[drawn], case.models[drawn][2]
     shared, significance, _ = prepared.data.structure(residual, abs(model.estimates["inertia"].value))
-    small = ", by less than noise is" if shared < case.diagnosis.noise_floor else ": something is left"
+    small = ", below the noise floor" if shared < case.diagnosis.noise_floor else ": another term may explain it"
     return label, shared, significance, "white" if significance < Criterion().z_score else f"not white{small}"
 
 
@@ -128,7 +128,7 @@ def make_parameters(case: ReportData) -> Section:
         "correlation": [[correlation[k][j] for j in single] for k in single] if correlation else (),
         "figures": [_plot_table(term, curve, final.units(term.at)) for term, curve in final.tables.values()],
     }
-    return Section("parameters", "Parameters", "Parameters and how sure they are", content)
+    return Section("parameters", "Parameters", "Parameters with standard errors", content)
 
 
 def _plot_table(table: Table, curve: TableCurve, units: JointUnits) -> Figure:

@@ -105,7 +105,7 @@ def test_torque_of_another_run_is_predicted(found, body, tmp_path):
 
 def test_results_show_themselves_joint_by_joint(found, recording):
     page = found._repr_html_()
-    assert "errors, times the least" in page and "coulomb@elbow" in page
+    assert "relative error" in page and "coulomb@elbow" in page
     compared = compare(found["filtered_dynamic"].model, recording)
     page = compared._repr_html_()
     assert describe_comparison(compared)[1:] in page and "Torque errors" in page and "nan" not in page

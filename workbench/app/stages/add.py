@@ -73,7 +73,7 @@ def show_calls(state: Work, busy: bool) -> Component:
 
 def describe_rest(state: Work) -> str:
     """Render the next step after all selected effects are added."""
-    rest = "something is left that no effect of the library explains" if state.told.unexplained else ""
+    rest = "no effect of the library explains the rest of the residual" if state.told.unexplained else ""
     if not state.called:
         return f"{capitalise(rest) or 'The diagnosis calls for no effect'}."
     return f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."

@@ -191,7 +191,9 @@ def _show_strips(state: Work, id: str) -> list[Component]:
     for strip in section.content["strips"]:
         texts: list[Component] = []
         for own in strip["regions"]:
-            texts.append(html.P(f"Under the {own['label']}{':' if own['regions'] else ' nothing stands out.'}"))
+            texts.append(
+                html.P(f"Under the {own['label']}{':' if own['regions'] else ', the residual is within the noise.'}")
+            )
             texts.append(html.Ul([html.Li(capitalise(text)) for text in own["regions"]], className="regions-list"))
         plots = [make_graph(figure) for figure in strip["figures"]]
         parts.append(make_panel(strip["joint"], html.Div(plots, className="grid strip"), *texts))
@@ -217,7 +219,7 @@ def _show_regions(points: WindowPoints, shown: int) -> Component:
         for k, region in enumerate(points.regions(shown))
     ]
     listed = html.Ul([html.Li(row) for row in rows], className="regions-list")
-    return make_panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."))
+    return make_panel("Where it fails", listed if rows else html.P("The residual is within the noise."))
 
 
 def _show_gallery(state: Work, points: WindowPoints, shown: int) -> Component:
@@ -241,8 +243,8 @@ def _show_gallery(state: Work, points: WindowPoints, shown: int) -> Component:
     return make_panel(
         "What it looks like",
         html.P(
-            "The mean of what is left here over angle, velocity, torque and time, and what noise alone would give. "
-            "Below, the same where one effect is hidden in the paper's pendulum. Signs and sizes may differ.",
+            "The mean residual over angle, velocity, torque and time, with the noise floor. Below, the residual of "
+            "each effect in the paper's pendulum. Signs and sizes may differ.",
             className="note",
         ),
         html.Div([make_graph(figure, bar=False) for figure in here], className="grid strip"),
@@ -266,7 +268,7 @@ def describe_selection(points: WindowPoints, selected: Mask, shown: int) -> str:
     return (
         f"{len(time)} of {len(selected)} windows, from {time.min():.3g} to {time.max():.3g} s: residual "
         f"{format_number(mean)} "
-        f"{unit} on average, {format_number(rms)} {unit} RMS; noise alone would leave "
+        f"{unit} on average, {format_number(rms)} {unit} RMS; noise floor "
         f"{format_number(points.noise)} {unit}."
     )
 

@@ -37,7 +37,7 @@ from workbench.narrator.notes import describe_note
 from workbench.options import FORMATS
 from workbench.robot import describe_held
 
-WHY = "No effect does that, and several may be found that only imitate it."
+WHY = "No effect of the library does that, but several imitate it."
 NUMBERS = ("Length [s]", "Rate [Hz]", "Samples", "In stick", "Turns", "Peak torque [N m]")
 HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": False, "": False}  # are they numbers?
 
@@ -178,7 +178,7 @@ def _show_findings(state: State) -> Component:
     texts = [state.trouble] if state.trouble else []
     texts += [*map(describe_disagreement, state.disagreements), *map(describe, state.doubts)]
     cannot = html.Ul([html.Li(capitalise(text)) for text in texts])
-    nothing = html.P("Nothing in them stands in the way of the model's parameters.")
+    nothing = html.P("They determine all parameters of the model.")
     return make_panel("What these recordings tell, and what not", *can, cannot if texts else nothing)
 
 

@@ -32,9 +32,8 @@ def show(session: Session) -> list[Component]:
     search = make_panel(
         "Search for what is missing",
         html.P(
-            "Every effect of the library is screened for what explains the rest of the torque, of an arm at every "
-            "joint that it can be at. It counts as missing only if it lowers the errors on data it was not fitted to, "
-            "in torque and, of a pendulum, in free-running simulation."
+            "Every effect of the library is tried, of an arm at every joint. An effect is missing if it lowers "
+            "the errors on held-out data, in torque and, of a pendulum, in free-running simulation."
         ),
         show_choices(state, is_open=state.asked != NO_CHOICES or bool(session.notice)),
         make_button(

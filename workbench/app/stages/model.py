@@ -23,7 +23,7 @@ def show(session: Session) -> list[Component]:
     about = html.P("The torque that moves a joint is the sum of these terms:")
     return [
         make_panel("The model", about, html.Ul(terms, className="terms")),
-        make_panel("Parameters and how sure they are", make_fragment(make_parameters(state.standing))),
+        make_panel("Parameters with standard errors", make_fragment(make_parameters(state.standing))),
         make_panel("Schemes side by side", *_show_schemes(state)),
         show_start(state),
     ]
