@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from pendulum_env.settings import use_writer
-from workbench.mistakes import write_option
+from workbench.errors import write_option
 
 
 @pytest.fixture(autouse=True)

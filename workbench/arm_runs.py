@@ -21,8 +21,8 @@ from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.formatting import join_words
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import write_recording
+from workbench.errors import InputError
 from workbench.inputs import make_robot, report_held
-from workbench.mistakes import InputError
 from workbench.outputs import report_files
 from workbench.runs import LEARNT
 from workbench.terminal import Terminal

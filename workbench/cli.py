@@ -15,7 +15,7 @@ from typing import NoReturn
 from pendulum_env.lookup import find
 from pendulum_env.settings import use_writer
 from pendulum_env.units import show_angles
-from workbench.mistakes import USER_ERRORS, InputError, format_mistake, write_option
+from workbench.errors import USER_ERRORS, InputError, format_mistake, write_option
 from workbench.terminal import Terminal, abandon
 
 SUCCESS, BAD_INPUT, INTERRUPTED = 0, 2, 130

@@ -28,7 +28,7 @@ from pendulum_env.plant import hide, paper_plant
 from pendulum_env.reading import Text, convert, read_json
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import apply_log_format, find_duplicate, read_sources
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 from workbench.narrator.findings import describe_late
 from workbench.narrator.notes import WARNING, describe_note
 from workbench.outputs import check_outputs
@@ -136,7 +136,7 @@ class Inputs:
         """Return the links of an arm; None of a pendulum."""
         return self.model.body
 
-    def preprocessed(
+    def calibrate(
         self, terminal: Terminal, align: bool | None = None, fixed: Mapping[str, float] | None = None
     ) -> FitData:
         """Calibrate torque by known loads or known values, and report its timing."""
@@ -209,10 +209,10 @@ def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: st
     made = ModelOptions.read_from_model(path) if path else ModelOptions()
     sources = [apply_log_format(source, made.log_format, path) for source in sources]
     asked = make_robot(arguments, sources, made)
-    robot = asked.with_logged_joints(sources)
+    robot = asked.keep_logged_joints(sources)
     robot.body()  # what is wrong with it comes first
     recordings = read_all(sources, terminal, robot.read)
-    body = robot.body(made.held) if made.held else robot.holding(recordings)
+    body = robot.body(made.held) if made.held else robot.hold_joints(recordings)
     if robot is not asked:
         terminal.say("joints without columns of torque in the log are held; --joints names those that move")
     report_held(body, recordings, terminal)

@@ -29,7 +29,7 @@ class OnlineJudge:
         self._diagnoser = Diagnoser(rate, smoothing=smoothing)
         self._leader, self._since = "", np.inf  # effect, and time since when it leads [s]
 
-    def stands(self, info: dict[str, Any]) -> bool:
+    def has_verdict(self, info: dict[str, Any]) -> bool:
         """Take in a sample; whether a verdict stands."""
         return self.take([(info["time"], info["position"], info["torque"])])
 
@@ -66,7 +66,7 @@ class ProcessJudge:
         self._waiting: list[Sample] = []
         self._stands = False
 
-    def stands(self, info: dict[str, Any]) -> bool:
+    def has_verdict(self, info: dict[str, Any]) -> bool:
         """Take in a sample; whether a verdict stood some samples ago."""
         self._waiting.append((info["time"], info["position"], info["torque"]))
         if len(self._waiting) >= self.together and not self._stands:

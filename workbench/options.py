@@ -16,7 +16,7 @@ from pendulum_env.reading import DIGITS, LARGE, quote_value
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import TOLD
 from pendulum_env.servo.drive import KEYS, WORDS, ServoDrive
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 
 T = TypeVar("T")
 Number = TypeVar("Number", int, float)

@@ -12,7 +12,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.files import check_output, write_whole
 from pendulum_env.formatting import format_estimate, join_words
 from pendulum_env.physics import Model
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 from workbench.narrator.findings import advise_inertia
 from workbench.terminal import Terminal
 

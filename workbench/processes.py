@@ -27,7 +27,7 @@ from estimators.progress import Progress
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import describe_fault, list_plugins
 from pendulum_env.settings import use_writer
-from workbench.mistakes import USER_ERRORS, InputError, format_mistake, write_option
+from workbench.errors import USER_ERRORS, InputError, format_mistake, write_option
 
 LOST = "the work ended unexpectedly: try again"
 LIBRARIES = ("workbench.cli", "workbench.commands.record", "estimators.diagnosis.addition")  # of the tasks of the app

@@ -35,7 +35,7 @@ class RobotFile:
         changed = (status.st_mtime_ns, status.st_size) if status else None
         return _read_body(self, tuple((held or {}).items()), changed)
 
-    def with_logged_joints(self, sources: Sequence[Source]) -> "RobotFile":
+    def keep_logged_joints(self, sources: Sequence[Source]) -> "RobotFile":
         """Copy with every joint held that has no columns in the sources, unless the moving joints are named."""
         if self.joints is not None or not sources:
             return self
@@ -55,9 +55,9 @@ class RobotFile:
         recordings = [self.read(source) for source in sources]
         both = list(zip(sources, recordings, strict=True))
         fitted, held_out = ([own for source, own in both if source.role == role] for role in ("fit", "holdout"))
-        return self.holding(recordings), fitted, held_out
+        return self.hold_joints(recordings), fitted, held_out
 
-    def holding(self, recordings: Sequence[ArmRecording]) -> Body:
+    def hold_joints(self, recordings: Sequence[ArmRecording]) -> Body:
         """Return the links, other joints held where recordings have them on average."""
         body = self.body()
         seen = {joint: [np.mean(one.still[joint]) for one in recordings if joint in one.still] for joint in body.held}

@@ -26,9 +26,9 @@ from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.registration import PENDULUM
 from pendulum_env.spaces import MAX_TORQUE
 from pendulum_env.wrappers import RecordMeasurements
+from workbench.errors import InputError, Interrupted
 from workbench.inputs import make_plant, read_suggestion
 from workbench.judges import ProcessJudge, describe_verdict
-from workbench.mistakes import InputError, Interrupted
 from workbench.outputs import report_files
 from workbench.terminal import Terminal
 
@@ -65,7 +65,7 @@ class Plan:
             raise InputError("a free swing is simulated as a whole: leave out --backend and --until")
         return cls(arguments, rig, make_plant(arguments), rate, command, seconds, release)
 
-    def environment(self) -> gym.Env[Any, Any]:
+    def make_environment(self) -> gym.Env[Any, Any]:
         """Create the environment: a simulated plant, a replayed recording, or a rig without power.
 
         The rig is owned and connected from now on; raises InputError if it is out of reach, or in use.
@@ -88,7 +88,7 @@ class Plan:
             recording=asked.replay,
         )
 
-    def controller(self, rate: float) -> OpenLoop | Pilot:
+    def make_controller(self, rate: float) -> OpenLoop | Pilot:
         """Create the controller at a rate [Hz]; a replay has its own torque."""
         return self.command if isinstance(self.command, Pilot) else OpenLoop(self.command, rate)
 
@@ -168,14 +168,14 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
             show(f"{info['time']:.0f} s", len(late) / steps)
 
     judge: ProcessJudge | None = None
-    env = RecordMeasurements(plan.environment(), output, overwrite=True)
+    env = RecordMeasurements(plan.make_environment(), output, overwrite=True)
     try:
         judge = ProcessJudge(rate, find_smoothing(env, rate)) if plan.arguments.until is not None else None
         if plan.remark:
             terminal.say(plan.remark)
         with terminal.progress("running") as show:
-            until = None if judge is None else judge.stands
-            recording = rollout(env, plan.controller(rate), steps, watch=watch, until=until)
+            until = None if judge is None else judge.has_verdict
+            recording = rollout(env, plan.make_controller(rate), steps, watch=watch, until=until)
     except (DriveError, RecordingError) as error:
         raise InputError(last.get("fault") or str(error)) from None
     except KeyboardInterrupt:

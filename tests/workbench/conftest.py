@@ -7,7 +7,7 @@ import pytest
 
 from tests.options import options as options
 from workbench.cli import main
-from workbench.mistakes import LONGEST
+from workbench.errors import LONGEST
 
 FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync"]
 

@@ -13,7 +13,7 @@ import pytest
 import agents
 from pendulum_env.plant import hide, paper_plant
 from workbench.cli import main
-from workbench.mistakes import LONGEST, InputError, format_mistake
+from workbench.errors import LONGEST, InputError, format_mistake
 
 MODEL = paper_plant().json()
 DIAGNOSIS: dict[str, Any] = {"schema": "pendulum-ident/diagnosis@1", "suggestion": None}

@@ -14,7 +14,7 @@ from tests.patience import wait_until
 from tests.workbench.app.plants import recorded
 from workbench.cli import main
 from workbench.report import render, render_comparison
-from workbench.report.case import ReportData
+from workbench.report.data import ReportData
 from workbench.report.numbers import make_errors, plot_errors
 from workbench.report.page import render_page
 

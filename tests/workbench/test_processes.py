@@ -14,7 +14,7 @@ from pendulum_env.physics import plugin
 from tests.patience import PATIENCE, wait_until
 from tests.pendulum_env.physics.test_limits import PLUGIN
 from workbench import processes
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 from workbench.processes import LOST, Job, TaskEnd, Workers, open_local_workers
 
 

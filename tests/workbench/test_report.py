@@ -52,7 +52,7 @@ def test_schemes_are_left_out_where_recordings_are_too_poor_for_them(diagnosis, 
         raise IdentificationError("too short")
 
     assert 'id="schemes"' in render(diagnosis)
-    monkeypatch.setattr("workbench.report.case.identify", refuse)
+    monkeypatch.setattr("workbench.report.data.identify", refuse)
     assert 'id="schemes"' not in render(diagnosis)
 
 

@@ -28,7 +28,7 @@ def test_a_process_of_its_own_says_the_same() -> None:
     stood = [False, False]
     for t, q, tau in zip(run.time[:2200], run.position, np.r_[0.0, run.torque[:-1]], strict=False):
         info = {"time": float(t), "position": float(q), "torque": float(tau)}
-        stood = [judge.stands(info) or before for judge, before in zip(judges, stood, strict=True)]
+        stood = [judge.has_verdict(info) or before for judge, before in zip(judges, stood, strict=True)]
         if all(stood):
             break
     here, apart = (judge.close() for judge in judges)

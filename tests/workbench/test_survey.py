@@ -23,7 +23,7 @@ from tests.patience import PATIENCE, wait_until
 from tests.workbench.surveys import BEGAN, surveyed_rows
 from workbench.cli import main
 from workbench.commands.survey import configure
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 from workbench.processes import open_local_workers
 from workbench.survey.diagnosis import Settings, make_rows
 from workbench.survey.recordings import TABLES, find_recordings
@@ -238,7 +238,7 @@ def test_a_drift_and_a_jump_are_named_with_their_sizes_and_nothing_else(rows):
     found = {(own.machine, own.parameter): own for own in find_series(rows)}
     named = {key: own.change for key, own in found.items() if own.change}
     assert named == {("drifts", "coulomb"): "drift", ("jumps", "inertia"): "jump"}
-    drift, jump = (found[key].row() for key in named)
+    drift, jump = (found[key].make_row() for key in named)
     assert drift["drift_low"] < 0.01 < drift["drift_high"] and drift["drift_per_week"] == pytest.approx(0.01, rel=0.1)
     assert jump["jump_date"] == BEGAN + timedelta(weeks=8)
     assert abs(jump["jump_size"] - 0.05) < 3 * jump["jump_std"] < 0.01
@@ -254,7 +254,7 @@ def test_estimates_beside_other_effects_are_another_series(rows):
     found = {(own.machine, own.parameter, own.effects): own for own in find_series(moved)}
     assert [key for key, own in found.items() if own.change] == [("drifts", "coulomb", "")]
     assert [len(found["jumps", "inertia", effects].date) for effects in ("", "spring, stribeck")] == [8, 4]
-    assert found["jumps", "inertia", "spring, stribeck"].row()["effects"] == "spring, stribeck"
+    assert found["jumps", "inertia", "spring, stribeck"].make_row()["effects"] == "spring, stribeck"
 
 
 def test_biased_and_unknown_estimates_are_in_no_trend(rows):

@@ -57,7 +57,7 @@ class ColumnChoice:
     unit: str = ""
     then: str = ""  # `*0.091`, `/6+90`; a number alone is a gain
 
-    def expression(self, header: str) -> str:
+    def write_expression(self, header: str) -> str:
         """Return the choice in one line, as on the command line."""
         unit, then = self.unit.strip(), self.then.strip()
         gain = "*" if PLAIN.fullmatch(then) else ""
@@ -142,22 +142,22 @@ class ColumnCard:
         own = (f"{what}_{joint}" for joint in self.joints for what in ("position", "torque"))
         return ("time", *own) if self.joints else tuple(ALIASES)
 
-    def told(self, choices: Sequence[ColumnChoice], unwrap: bool, ends: TimeRange) -> ColumnCard:
+    def set_choices(self, choices: Sequence[ColumnChoice], unwrap: bool, ends: TimeRange) -> ColumnCard:
         """Return the card with other choices."""
         return replace(self, choices=tuple(choices), source=replace(self.source, unwrap=unwrap), ends=ends)
 
-    def filled(self, form: Mapping[str, Any]) -> ColumnCard:
+    def fill_form(self, form: Mapping[str, Any]) -> ColumnCard:
         """Return the card as the controls of the page have it."""
         columns = range(len(self.choices))
         choices = [ColumnChoice(*(form.get(f"{what}:{k}") or "" for what in ("role", "unit", "then"))) for k in columns]
         free = replace(self, is_free=bool(form.get("free:0")))
-        return free.told(choices, bool(form.get("unwrap:0")), (form.get("from:0"), form.get("to:0")))
+        return free.set_choices(choices, bool(form.get("unwrap:0")), (form.get("from:0"), form.get("to:0")))
 
     def is_as(self, other: ColumnCard) -> bool:
         """Return whether another card has the same roles and units."""
         return [(one.role, one.unit) for one in self.choices] == [(one.role, one.unit) for one in other.choices]
 
-    def asked(self) -> Source:
+    def make_source(self) -> Source:
         """Return the source as the choices have it.
 
         Raises ColumnError if two columns have the same role, or one has to be named yet, and RecordingError if the
@@ -169,7 +169,7 @@ class ColumnCard:
             if len(headers) > 1:
                 named = join_words(list(map(repr, headers)))
                 raise ColumnError(f"{self.source.file}: columns {named} are all to be {role}: choose one")
-            columns[role] = self._expression(role) or ""
+            columns[role] = self._find_expression(role) or ""
         if self.is_free and "torque" not in columns and not self.joints:
             columns["torque"] = NONE
         others = [q for q in OPTIONAL if not (q in columns or self.joints) and is_told(q, self.preview.headers)]
@@ -188,16 +188,16 @@ class ColumnCard:
     @cached_property
     def seconds(self) -> Array | None:
         """Time from the first row on [s] (N,), None where no column is chosen for it."""
-        told = self._expression("time")
+        told = self._find_expression("time")
         return None if told is None else self.preview.read_seconds(told)
 
     @property
     def _pairs(self) -> list[tuple[str, ColumnChoice]]:
         return list(zip(self.preview.headers, self.choices, strict=True))
 
-    def _expression(self, role: str) -> str | None:
+    def _find_expression(self, role: str) -> str | None:
         """Return the expression of the column with a role."""
-        return next((choice.expression(header) for header, choice in self._pairs if choice.role == role), None)
+        return next((choice.write_expression(header) for header, choice in self._pairs if choice.role == role), None)
 
 
 def show(card: ColumnCard) -> Component:
@@ -258,7 +258,7 @@ def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
         first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"  # that are shown
         plot = make_graph(_plot(k, header, values, card.seconds), kind=COLUMN, bar=False)
     roles = {"": "unused"} | {role: role for role in card.roles}
-    unsaid = replace(choice, unit="").expression(header)
+    unsaid = replace(choice, unit="").write_expression(header)
     unit = (describe_unit(choice.role, unsaid, card.preview.headers) if choice.role else "") or "–"
     known = {"": unit} | {one: CALLED.get(one, one) for one in [*list_units(choice.role), choice.unit] if one}
     more: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": values is None}

@@ -19,9 +19,9 @@ from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording.record import PER_INERTIA
-from workbench.app.asked import SearchChoices
-from workbench.app.loaded import LoadedRecording
-from workbench.mistakes import InputError
+from workbench.app.choices import SearchChoices
+from workbench.app.recordings import LoadedRecording
+from workbench.errors import InputError
 from workbench.narrator.findings import describe
 
 SCHEMES = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")  # of an arm, the sure ones

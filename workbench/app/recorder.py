@@ -16,12 +16,12 @@ from pendulum_env.files import write_whole
 from pendulum_env.formatting import capitalise
 from pendulum_env.physics.library import MEASURED
 from pendulum_env.recording import Source
-from workbench.app.loaded import LoadedRecording
 from workbench.app.parts import KEPT, label_control, list_choices, make_dropdown, make_number_field
+from workbench.app.recordings import LoadedRecording
 from workbench.app.session import Session
 from workbench.app.state import State
 from workbench.cli import parse
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 from workbench.narrator.diagnosis import write_diagnosis
 from workbench.terminal import Terminal
 

@@ -20,10 +20,10 @@ from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
 from workbench.app import uploads
 from workbench.app.card import ColumnCard
-from workbench.app.loaded import LoadedRecording
+from workbench.app.recordings import LoadedRecording
 from workbench.app.state import State
+from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import read_model
-from workbench.mistakes import USER_ERRORS, InputError, format_mistake
 from workbench.processes import Job, Task, TaskEnd, Workers
 from workbench.robot import RobotFile
 
@@ -91,19 +91,19 @@ class Session:
             try:
                 if self._over:
                     raise InputError("this session has ended: load the page again")
-                if self.busy():
+                if self.is_busy():
                     raise InputError("wait for what is running, or cancel it first")
                 do()
             except USER_ERRORS as mistake:
-                self.notice = self.told(mistake)
+                self.notice = self.describe_mistake(mistake)
 
-    def told(self, mistake: Exception) -> str:
+    def describe_mistake(self, mistake: Exception) -> str:
         """Describe a mistake as the command line does, without the folders of files from the page."""
         return re.sub(rf"{re.escape(str(self.folder))}/(tmp\w+/)?", "", format_mistake(mistake))
 
     # ------------------------------------------------------------------------------------------------- work
 
-    def busy(self) -> bool:
+    def is_busy(self) -> bool:
         """Return whether a job is running."""
         return self.job is not None and self.job.running
 
@@ -158,12 +158,12 @@ class Session:
         Raises ModelError if it is no model, as the command line does.
         """
         terms = tuple(term for term in read_model(str(file), self.state.body).terms if not isinstance(term, Links))
-        self.change(f"start from {file.name}", self.state.anew(terms=terms, model_file=file.name))
+        self.change(f"start from {file.name}", self.state.restart(terms=terms, model_file=file.name))
 
     def take_robot(self, robot: RobotFile) -> None:
-        """Take all recordings, those that wait for an answer included, for those of a robot; see `State.of_robot`."""
+        """Take all recordings, those that wait for an answer included, for those of a robot; see `State.set_robot`."""
         waiting = [card.source for card in self.cards if not card.known]
-        self.change(f"take {robot.file.name} for the robot", self.state.of_robot(robot))
+        self.change(f"take {robot.file.name} for the robot", self.state.set_robot(robot))
         self.cards = ()
         self.load(waiting)
 
@@ -182,7 +182,10 @@ class Session:
                 loaded.append(LoadedRecording.of(source, [*self.state.loaded, *loaded], read=self.state.read))
             except ColumnError as error:
                 try:
-                    self.cards = (*self.cards, ColumnCard.of(source, why=self.told(error), joints=self.state.moving))
+                    self.cards = (
+                        *self.cards,
+                        ColumnCard.of(source, why=self.describe_mistake(error), joints=self.state.moving),
+                    )
                 except RecordingError:
                     refused.append(format_mistake(error))
             except USER_ERRORS as mistake:
@@ -192,21 +195,21 @@ class Session:
         return refused
 
     def keep(self, *loaded: LoadedRecording) -> None:
-        """Add recordings; the ladder starts anew; raises InputError as `State.having`."""
-        self.change(f"load {join_words([one.recording.name for one in loaded])}", self.state.having(loaded))
+        """Add recordings; the ladder starts anew; raises InputError as `State.add_recordings`."""
+        self.change(f"load {join_words([one.recording.name for one in loaded])}", self.state.add_recordings(loaded))
 
     def remove(self, id: str) -> None:
         """Remove a recording."""
         gone = self.state.find(id)
         self.cards = tuple(card for card in self.cards if card.known != id)
-        self.change(f"remove {gone.recording.name}", self.state.swapping(gone))
+        self.change(f"remove {gone.recording.name}", self.state.swap_recording(gone))
 
     def hold_out(self, id: str, held_out: bool) -> None:
         """Keep a recording for checking, or fit it."""
         chosen = self.state.find(id)
         if chosen.held_out != held_out:
             source = replace(chosen.source, role="holdout" if held_out else "fit")
-            self.change("fit or check", self.state.swapping(chosen, replace(chosen, source=source)))
+            self.change("fit or check", self.state.swap_recording(chosen, replace(chosen, source=source)))
 
     # ---------------------------------------------------------------------------------------------- columns
 
@@ -224,15 +227,15 @@ class Session:
         self.cards = rest
         others = [one for one in self.state.loaded if one.id != card.known]
         try:
-            first = LoadedRecording.of(card.asked(), others, read=self.state.read)
+            first = LoadedRecording.of(card.make_source(), others, read=self.state.read)
         except USER_ERRORS as mistake:
-            self.cards = (replace(card, why=self.told(mistake)), *rest)
+            self.cards = (replace(card, why=self.describe_mistake(mistake)), *rest)
             return
         if card.known:
             old = self.state.find(card.known)
             anew = replace(first.recording, name=old.recording.name)
             again = replace(old, source=first.source, recording=anew)
-            self.change("read columns anew", self.state.swapping(old, again))
+            self.change("read columns anew", self.state.swap_recording(old, again))
             return
         alike = [one for one in rest if not one.known and one.preview.headers == card.preview.headers]
         self.cards = tuple(one for one in rest if one not in alike)
@@ -268,14 +271,14 @@ class Sessions:
         self._all: dict[str, Session] = {}  # the one used last is last
         self._lock = RLock()
 
-    def of(self, id: object) -> Session:
+    def find_session(self, id: object) -> Session:
         """Return the session of an id, a new one if there is none; raises InputError if it is no id."""
         if not isinstance(id, str) or ID.fullmatch(id) is None:
             raise InputError("this page has no session: load it again")
         now = time.monotonic()
         with self._lock:
             session = self._all.pop(id, None) or Session(Path(self._folder.name), self.workers)
-            late = [k for k, other in self._all.items() if now - other.asked > IDLE and not other.busy()]
+            late = [k for k, other in self._all.items() if now - other.asked > IDLE and not other.is_busy()]
             late += list(self._all)[: max(0, len(self._all) + 1 - MOST)]
             ended = [self._all.pop(k) for k in dict.fromkeys(late)]
             session.asked = now

@@ -22,12 +22,12 @@ from pendulum_env.errors import UserError
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.recording import Recording, RecordingError, Source
-from workbench.app.asked import NO_CHOICES, SearchChoices
-from workbench.app.loaded import LoadedRecording, read_one
+from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.prepared import PreparedRecordings, find_unexplained, prepare, prepare_arm
+from workbench.app.recordings import LoadedRecording, read_one
 from workbench.app.uploads import clean_name
-from workbench.mistakes import InputError
-from workbench.report.case import ReportData
+from workbench.errors import InputError
+from workbench.report.data import ReportData
 from workbench.robot import RobotFile, find_straying
 
 NO_RECORDING = "load a recording first"
@@ -64,7 +64,7 @@ class State:
     @cached_property
     def body(self) -> Mechanism:
         """Return the joints of the recordings; those of an arm that do not move are where the recordings have them."""
-        return self.robot.holding(self._arms) if self.robot is not None else PENDULUM
+        return self.robot.hold_joints(self._arms) if self.robot is not None else PENDULUM
 
     @property
     def base_terms(self) -> tuple[Term, ...]:
@@ -80,30 +80,30 @@ class State:
         """List doubts about the recordings of an arm, one sentence each."""
         return find_straying(find_links(self.base_terms), self._arms)
 
-    def anew(self, **choices: Any) -> State:
+    def restart(self, **choices: Any) -> State:
         """Return other choices, from which the ladder begins anew."""
         return replace(self, **choices, grown=(), diagnosis=None, started=())
 
-    def having(self, loaded: Sequence[LoadedRecording]) -> State:
+    def add_recordings(self, loaded: Sequence[LoadedRecording]) -> State:
         """Return the state with more recordings; raises InputError if they are not of its arm."""
         if self.robot is not None and not all(isinstance(one.recording, ArmRecording) for one in loaded):
             raise InputError("this session is of an arm: leave the robot first, in the stage Data")
-        return self.anew(loaded=(*self.loaded, *loaded))
+        return self.restart(loaded=(*self.loaded, *loaded))
 
-    def swapping(self, old: LoadedRecording, *new: LoadedRecording) -> State:
+    def swap_recording(self, old: LoadedRecording, *new: LoadedRecording) -> State:
         """Return the state with one recording for another, or for none."""
-        return self.anew(loaded=tuple(own for one in self.loaded for own in (new if one is old else (one,))))
+        return self.restart(loaded=tuple(own for one in self.loaded for own in (new if one is old else (one,))))
 
-    def of_robot(self, robot: RobotFile) -> State:
+    def set_robot(self, robot: RobotFile) -> State:
         """Return the loaded recordings of a robot; raises BodyError or InputError for others."""
         try:
-            robot = robot.with_logged_joints([one.source for one in self.loaded])
+            robot = robot.keep_logged_joints([one.source for one in self.loaded])
         except RecordingError as error:
             raise InputError(f"what is loaded is not of this robot: {error}") from None
         robot.body()
         state = State(robot=robot)
         try:
-            return state.anew(loaded=tuple(replace(one, recording=state.read(one.source)) for one in self.loaded))
+            return state.restart(loaded=tuple(replace(one, recording=state.read(one.source)) for one in self.loaded))
         except UserError as error:
             raise InputError(f"what is loaded is not of this robot: {error}") from None
 
@@ -186,16 +186,16 @@ class State:
         """Return the effects that the diagnosis calls for beyond the ladder."""
         return tuple(effect for effect in self.called if effect not in self.added)
 
-    def diagnosed(self, found: Diagnosis) -> State:
+    def add_diagnosis(self, found: Diagnosis) -> State:
         """Return the state with a diagnosis that started from its ladder."""
         return replace(self, diagnosis=found, started=self.ladder)
 
-    def with_step(self, addition: Addition) -> State:
+    def add_step(self, addition: Addition) -> State:
         """Return the state with one more step; the effect's own refit of the model before it replaces the last step."""
         last = replace(addition.before, added=self.ladder[-1].added)
         return replace(self, grown=(*self.ladder[:-1], last, addition.after))
 
-    def without_step(self) -> State:
+    def drop_step(self) -> State:
         """Return the state without the last effect that was added."""
         return replace(self, grown=self.ladder[:-1]) if self.added else self
 
@@ -221,7 +221,7 @@ class State:
         )
 
     @cached_property
-    def told(self) -> Diagnosis:
+    def result(self) -> Diagnosis:
         """Return the result for the report: the diagnosis if it contains all added effects, else the added steps.
 
         Of an arm, the diagnosis if there is one.
@@ -243,12 +243,12 @@ class State:
     @cached_property
     def case(self) -> ReportData:
         """Return the data of the sections of the report."""
-        return ReportData(self.told)
+        return ReportData(self.result)
 
     @cached_property
     def standing(self) -> ReportData:
         """Return the state with all recordings and added steps, without the effects of the diagnosis."""
-        return ReportData(replace(self.told, steps=self.ladder, data=self.prepared.data))
+        return ReportData(replace(self.result, steps=self.ladder, data=self.prepared.data))
 
     @property
     def seconds(self) -> float:

@@ -10,7 +10,7 @@ from pathlib import Path
 from pendulum_env.recording import Source
 from pendulum_env.recording.formats import READERS
 from pendulum_env.recording.study import read_sources
-from workbench.mistakes import USER_ERRORS, InputError, format_mistake
+from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.robot import FORMATS
 
 STUDY, MODEL = "study.toml", "model.json"  # as the stage Export names them

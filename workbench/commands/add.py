@@ -7,13 +7,13 @@ from estimators.diagnosis.addition import add
 from estimators.free_swings import find_scaling_values
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics.library import find_addition
+from workbench.errors import InputError
 from workbench.inputs import open_inputs
-from workbench.mistakes import InputError
 from workbench.narrator.effects import find_description
 from workbench.narrator.results import narrate_addition
 from workbench.options import LIMITS, READING, ROBOT, add_options, find_effect
 from workbench.outputs import report_files, write_model
-from workbench.story import print_parts
+from workbench.printing import print_parts
 from workbench.terminal import Terminal
 
 
@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
     asked = open_inputs(arguments, [arguments.output], terminal)
-    given = asked.preprocessed(terminal, arguments.align, find_scaling_values(asked.model, arguments.fixed))
+    given = asked.calibrate(terminal, arguments.align, find_scaling_values(asked.model, arguments.fixed))
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         try:

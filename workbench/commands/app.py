@@ -9,8 +9,8 @@ from threading import Timer
 
 from pendulum_env.errors import ColumnError
 from pendulum_env.recording import Source
+from workbench.errors import InputError
 from workbench.inputs import list_sources, make_robot, read_all
-from workbench.mistakes import InputError
 from workbench.options import KINDS, READING, ROBOT, add_options, convert_whole
 from workbench.processes import hold_interrupts
 from workbench.terminal import Terminal

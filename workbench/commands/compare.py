@@ -16,13 +16,13 @@ from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import apply_log_format
+from workbench.errors import InputError
 from workbench.inputs import Inputs, open_inputs, read_all, read_source_names, report_timing
-from workbench.mistakes import InputError
 from workbench.narrator.diagnosis import write_comparison
 from workbench.narrator.results import Part, narrate_comparison
 from workbench.options import KINDS, READING, ROBOT, add_options, convert_between
 from workbench.outputs import check_outputs, report_files, write_json, write_page
-from workbench.story import print_parts
+from workbench.printing import print_parts
 from workbench.terminal import Terminal
 
 
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if not isinstance(asked.body, Body):
         given = report_timing(convert_to_model_unit(model, recordings), arguments.align, terminal)
     else:
-        given = asked.preprocessed(terminal, arguments.align)
+        given = asked.calibrate(terminal, arguments.align)
     recordings = [*given.recordings, *given.holdout]
     with terminal.progress("comparing"):
         found = compare(model, recordings, horizon=arguments.horizon)
@@ -91,7 +91,7 @@ def find_carried_load(
     sources = [source for name in arguments.without for source in read_source_names(name, arguments)]
     sources = [apply_log_format(own, asked.model.log_format, arguments.model) for own in sources]
     empty = replace(asked, recordings=read_all(sources, terminal, asked.read), holdout=[])
-    without = empty.preprocessed(terminal, arguments.align).recordings if sources else ()
+    without = empty.calibrate(terminal, arguments.align).recordings if sources else ()
     try:
         return find_payload(asked.model, recordings, without, arguments.payload or None)
     except IdentificationError:

@@ -29,7 +29,7 @@ from pendulum_env.recording import Recording, write_recording
 from pendulum_env.spaces import MAX_TORQUE
 from workbench.options import add_options
 from workbench.outputs import check_outputs, report_files, write_page
-from workbench.story import print_diagnosis
+from workbench.printing import print_diagnosis
 from workbench.terminal import Terminal
 
 FOLDER = Path("pendulum-ident-demo")  # made where the command runs, unless another place is named

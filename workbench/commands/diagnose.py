@@ -13,7 +13,7 @@ from workbench.inputs import open_inputs
 from workbench.narrator.diagnosis import write_diagnosis
 from workbench.options import LIMITS, READING, ROBOT, add_options, convert_between, convert_number
 from workbench.outputs import report_files, write_json, write_model, write_page
-from workbench.story import MORE, print_diagnosis
+from workbench.printing import MORE, print_diagnosis
 from workbench.terminal import Terminal
 
 ASKED = "only without fixed bounds max_torque max_angle max_speed horizon".split()  # of a diagnosis, as it is
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the story, write what is asked for."""
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
     asked = open_inputs(arguments, outputs, terminal)
-    given = asked.preprocessed(terminal, fixed=arguments.fixed)
+    given = asked.calibrate(terminal, fixed=arguments.fixed)
     with terminal.progress("diagnosing") as progress:
         found = diagnose(
             given.recordings,

@@ -18,7 +18,7 @@ from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.lookup import find
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 from workbench.options import add_options, convert_choice, convert_number, convert_whole
 from workbench.outputs import check_outputs, report_files, write_json
 from workbench.processes import open_local_workers

@@ -10,10 +10,10 @@ from pendulum_env.physics import Model
 from pendulum_env.reading import quote_value
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import Source, apply_log_format
+from workbench.errors import InputError
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
 from workbench.inputs import make_body, read_all, read_model, read_source_names
-from workbench.mistakes import InputError
 from workbench.options import DRIVEN, READING, ROBOT, add_options, convert_number
 from workbench.outputs import check_outputs, report_files
 from workbench.terminal import Terminal

@@ -4,7 +4,7 @@ import argparse
 
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 from workbench.options import add_options
 from workbench.rig_check import CheckFailed, check_rig
 from workbench.terminal import Terminal

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
     outputs = [arguments.json, arguments.output]
     asked = open_inputs(arguments, outputs, terminal, holdout=arguments.align)  # which tells the timing of the log
-    given = asked.preprocessed(
+    given = asked.calibrate(
         terminal, True if arguments.align else None, arguments.fixed
     )  # what is late is a doubt, else
     terms, body = asked.model.terms, asked.body

@@ -16,8 +16,8 @@ from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.writing import WRITERS
 from workbench.arm_runs import record_arm
+from workbench.errors import InputError
 from workbench.judges import OnlineJudge, describe_verdict
-from workbench.mistakes import InputError
 from workbench.options import OPTIONS, ROBOT, add_options, convert_choice, convert_number, convert_whole
 from workbench.outputs import check_outputs, report_files
 from workbench.runs import DIAGNOSED, LEARNT, LONGEST, SECONDS, SUGGESTED, Plan, describe_recording, record_rig
@@ -135,18 +135,18 @@ def _simulate(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Recor
         with terminal.progress("simulating"):
             sensor = plan.rate, arguments.counts, arguments.noise
             return record(plan.plant, command, seconds, *sensor, rng=rng, release=plan.release)
-    env = plan.environment()
+    env = plan.make_environment()
     rate = env.unwrapped.rate  # type: ignore[attr-defined]
     steps = round(seconds * rate)
     judge = None if arguments.until is None else OnlineJudge(rate, find_smoothing(env, rate))
     with terminal.progress("running") as tell:
         recording = rollout(
             env,
-            plan.controller(rate),
+            plan.make_controller(rate),
             steps,
             seed=int(rng.integers(2**31)),
             watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / seconds),
-            until=None if judge is None else judge.stands,
+            until=None if judge is None else judge.has_verdict,
         )
     if judge is not None:
         terminal.say(describe_verdict(judge.close(), len(recording) < steps))

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from estimators.arguments import apply_limits, select_effects
 from pendulum_env.arms.joints import arm_base
+from workbench.errors import InputError, Interrupted
 from workbench.inputs import make_body, read_model
-from workbench.mistakes import InputError, Interrupted
 from workbench.options import LIMITS, READING, ROBOT, add_options, convert_whole
 from workbench.outputs import report_files
 from workbench.processes import open_local_workers

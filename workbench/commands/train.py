@@ -8,7 +8,7 @@ from pathlib import Path
 from agents.config import DEFAULTS, Config
 from agents.observer import ARM
 from pendulum_env.reading import read_toml
-from workbench.mistakes import InputError, Interrupted
+from workbench.errors import InputError, Interrupted
 from workbench.options import add_options, convert_choice, convert_whole
 from workbench.outputs import check_outputs, report_files
 from workbench.terminal import Terminal

@@ -8,9 +8,9 @@ from pendulum_env.arguments import check_order
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
+from workbench.errors import InputError
 from workbench.export import joints, mjcf, program, servo
 from workbench.export.request import Exported, ExportError, Request
-from workbench.mistakes import InputError
 
 FORMATS = {"mjcf": "a model for MuJoCo", "python": "a module without dependencies", "c": "a file of C99"}
 

@@ -71,7 +71,7 @@ class Dynamics:
         """Return the number of delayed commands."""
         return math.ceil(self.delay)
 
-    def arriving(self, commands: str) -> str:
+    def write_arrival(self, commands: str) -> str:
         """Write the command that arrives now, from a list of that name, newest first; between two, their mean."""
         whole, share = divmod(self.delay, 1.0)
         late, later = f"{commands}[{int(whole)}]", f"{commands}[{int(whole) + 1}]"

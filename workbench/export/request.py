@@ -10,7 +10,7 @@ from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP
 from pendulum_env.servo.drive import ServoDrive
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 
 Language = Literal["python", "c"]
 

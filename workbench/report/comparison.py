@@ -15,14 +15,14 @@ from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import POINTS, thin
 from workbench.narrator.diagnosis import describe_next_step, describe_region, describe_result, list_remarks
-from workbench.report.case import ReportData
+from workbench.report.data import ReportData
 from workbench.report.section import Section
 
 
 def make_comparison(case: ReportData) -> Section:
     """Make the section that compares torque and position of held-out recordings, largest errors first."""
     prepared = case.data.parts[1]
-    residuals = case.residuals(prepared)
+    residuals = case.compute_residuals(prepared)
     ends = np.cumsum([len(w.centers) for w in prepared.data.windows])[:-1]
     split = [np.split(residual, ends) for residual in residuals]
     torque = np.split(prepared.data.applied_torque(), ends)

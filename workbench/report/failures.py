@@ -9,7 +9,7 @@ from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, comput
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.report.case import ReportData
+from workbench.report.data import ReportData
 from workbench.report.section import Section
 
 TITLES = {  # name and symbol of an axis
@@ -27,7 +27,7 @@ Curve = tuple[str, str]  # label and colour of a model
 def make_failures(case: ReportData) -> Section:
     """Make the section on residuals of the base and the final model, on the fitted data."""
     prepared, noise = case.data.parts[0], case.diagnosis.noise_floor
-    residuals = case.residuals(prepared)
+    residuals = case.compute_residuals(prepared)
     maps = [compute_profiles(prepared.samples, residual, noise, units=case.units) for residual in residuals]
     regions = find_regions(prepared.samples, residuals[0], noise, units=case.units)
     curves = [(label, color) for label, color, _ in case.models]

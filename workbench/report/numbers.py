@@ -19,7 +19,7 @@ from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.narrator.effects import name_effect
 from workbench.narrator.results import classify_scheme
-from workbench.report.case import ReportData
+from workbench.report.data import ReportData
 from workbench.report.section import Section
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
@@ -67,7 +67,7 @@ def check_whiteness(
 
     Label, what they share [N m], the same in standard errors of white noise, and what that means.
     """
-    residual, model = case.residuals(prepared)[drawn], case.models[drawn][2]
+    residual, model = case.compute_residuals(prepared)[drawn], case.models[drawn][2]
     shared, significance, _ = prepared.data.structure(residual, abs(model.estimates["inertia"].value))
     small = ", below the noise floor" if shared < case.diagnosis.noise_floor else ": another term may explain it"
     return label, shared, significance, "white" if significance < Criterion().z_score else f"not white{small}"

@@ -31,8 +31,8 @@ from workbench.narrator.effects import name_effect
 from workbench.narrator.reasons import describe_reason
 from workbench.narrator.results import tabulate_recordings
 from workbench.report import arm
-from workbench.report.case import ReportData
 from workbench.report.comparison import make_comparison, make_loop, make_loop_diagnosis
+from workbench.report.data import ReportData
 from workbench.report.failures import make_failures
 from workbench.report.numbers import make_errors, make_parameters, make_schemes
 from workbench.report.section import Section

@@ -20,8 +20,8 @@ from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import describe_fault
 from pendulum_env.reading import read_bytes
 from pendulum_env.recording import Source
+from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import open_sources
-from workbench.mistakes import USER_ERRORS, InputError, format_mistake
 from workbench.terminal import Terminal
 
 ASKED = ("only", "without", "fixed", "bounds")  # of a diagnosis, as it is
@@ -87,7 +87,7 @@ class Settings:
         mark = hashlib.sha256(repr((get_version(), options, content)).encode()).hexdigest()
         return cls(Namespace(**options, **files, recordings=[]), plugins, mark)
 
-    def key(self, source: Source, content: str | None) -> str:
+    def make_key(self, source: Source, content: str | None) -> str:
         """Hash everything that decides on a diagnosis: settings, content of the file, and how it is read."""
         how = repr((self.mark, content, replace(source, file=Path())))
         return hashlib.sha256(how.encode()).hexdigest()[:32]
@@ -134,7 +134,7 @@ def describe_error(error: Exception, source: Source) -> str:
 def _diagnose(source: Source, options: Namespace) -> SurveyResult:
     terminal = Terminal(quiet=True)
     opened = open_sources(options, (replace(source, role="fit"),), terminal)
-    given = opened.preprocessed(terminal)
+    given = opened.calibrate(terminal)
     found = diagnose(
         given.recordings,
         given.holdout,

@@ -16,8 +16,8 @@ import numpy as np
 
 from pendulum_env.recording import Source
 from pendulum_env.recording.formats import READERS
+from workbench.errors import InputError, escape_controls
 from workbench.inputs import read_source_names
-from workbench.mistakes import InputError, escape_controls
 
 STUDY = "study.toml"
 TABLES = ("survey.parquet", "survey.csv", "trends.parquet", "trends.csv")  # that a survey writes

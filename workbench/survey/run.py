@@ -17,7 +17,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
 from pendulum_env.recording import Source
 from pendulum_env.settings import use_writer
-from workbench.mistakes import InputError, write_option
+from workbench.errors import InputError, write_option
 from workbench.survey.diagnosis import Settings, describe_error, diagnose_source, hash_content, read_result
 from workbench.survey.recordings import SurveyedRecording
 from workbench.survey.table import label_rows
@@ -58,7 +58,7 @@ def run_survey(
     """
     (output / RESULTS).mkdir(parents=True, exist_ok=True)
     hashes = [hash_content(own.source.file) for own in found]
-    keys = [settings.key(own.source, content) for own, content in zip(found, hashes, strict=True)]
+    keys = [settings.make_key(own.source, content) for own, content in zip(found, hashes, strict=True)]
     files = [output / RESULTS / f"{key}.json" for key in keys]
     # by index in `found`: several recordings may have the same name, or be of the same file
     results: dict[int, JSON] = {k: {**kept} for k, file in enumerate(files) if (kept := read_result(file)) is not None}

@@ -97,7 +97,7 @@ class Series:
         jump = self.trend.jump if self.change == "jump" else None
         return None if jump is None else datetime.fromtimestamp(float(self.date[jump.first]), UTC)
 
-    def row(self) -> JSON:
+    def make_row(self) -> JSON:
         """Make the row of the table of trends."""
         jump = self.trend.jump if self.change == "jump" else None
         row = {
@@ -152,7 +152,7 @@ def write_tables(folder: Path, rows: Sequence[JSON], series: Sequence[Series]) -
         values = {name: own["value"] for name, own in row["parameters"].items()}
         flat.append(row | values | {f"{name}_std": own["std"] for name, own in row["parameters"].items()})
     _write(folder / "survey", flat, columns)
-    _write(folder / "trends", [own.row() for own in series], TRENDS)
+    _write(folder / "trends", [own.make_row() for own in series], TRENDS)
 
 
 def _write(path: Path, rows: Sequence[JSON], columns: dict[str, pa.DataType]) -> None:

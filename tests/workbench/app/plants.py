@@ -29,7 +29,7 @@ def written(recording: Recording, folder: Path, held_out: bool = False) -> Sourc
 
 def loaded(recording: Recording, held_out: bool = False):
     """The same as a session has it, its file being nowhere."""
-    from workbench.app.loaded import LoadedRecording
+    from workbench.app.recordings import LoadedRecording
 
     file = f"{recording.name}.csv"
     return LoadedRecording(file, Source(Path(file), "holdout" if held_out else "fit"), recording)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from workbench.app.page.server import make_app
 from workbench.app.session import Session
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 
 ANYTHING = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just(10**400) | st.just(1e308),
@@ -33,7 +33,7 @@ class Page:
         self.client = app.server.test_client()
         self.client.get("/_dash-layout")
         self.callbacks = self.client.get("/_dash-dependencies").get_json()
-        self.session = self.sessions.of(self.ID)
+        self.session = self.sessions.find_session(self.ID)
 
     def close(self) -> None:
         Session.work = self._before  # type: ignore[method-assign]

@@ -17,8 +17,8 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import write_recording
 from tests.two_link import recorded
 from tests.workbench.app.plants import drop, reloaded, upload
-from workbench.app.asked import SearchChoices
 from workbench.app.card import ColumnChoice
+from workbench.app.choices import SearchChoices
 from workbench.app.page.layout import describe_state
 from workbench.app.parts import list_choices
 from workbench.app.session import Session
@@ -115,7 +115,7 @@ def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
     assert stage_text(session).count("on the side of the joint") == 1
     choices = list(card.choices)
     choices[2], choices[4] = ColumnChoice("position_elbow"), ColumnChoice("torque_elbow", "A", "*0.5")
-    session.act(lambda: session.answer(card.told(choices, False, (None, None))))
+    session.act(lambda: session.answer(card.set_choices(choices, False, (None, None))))
     assert session.notice == "" and not session.cards and not session.state.trouble
     assert session.state.loaded[0].source.columns["torque_elbow"] == "i2:A*0.5"
 

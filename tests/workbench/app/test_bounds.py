@@ -30,7 +30,7 @@ def content():
 
 def test_files_of_all_tabs_lie_in_one_folder_that_goes_with_the_server():
     sessions = Sessions()
-    tabs = [sessions.of(f"{k:032x}") for k in range(2)]
+    tabs = [sessions.find_session(f"{k:032x}") for k in range(2)]
     for tab in tabs:
         upload(tab, "a.csv", content())
     files = {tab.state.find("a.csv").source.file for tab in tabs}
@@ -50,16 +50,16 @@ def test_sessions_that_nobody_asks_for_end_and_so_do_too_many(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(session_module.time, "monotonic", lambda: now[0])
     sessions = Sessions()
-    old, kept = sessions.of("0" * 32), sessions.of("1" * 32)
+    old, kept = sessions.find_session("0" * 32), sessions.find_session("1" * 32)
     now[0] = 0.9 * IDLE
-    assert sessions.of("1" * 32) is kept
+    assert sessions.find_session("1" * 32) is kept
     now[0] = 1.1 * IDLE
-    assert sessions.of("1" * 32) is kept and sessions.of("0" * 32) is not old
+    assert sessions.find_session("1" * 32) is kept and sessions.find_session("0" * 32) is not old
     old.act(lambda: pytest.fail("it has ended"))
     assert "load the page again" in old.notice
-    many = [sessions.of(f"{k:032x}") for k in range(16, 16 + MOST)]
+    many = [sessions.find_session(f"{k:032x}") for k in range(16, 16 + MOST)]
     kept.act(lambda: pytest.fail("it has ended"))
-    assert all(one is sessions.of(f"{k:032x}") for k, one in enumerate(many, 16))
+    assert all(one is sessions.find_session(f"{k:032x}") for k, one in enumerate(many, 16))
     sessions.close()
 
 

@@ -35,8 +35,8 @@ from tests.workbench.app.plants import (
     url,
     written,
 )
-from workbench.app.asked import NO_CHOICES, SearchChoices
 from workbench.app.card import ColumnCard, ColumnChoice, describe_unit
+from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.page.server import make_app
 from workbench.app.parts import UNWRAP
 from workbench.app.recorder import read_options
@@ -48,7 +48,7 @@ from workbench.app.stages.export import write_commands, write_study_text
 from workbench.app.state import State
 from workbench.app.uploads import clean_name, unpack
 from workbench.cli import main
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 from workbench.narrator.diagnosis import write_diagnosis
 from workbench.processes import Workers
 
@@ -123,11 +123,13 @@ def test_what_the_card_says_is_what_the_command_line_says(session, swing, tmp_pa
     monkeypatch.chdir(tmp_path)
     upload(session, "run.csv", servo(swing))
     for wrong, told in ((ColumnChoice("torque"), "current"), (ColumnChoice("torque", "A", "*2*x"), "current:A*2*x")):
-        session.act(lambda wrong=wrong: session.answer(session.cards[0].told([*SERVO[:3], wrong], False, (None, None))))
+        session.act(
+            lambda wrong=wrong: session.answer(session.cards[0].set_choices([*SERVO[:3], wrong], False, (None, None)))
+        )
         said = refused("identify", "run.csv", f"--columns=time=clock:ms,position=-motor angle:deg/6,torque={told}")
         assert said == f"pendulum-ident: {session.cards[0].why}\n"
     twice = [SERVO[0], *[ColumnChoice("position")] * 3]
-    session.act(lambda: session.answer(session.cards[0].told(twice, False, (None, None))))
+    session.act(lambda: session.answer(session.cards[0].set_choices(twice, False, (None, None))))
     assert "'motor angle', 'mode' and 'current' are all to be position: choose one" in session.cards[0].why
 
 
@@ -135,7 +137,7 @@ def test_what_is_said_of_one_file_holds_for_those_that_wait_with_the_same_column
     other = b"t,q,q2,current\n" + b"".join(b"%d,%d,0,0\n" % (k, k) for k in range(200))
     for name, content in (("a.csv", servo(swing)), ("other.csv", other), ("b.csv", servo(swing))):
         upload(session, name, content)
-    session.act(lambda: session.answer(session.cards[0].told(SERVO, False, (None, None))))
+    session.act(lambda: session.answer(session.cards[0].set_choices(SERVO, False, (None, None))))
     assert [one.id for one in session.state.loaded] == ["a.csv", "b.csv"]
     assert [card.source.file.name for card in session.cards] == ["other.csv"]
 
@@ -148,7 +150,7 @@ def test_columns_of_a_loaded_recording_can_be_named_anew_over_a_range(session, s
     roles = dict(zip(card.preview.headers, card.choices, strict=True))
     assert {name: choice.role for name, choice in roles.items()} == {name: name for name in roles} and card.why == ""
     roles |= {"velocity": ColumnChoice(), "torque": ColumnChoice("torque", "", "*2")}
-    asked = card.told([roles[name] for name in card.preview.headers], False, (2.0, None))
+    asked = card.set_choices([roles[name] for name in card.preview.headers], False, (2.0, None))
     session.act(lambda: session.answer(asked))
     (one,) = session.state.loaded
     kept = swing.time - swing.time[0] >= 2.0 - 1e-9
@@ -171,7 +173,7 @@ def test_the_card_says_in_which_unit_a_column_is_understood(role, text, said):
 
 def test_an_end_waits_for_no_answer_that_takes_long():
     sessions, held, let_go = Sessions(), Event(), Event()
-    session = sessions.of("0" * 32)
+    session = sessions.find_session("0" * 32)
 
     def answer() -> None:
         session.act(lambda: (held.set(), let_go.wait(PATIENCE)))
@@ -188,12 +190,12 @@ def test_an_end_waits_for_no_answer_that_takes_long():
 
 def test_work_goes_on_from_the_study_the_model_and_the_recordings_that_were_saved(session, swing, tmp_path):
     upload(session, "run.csv", servo(swing))
-    session.act(lambda: session.answer(session.cards[0].told(SERVO, False, (1.0, 9.0))))
+    session.act(lambda: session.answer(session.cards[0].set_choices(SERVO, False, (1.0, 9.0))))
     turned = replace(swing, name="check", position=np.mod(swing.position, 2 * np.pi))
     held_out = replace(written(turned, tmp_path, held_out=True), unwrap=True)
     session.act(lambda: session.load([held_out]))
     state = session.state
-    state = state.with_step(add(state.model, "stribeck", state.train, state.holdout))
+    state = state.add_step(add(state.model, "stribeck", state.train, state.holdout))
     again = reloaded(state, tmp_path / "again")
     assert again.notice == "" and not again.cards and write_study_text(again.state) == write_study_text(state)
     for old, new in zip(state.loaded, again.state.loaded, strict=True):
@@ -228,13 +230,13 @@ def test_what_a_session_begins_with_is_read_as_the_user_asked_and_left_where_it_
     source = written(swing, tmp_path)
     source.file.write_text(source.file.read_text().replace("position", "Spalte"))
     sessions = Sessions([replace(source, columns={"position": "Spalte"})])
-    session = sessions.of(IDS[0])
+    session = sessions.find_session(IDS[0])
     np.testing.assert_allclose(session.state.loaded[0].recording.position, swing.position)
     session.act(lambda: session.remove("swing.csv"))
     assert session.state.loaded == () and source.file.exists()
     sessions.close()
     sessions = Sessions([source])  # it is asked about where columns are not clear
-    session = sessions.of(IDS[0])
+    session = sessions.find_session(IDS[0])
     assert session.notice == "" and session.state.loaded == () and "Spalte" in session.cards[0].preview.headers
     sessions.close()
 
@@ -252,13 +254,13 @@ def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(s
     said = str(data.show(session))
     assert "The torque is logged " in said and "ms late" in said and "'do': 'align'" in said
     before = session.state
-    session.state = after = before.anew(is_aligned=True)
+    session.state = after = before.restart(is_aligned=True)
     assert "corrected in all that follows" in str(data.show(session))
     errors = [one.ladder[-1].errors["holdout"].torque_rms for one in (before, after)]
-    assert errors[1] < 1.15 * after.told.noise_floor < 0.5 * errors[0]
+    assert errors[1] < 1.15 * after.result.noise_floor < 0.5 * errors[0]
     session.act(lambda: session.keep(loaded(replace(late, name="again"), held_out=True)))
     assert session.state.is_aligned and all("aligned: " in noted(one)[-1] for one in session.state.recordings)
-    assert session.state.anew(is_aligned=False).recordings == [one.recording for one in session.state.loaded]
+    assert session.state.restart(is_aligned=False).recordings == [one.recording for one in session.state.loaded]
 
 
 # ------------------------------------------------------------------------------------------------ sessions
@@ -266,7 +268,7 @@ def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(s
 
 def test_a_session_that_is_still_reading_its_recordings_holds_up_no_other(monkeypatch):
     sessions = Sessions()
-    other = sessions.of(IDS[0])
+    other = sessions.find_session(IDS[0])
     reading, read = Event(), Event()
 
     def slow(self: Session, sources: object) -> None:
@@ -301,7 +303,7 @@ def test_nothing_is_done_while_a_job_works_on_the_state(session):
 def test_only_ids_open_sessions(id):
     sessions = Sessions()
     with pytest.raises(InputError, match="load it again"):
-        sessions.of(id)
+        sessions.find_session(id)
     sessions.close()
 
 
@@ -339,28 +341,28 @@ def test_a_form_becomes_options_and_cannot_pass_for_others():
 
 
 def test_the_report_tells_the_diagnosis_until_the_ladder_has_all_that_it_calls_for(state, worked):
-    assert state.told.candidates == () and state.told.unexplained
+    assert state.result.candidates == () and state.result.unexplained
     grown = worked["paper"]
-    diagnosed = grown.without_step()
-    assert diagnosed.added == () and diagnosed.without_step() is diagnosed
+    diagnosed = grown.drop_step()
+    assert diagnosed.added == () and diagnosed.drop_step() is diagnosed
     assert diagnosed.model.theta == pytest.approx(state.model.theta, rel=1e-9)
-    assert diagnosed.told.selected == diagnosed.found == ("stribeck",)
-    assert grown.found == () and grown.told.steps == grown.ladder and not grown.told.unexplained
-    other = grown.with_step(add(grown.model, "quadratic_drag", state.train))  # which the diagnosis does not call for
-    assert other.found == () and other.told.selected == ("stribeck", "quadratic_drag")
-    own = diagnosed.with_step(add(diagnosed.model, "quadratic_drag", state.train))  # in the place of what it calls for
-    assert own.found == ("stribeck",) and own.told.selected == ("quadratic_drag",)
+    assert diagnosed.result.selected == diagnosed.found == ("stribeck",)
+    assert grown.found == () and grown.result.steps == grown.ladder and not grown.result.unexplained
+    other = grown.add_step(add(grown.model, "quadratic_drag", state.train))  # which the diagnosis does not call for
+    assert other.found == () and other.result.selected == ("stribeck", "quadratic_drag")
+    own = diagnosed.add_step(add(diagnosed.model, "quadratic_drag", state.train))  # in the place of what it calls for
+    assert own.found == ("stribeck",) and own.result.selected == ("quadratic_drag",)
 
 
 @pytest.fixture(scope="module")
 def worked(state: State) -> dict[str, State]:
     """States with a diagnosis and its effect added: from the paper's terms, and from a model file with one more."""
     drag = add(state.model, "quadratic_drag", state.train).after.model
-    begun = state.anew(terms=drag.terms, model_file="start.json")
+    begun = state.restart(terms=drag.terms, model_file="start.json")
     states = {}
     for name, one in (("paper", state), ("file", begun)):
         named = one.diagnosed(diagnosed(one.train, base=one.base_terms, **one.asked.effects))
-        states[name] = named.with_step(add(one.model, "stribeck", one.train))
+        states[name] = named.add_step(add(one.model, "stribeck", one.train))
     return states
 
 
@@ -393,10 +395,10 @@ def test_where_identify_fits_more_than_the_workbench_the_page_says_so(session, s
 def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(session, late, tmp_path, monkeypatch):
     for file, part in (("run.csv", (0.0, 6.0)), ("check.csv", (6.0, None))):
         upload(session, file, servo(late))
-        session.act(lambda part=part: session.answer(session.cards[0].told(SERVO, False, part)))
+        session.act(lambda part=part: session.answer(session.cards[0].set_choices(SERVO, False, part)))
         (tmp_path / file).write_bytes(servo(late))
     session.act(lambda: session.hold_out("check.csv", True))
-    session.state = session.state.anew(is_aligned=True)
+    session.state = session.state.restart(is_aligned=True)
     (tmp_path / "study.toml").write_text(write_study_text(session.state))
     monkeypatch.chdir(tmp_path)
     assert write_commands(session.state) == "pendulum-ident identify study.toml --align -o model.json"
@@ -422,7 +424,7 @@ def test_an_experiment_that_is_suggested_is_saved(session, tmp_path):
         export.make_file(session.state, "experiment", "")
     wagging, found = wagged("a spring at small angles")
     session.act(lambda: session.load([written(wagging, tmp_path)]))
-    session.state = session.state.diagnosed(found)
+    session.state = session.state.add_diagnosis(found)
     rows = np.loadtxt(io.BytesIO(export.make_file(session.state, "experiment", "")[1]), delimiter=",", skiprows=1)
     assert rows.shape[1] == 2 and np.abs(rows[:, 1]).max() > 1.0
 
@@ -441,7 +443,7 @@ def test_a_box_selects_the_same_windows_in_every_view(state):
     traces = highlight(points, early, 0)
     assert len(traces[TIME]) == 2 and max(traces[TIME][0]["x"]) <= 2.0
     assert len(traces[MAP][0]["x"]) == len(traces[PHASE][0]["x"]) == len(traces[TIME][0]["x"])
-    region = next(region for region in state.told.unexplained if region.axis == "velocity")
+    region = next(region for region in state.result.unexplained if region.axis == "velocity")
     chosen = x.velocity[select_region(x, region)]
     assert len(chosen) and chosen.min() >= region.low and chosen.max() <= region.high
 
@@ -457,7 +459,7 @@ def test_a_free_swing_is_loaded_with_a_note_and_a_card_can_say_that_nothing_driv
     session.load([Source(plain), Source(asked)])
     (loaded,), (card,) = session.state.loaded, session.cards
     assert any("free swing" in note for note in noted(loaded.recording)) and "torque=none" in card.why
-    session.answer(card.filled({"role:0": "time", "role:1": "position", "free:0": ["free"]}))
+    session.answer(card.fill_form({"role:0": "time", "role:1": "position", "free:0": ["free"]}))
     assert not session.cards and not session.state.loaded[1].recording.torque.any()
 
 
@@ -468,13 +470,13 @@ def test_a_card_begins_with_what_is_said_of_its_columns_and_reads_as_they_do(tmp
     np.savetxt(file, rows, delimiter=",", header="t,motor,i,speed", comments="")
     said = {"position": "-motor:deg/6+30:deg", "torque": "i:A*0.1", "velocity": "unused"}
     card = ColumnCard.of(Source(file, columns=said))
-    first, again = Source(file, columns=said).read(), card.asked().read()
+    first, again = Source(file, columns=said).read(), card.make_source().read()
     np.testing.assert_allclose(again.position, first.position, rtol=1e-12)
     np.testing.assert_allclose(again.torque, first.torque, rtol=1e-12)
     assert again.velocity is None
     both = [replace(choice, role="time") if choice.role == "torque" else choice for choice in card.choices]
     with pytest.raises(RecordingError, match="columns 't' and 'i' are all to be time: choose one"):
-        card.told(both, False, (None, None)).asked()
+        card.set_choices(both, False, (None, None)).make_source()
 
 
 ASKED = SearchChoices(
@@ -519,7 +521,7 @@ def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(aske
     assert asked.state.prepared is before.prepared
     diagnose.choose_search(asked, SearchChoices(bound="gravity=:1.5"))
     assert asked.state.model.estimates["gravity"].value == pytest.approx(1.5)
-    asked.state = asked.state.anew(loaded=asked.state.loaded)  # perhaps other recordings: the same bounds
+    asked.state = asked.state.restart(loaded=asked.state.loaded)  # perhaps other recordings: the same bounds
     assert asked.state.model.estimates["gravity"].value == pytest.approx(1.5)
     diagnose.choose_search(asked, NO_CHOICES)
     assert asked.state.model.theta == pytest.approx(before.model.theta)

@@ -1,7 +1,7 @@
 """Every change of a session is taken back."""
 
 from tests.workbench.app.plants import recorded, upload, written
-from workbench.app.asked import SearchChoices
+from workbench.app.choices import SearchChoices
 from workbench.app.session import UNDONE, Session
 from workbench.app.stages.diagnose import choose_search
 from workbench.app.state import State

@@ -105,7 +105,7 @@ def show_undo(session: Session) -> list[Component]:
     what = session.last_change
     if not (what or session.state.loaded):
         return []
-    back = make_button(f"Undo: {what}" if what else "Undo", "back", disabled=session.busy() or not what)
+    back = make_button(f"Undo: {what}" if what else "Undo", "back", disabled=session.is_busy() or not what)
     return [html.Div(back, className="row")]
 
 
@@ -123,14 +123,14 @@ def describe_state(state: Work) -> tuple[str, str, str]:
     if state.trouble:
         return kicker, "Nothing can be fitted yet", f"{capitalise(state.trouble)}."
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name_effect(effect)}' for effect in state.added)}"
-    lead = f"{capitalise(describe_errors(replace(state.told, steps=state.ladder)))}."
+    lead = f"{capitalise(describe_errors(replace(state.result, steps=state.ladder)))}."
     if state.found:
         found = join_words([name_effect(effect) for effect in state.found])
-        lead += f" With {found}: {describe_errors(state.told)}."
+        lead += f" With {found}: {describe_errors(state.result)}."
     if state.found or not state.added:
-        return kicker, describe_result(state.told), lead
+        return kicker, describe_result(state.result), lead
     (first, last), names = get_end_errors(state.ladder), join_words([name_effect(effect) for effect in state.added])
-    smaller, joint = max((first.at(at) / last.at(at), at) for at in state.told.floors)
+    smaller, joint = max((first.at(at) / last.at(at), at) for at in state.result.floors)
     error = f"torque error of {joint}" if joint else "torque error"
     return kicker, f"With {names} the {error} is {format_number(smaller, 2)} times smaller", lead
 
@@ -176,7 +176,7 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
     def draw(id: str | None, hash: str | None, _: int) -> tuple[Any, ...]:
         if id is None:
             raise PreventUpdate
-        session = sessions.of(id)
+        session = sessions.find_session(id)
         stage = next((stage for stage in STAGES if f"#{stage.id}" == hash), STAGES[0])
         with session.lock:  # what is being done to it is waited for, but nothing waits for what is fitted below
             if ctx.triggered_id == "url":
@@ -200,9 +200,9 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
         """Draw the progress bar, whose one owner this is: no late answer brings it back."""
         if id is None:
             raise PreventUpdate
-        session = sessions.of(id)
+        session = sessions.find_session(id)
         with session.lock:
-            busy = session.busy()
+            busy = session.is_busy()
             # a page that has just been loaded is drawn already: it only has to learn when its job is over
             changed = session.version != version if version else ctx.triggered_id == "poll" and not busy
             return show_job(session), not busy, session.version if changed else no_update
@@ -230,7 +230,7 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
         prevent_initial_call=True,
     )
     def press(*values: Any) -> int:
-        session, clicks = sessions.of(values[-1]), ctx.triggered[0]["value"]
+        session, clicks = sessions.find_session(values[-1]), ctx.triggered[0]["value"]
         if not clicks:  # buttons that have just appeared, and may have come before the answer to another
             if values[-2] in (0, session.version):
                 raise PreventUpdate
@@ -243,7 +243,7 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
 
     @app.callback(VERSION, Input("came", "data"), State("session", "data"), prevent_initial_call=True)
     def take(came: Form, id: str) -> int:
-        return act(sessions.of(id), came["place"], "", came)
+        return act(sessions.find_session(id), came["place"], "", came)
 
     @app.callback(
         VERSION,
@@ -254,10 +254,10 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
         prevent_initial_call=True,
     )
     def choose(*values: Any) -> int:
-        session = sessions.of(values[-1])
+        session = sessions.find_session(values[-1])
         with session.lock:
             form, card = collect_form(ctx.states_list), next(iter(session.cards), None)
-            if card is None or len(values[0]) != len(card.choices) or card.is_as(asked := card.filled(form)):
+            if card is None or len(values[0]) != len(card.choices) or card.is_as(asked := card.fill_form(form)):
                 raise PreventUpdate  # controls that have just appeared
             session.act(lambda: setattr(session, "cards", (asked, *session.cards[1:])))
             return session.version

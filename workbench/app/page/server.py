@@ -18,7 +18,7 @@ from pendulum_env.recording import Source
 from workbench.app import uploads
 from workbench.app.page import layout
 from workbench.app.session import Sessions
-from workbench.mistakes import USER_ERRORS, InputError, format_mistake
+from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.report.page import pack_plotly
 from workbench.robot import RobotFile
 

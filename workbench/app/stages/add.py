@@ -23,7 +23,7 @@ from workbench.app.parts import (
 )
 from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 from workbench.narrator.addition import describe_table
 from workbench.narrator.diagnosis import describe_errors
 from workbench.narrator.effects import name_effect
@@ -33,12 +33,12 @@ from workbench.report.numbers import make_errors
 
 def show(session: Session) -> list[Component]:
     """Render possible effects, the added steps, and their errors."""
-    state, busy = session.state, session.busy()
+    state, busy = session.state, session.is_busy()
     undo = [make_button(f"Take {name_effect(state.added[-1])} out", "undo", disabled=busy)] if state.added else []
     offer = show_choice(state, busy, list_choices(state.body, tables=True))
     if state.robot is not None:
         rungs = [("base model" if rung.added is None else f"+ {rung.added}", "", rung) for rung in state.ladder]
-        section = make_joints(rungs, "held-out data", "", state.told.floors)
+        section = make_joints(rungs, "held-out data", "", state.result.floors)
         return [offer, make_panel("Errors step by step", make_fragment(section), *undo)]
     section = make_errors(state.standing)
     plots = html.Div([make_graph(figure) for figure in section.content["figures"]], className="columns even")
@@ -53,7 +53,7 @@ def describe_step(state: Work) -> str:
     """Describe the last step of the ladder by its held-out errors."""
     if not state.added:
         return "The ladder has one rung, the base model. Add an effect and watch both errors, fitted and held out."
-    errors = describe_errors(replace(state.told, steps=state.ladder[-2:]))
+    errors = describe_errors(replace(state.result, steps=state.ladder[-2:]))
     return " ".join([f"{capitalise(errors)}.", *filter(None, [describe_table(state.ladder[-1])])])
 
 
@@ -63,7 +63,7 @@ def show_calls(state: Work, busy: bool) -> Component:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
     offers = [(f"Add {name_effect(effect)}", effect) for effect in state.found]
-    table = next(iter(state.told.tables), None)  # a function that no effect is and that would explain what is left
+    table = next(iter(state.result.tables), None)  # a function that no effect is and that would explain what is left
     if not offers and table is not None and table not in state.model.effects:
         offers = [(f"Keep {name_effect(table)} as a table", table)]
     presses = [make_button(label, "add", id, primary=k == 0, disabled=busy) for k, (label, id) in enumerate(offers)]
@@ -73,7 +73,7 @@ def show_calls(state: Work, busy: bool) -> Component:
 
 def describe_rest(state: Work) -> str:
     """Render the next step after all selected effects are added."""
-    rest = "no effect of the library explains the rest of the residual" if state.told.unexplained else ""
+    rest = "no effect of the library explains the rest of the residual" if state.result.unexplained else ""
     if not state.called:
         return f"{capitalise(rest) or 'The diagnosis calls for no effect'}."
     return f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
@@ -105,7 +105,7 @@ def start(session: Session, id: str | None) -> None:
     task = partial(add, state.model, id, state.train, state.holdout, **state.asked.limits)
 
     def keep(added: Addition) -> None:
-        session.change(f"add {name_effect(id)}", session.state.with_step(added))
+        session.change(f"add {name_effect(id)}", session.state.add_step(added))
 
     session.work(f"Adding {name_effect(id)}", task, keep)
 
@@ -114,7 +114,7 @@ def undo(session: Session) -> None:
     """Take the last effect out of the ladder."""
     state = session.state
     if state.added:
-        session.change(f"take {name_effect(state.added[-1])} out", state.without_step())
+        session.change(f"take {name_effect(state.added[-1])} out", state.drop_step())
 
 
 STAGE = Stage(

@@ -28,8 +28,8 @@ from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.effects import find_description
 from workbench.report.arm import make_strips
-from workbench.report.case import ReportData, list_ends
 from workbench.report.comparison import plot_position, plot_torque
+from workbench.report.data import ReportData, list_ends
 from workbench.report.failures import draw_planes, plot_profile
 
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
@@ -54,7 +54,7 @@ class WindowPoints:
         for prepared in case.data.parts:
             windows, x = prepared.data.windows, prepared.samples
             own = np.repeat([w.recording is recording for w in windows], [len(w.centers) for w in windows])
-            series = (x.time, x.position, x.velocity, prepared.data.applied_torque(), *case.residuals(prepared))
+            series = (x.time, x.position, x.velocity, prepared.data.applied_torque(), *case.compute_residuals(prepared))
             parts.append([values[own] for values in series])
         time, position, velocity, torque, *residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
         return cls(case, Samples(time, position, velocity, torque), tuple(residuals))
@@ -64,7 +64,7 @@ class WindowPoints:
         """Return the torque error that measurement noise alone gives [N m]."""
         return self.case.diagnosis.noise_floor
 
-    def regions(self, shown: int) -> list[Region]:
+    def find_regions(self, shown: int) -> list[Region]:
         """Render the regions with a significant residual of a model."""
         return find_regions(self.samples, self.residuals[shown], self.noise, units=self.case.units)
 
@@ -216,7 +216,7 @@ def _show_regions(points: WindowPoints, shown: int) -> Component:
         html.Button(capitalise(describe_region(region)), id={"region": k}, n_clicks=0, type="button", className="link")
         if region.axis != "frequency"
         else capitalise(describe_region(region))
-        for k, region in enumerate(points.regions(shown))
+        for k, region in enumerate(points.find_regions(shown))
     ]
     listed = html.Ul([html.Li(row) for row in rows], className="regions-list")
     return make_panel("Where it fails", listed if rows else html.P("The residual is within the noise."))
@@ -232,7 +232,7 @@ def _show_gallery(state: Work, points: WindowPoints, shown: int) -> Component:
         points.case.models[shown],
     )
     reach = 1.08 * max(float(np.abs(item.mean).max()) for item in drawn)
-    here = [plot_profile([curve[:2]], [item], points.regions(shown), (), reach, "here") for item in drawn]
+    here = [plot_profile([curve[:2]], [item], points.find_regions(shown), (), reach, "here") for item in drawn]
     rows = []
     for id in ranked:
         if (GALLERY / f"{id}.svg").is_file():
@@ -286,7 +286,7 @@ def connect(app: Dash, sessions: Sessions) -> None:
         prevent_initial_call=True,
     )
     def choose(recording: str, shown: int, id: str) -> tuple[list[Component], None, str]:
-        state = sessions.of(id).state
+        state = sessions.find_session(id).state
         return _show_views(state, recording, shown), None, HINT
 
     @app.callback(
@@ -307,9 +307,9 @@ def connect(app: Dash, sessions: Sessions) -> None:
             raise PreventUpdate
         if cause == "clear":
             return None, HINT
-        points, source = _find_points(sessions.of(id).state, recording), None
+        points, source = _find_points(sessions.find_session(id).state, recording), None
         if "region" in cause:
-            selected = select_region(points.samples, points.regions(shown)[cause["region"]])
+            selected = select_region(points.samples, points.find_regions(shown)[cause["region"]])
         elif "range" in value:
             source = cause["of"]
             selected = select_box(points.samples, source, value["range"])

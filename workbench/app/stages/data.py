@@ -15,7 +15,6 @@ from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
 from pendulum_env.units import JointUnits
 from workbench.app import card, recorder, uploads
-from workbench.app.loaded import LoadedRecording
 from workbench.app.parts import (
     UNWRAP,
     make_aria,
@@ -27,6 +26,7 @@ from workbench.app.parts import (
     make_table,
     name_field,
 )
+from workbench.app.recordings import LoadedRecording
 from workbench.app.session import Action, Form, Session, Stage
 from workbench.app.state import State
 from workbench.app.uploads import MODEL, STUDY
@@ -218,14 +218,14 @@ def _record(session: Session, _: str, form: Form) -> None:
 
 
 def _align(session: Session, is_aligned: bool, what: str) -> None:
-    session.change(what, session.state.anew(is_aligned=is_aligned))
+    session.change(what, session.state.restart(is_aligned=is_aligned))
 
 
 def _turn_gravity(session: Session, *_: object) -> None:
     """Take the robot's torques for those without gravity, or again for those with it; the ladder starts anew."""
     if (robot := session.state.robot) is not None:
         robot = replace(robot, weightless=not robot.weightless)
-        session.change("take gravity off, or back", session.state.anew(robot=robot))
+        session.change("take gravity off, or back", session.state.restart(robot=robot))
 
 
 ACTIONS: dict[str, Action] = {
@@ -233,7 +233,7 @@ ACTIONS: dict[str, Action] = {
     "demo": lambda session, *_: recorder.start_demo(session),
     "record": _record,
     "columns": lambda session, id, _: session.ask(id),
-    "card-load": lambda session, _, form: session.answer(session.cards[0].filled(form)),
+    "card-load": lambda session, _, form: session.answer(session.cards[0].fill_form(form)),
     "card-close": lambda session, *_: setattr(session, "cards", session.cards[1:]),
     "fit": lambda session, id, _: session.hold_out(id, False),
     "check": lambda session, id, _: session.hold_out(id, True),

@@ -11,7 +11,7 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
 from pendulum_env.formatting import join_words
 from workbench.app import recorder
-from workbench.app.asked import NO_CHOICES, SearchChoices
+from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.parts import KEPT, label_control, list_choices, make_button, make_fragment, make_panel, name_field
 from workbench.app.session import Session, Stage
 from workbench.app.stages.add import show_calls
@@ -21,13 +21,13 @@ from workbench.narrator.diagnosis import describe_result
 from workbench.narrator.findings import describe_aim
 from workbench.options import parse_effects
 from workbench.report.arm import make_joints
-from workbench.report.case import list_ends
+from workbench.report.data import list_ends
 from workbench.report.story import make_story, rank_candidates
 
 
 def show(session: Session) -> list[Component]:
     """Show the search, then its result."""
-    state, busy = session.state, session.busy()
+    state, busy = session.state, session.is_busy()
     found = state.diagnosis
     search = make_panel(
         "Search for what is missing",
@@ -42,7 +42,7 @@ def show(session: Session) -> list[Component]:
     )
     if found is None:
         return [*show_timing(state), search]
-    kind = "story found" if state.told.selected else "story"
+    kind = "story found" if state.result.selected else "story"
     if state.robot is not None:
         result = make_joints(list_ends(state.ladder), "held-out data", describe_result(found), found.floors, found)
     else:
@@ -113,7 +113,7 @@ def choose_search(session: Session, asked: SearchChoices) -> None:
     """
     asked.check(session.state.base_terms)
     if asked != (state := session.state).asked:  # where other values are known, the ladder begins anew with them
-        change = replace(state, asked=asked) if asked.limits == state.asked.limits else state.anew(asked=asked)
+        change = replace(state, asked=asked) if asked.limits == state.asked.limits else state.restart(asked=asked)
         session.change("choose what is looked for", change)
 
 
@@ -123,7 +123,7 @@ def start(session: Session, asked: SearchChoices) -> None:
     state = session.state
 
     def keep(found: Diagnosis) -> None:
-        session.change("diagnose", state.diagnosed(found))
+        session.change("diagnose", state.add_diagnosis(found))
 
     limits = {**asked.effects, **asked.limits}
     if recorder.find_plant_options(state) is not None:  # it bears all

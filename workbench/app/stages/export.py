@@ -24,7 +24,7 @@ from workbench.app.recorder import DIAGNOSIS
 from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State, list_added
 from workbench.app.uploads import MODEL, STUDY
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 from workbench.narrator.diagnosis import write_diagnosis
 from workbench.report import render
 
@@ -90,7 +90,7 @@ def write_commands(state: State) -> str:
     given = [*train, *(word for file in holdout for word in ("--holdout", file))]
     if _is_study_needed(state):
         train = given = [STUDY]  # which says what is held out
-    limits, align = state.asked.options("fix", "bound"), ["--align"] * state.is_aligned
+    limits, align = state.asked.write_options("fix", "bound"), ["--align"] * state.is_aligned
     lines = [["record", *one.origin, "-o", one.source.file.name] for one in state.loaded if one.origin]
     model, scheme = state.model_file, list[str]()
     if (robot := state.robot) is not None:
@@ -106,7 +106,7 @@ def write_commands(state: State) -> str:
             lines.append(["add", model or MODEL, effect, *given, *align, *limits, "-o", MODEL])
             model = MODEL
         else:
-            looked = [*(["--model", model] if model else []), *state.asked.options("only", "without"), *limits]
+            looked = [*(["--model", model] if model else []), *state.asked.write_options("only", "without"), *limits]
             lines.append(["diagnose", *given, *looked, "--report", REPORT, "--json", DIAGNOSIS])
     return "\n".join(shlex.join([PROGRAM, *words]) for words in lines)
 
@@ -132,7 +132,7 @@ def _is_study_needed(state: State) -> bool:
 def write_snippet(state: State) -> str:
     """Write Python that comes to the same model."""
     train, holdout = _list_files(state)
-    limits, looked = (state.asked.arguments(one) for one in (state.asked.limits, state.asked.effects))
+    limits, looked = (state.asked.write_arguments(one) for one in (state.asked.limits, state.asked.effects))
     lines = [
         f"recordings = [read_recording(path) for path in {train!r}]",
         f"holdout = [read_recording(path) for path in {holdout!r}]",
@@ -201,9 +201,9 @@ def _write_experiment(state: State) -> str:
 
 
 FILES: dict[str, tuple[str, Callable[[State], str]]] = {  # name and content of what any stage saves
-    "report": (REPORT, lambda state: render(state.told, write_commands(state))),
+    "report": (REPORT, lambda state: render(state.result, write_commands(state))),
     "model": (MODEL, _write_model),
-    "diagnosis": (DIAGNOSIS, lambda state: _format_json(write_diagnosis(state.told))),
+    "diagnosis": (DIAGNOSIS, lambda state: _format_json(write_diagnosis(state.result))),
     "experiment": (EXPERIMENT, _write_experiment),
     "study": (STUDY, write_study_text),
 }
@@ -231,7 +231,7 @@ def connect(app: Dash, sessions: Sessions) -> None:
         if not any(entry["value"] for entry in dash.ctx.triggered):
             raise PreventUpdate
         asked = dash.ctx.triggered_id
-        name, content = make_file(sessions.of(id).state, asked["save"], asked["of"])
+        name, content = make_file(sessions.find_session(id).state, asked["save"], asked["of"])
         return {"filename": name, "content": b64encode(content).decode(), "base64": True}
 
 

@@ -65,7 +65,7 @@ STAGE = Stage(
     {
         "model-file": lambda session, _, came: session.begin_from(unpack(session.place(), *came["files"][0])),
         "model-back": lambda session, *_: session.change(
-            "start from the usual terms", session.state.anew(terms=(), model_file="")
+            "start from the usual terms", session.state.restart(terms=(), model_file="")
         ),
     },
 )

@@ -47,11 +47,11 @@ class SearchChoices:
         select_effects(None, **self.effects, body=find_body(terms))
         apply_limits(terms, {}, **self.limits)
 
-    def options(self, *fields: str) -> list[str]:
+    def write_options(self, *fields: str) -> list[str]:
         """Write some fields as words of a command."""
         return [f"--{field}={getattr(self, field)}" for field in fields if getattr(self, field)]
 
-    def arguments(self, *kinds: dict[str, Any]) -> str:
+    def write_arguments(self, *kinds: dict[str, Any]) -> str:
         """Write the given arguments of Python, each with a comma before it."""
         return "".join(f", {name}={value!r}" for kind in kinds for name, value in kind.items() if value)
 

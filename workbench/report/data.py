@@ -81,7 +81,7 @@ class ReportData:
             self._with_link_states[id(prepared)] = [prepared.with_link_states(model) for _, _, model in self.models]
         return self._with_link_states[id(prepared)]
 
-    def residuals(self, prepared: RegressionData) -> list[Array]:
+    def compute_residuals(self, prepared: RegressionData) -> list[Array]:
         """Return the measured minus modelled torque (R,) [N m] of each drawn model."""
         seen = zip(self.with_link_states(prepared), self.models, strict=True)
         return [own.residual(model.terms, model.theta) for own, (_, _, model) in seen]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import find_duplicate
-from workbench.mistakes import InputError
+from workbench.errors import InputError
 
 
 def read_one(source: Source) -> Recording:
