@@ -42,6 +42,6 @@ def test_what_was_not_tried_is_said_and_a_run_too_short_says_nothing_of_what_is_
     missing, not_tried = describe_verdict(said, True).splitlines()
     assert missing.startswith("missing: torque saturation") and "3.0 s" in missing
     assert not_tried.endswith("backlash and dead time of the torque")
-    assert "too short to tell" in describe_verdict(OnlineDiagnosis("calibrating", BASE), False)
+    assert "too short for a verdict" in describe_verdict(OnlineDiagnosis("calibrating", BASE), False)
     changed = OnlineDiagnosis("changed", BASE, motion=3.0, changed={"inertia": (0.03, 0.001)})
     assert "inertia" in describe_verdict(changed, False)

@@ -279,10 +279,10 @@ def test_a_session_that_is_still_reading_its_recordings_holds_up_no_other(monkey
     monkeypatch.setattr(Session, "load", slow)
     sessions._recordings = (Source(Path("swing.csv")),)
     with ThreadPoolExecutor(2) as pool:
-        first = pool.submit(sessions.of, IDS[1])
+        first = pool.submit(sessions.find_session, IDS[1])
         assert reading.wait(PATIENCE)
         try:
-            assert pool.submit(sessions.of, IDS[0]).result(PATIENCE / 2) is other and not first.done()
+            assert pool.submit(sessions.find_session, IDS[0]).result(PATIENCE / 2) is other and not first.done()
         finally:
             read.set()
         assert first.result(PATIENCE).notice == "read"
@@ -361,7 +361,7 @@ def worked(state: State) -> dict[str, State]:
     begun = state.restart(terms=drag.terms, model_file="start.json")
     states = {}
     for name, one in (("paper", state), ("file", begun)):
-        named = one.diagnosed(diagnosed(one.train, base=one.base_terms, **one.asked.effects))
+        named = one.add_diagnosis(diagnosed(one.train, base=one.base_terms, **one.asked.effects))
         states[name] = named.add_step(add(one.model, "stribeck", one.train))
     return states
 
