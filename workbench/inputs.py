@@ -147,16 +147,6 @@ class Inputs:
         return report_timing(given, align, terminal)
 
 
-def open_inputs(
-    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, holdout: bool = True
-) -> Inputs:
-    """Refuse what could not be written; read the model, if one is named, and recordings in the format it knows.
-
-    Raises as `open_sources`, and InputError, StudyError as `given`.
-    """
-    return open_sources(arguments, list_sources(arguments, outputs), terminal, holdout)
-
-
 def open_sources(
     arguments: argparse.Namespace, sources: Sequence[Source], terminal: Terminal, holdout: bool = True
 ) -> Inputs:

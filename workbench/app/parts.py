@@ -13,7 +13,7 @@ from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
 from workbench.narrator.effects import name_effect
 from workbench.report import page
-from workbench.report.section import Section
+from workbench.report.data import Section
 
 Content = Component | str | Sequence[Component | str] | None
 

@@ -17,7 +17,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import apply_log_format
 from workbench.errors import InputError
-from workbench.inputs import Inputs, open_inputs, read_all, read_source_names, report_timing
+from workbench.inputs import Inputs, list_sources, open_sources, read_all, read_source_names, report_timing
 from workbench.narrator.diagnosis import write_comparison
 from workbench.narrator.results import Part, narrate_comparison
 from workbench.options import KINDS, READING, ROBOT, add_options, convert_between
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, [arguments.model])
-    asked = open_inputs(arguments, outputs, terminal)
+    asked = open_sources(arguments, list_sources(arguments, outputs), terminal)
     model, recordings = asked.model, [*asked.recordings, *asked.holdout]
     if arguments.loop and not are_driven(recordings):
         raise InputError(f"{recordings[0].name}: --loop needs its controller: give --drive, or [drive] in a study")

@@ -6,7 +6,7 @@ from pathlib import Path
 from pendulum_env.backends.emulators import MISHAPS, emulate, make_serial
 from pendulum_env.backends.hardware.drive import find_adapter
 from workbench.inputs import make_plant
-from workbench.options import add_options, convert_number, convert_whole
+from workbench.options import add_options, convert_number
 from workbench.outputs import check_outputs
 from workbench.terminal import Terminal
 
@@ -23,7 +23,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --effect --theta
         --rate  of the loop [Hz] (default {RATE:g})
         --log FILE  what the motor does, line by line with monotonic times
-        --first-count  of the 32-bit counter (default 0)
         --realtime  ask for real-time priority, here and in the loop
         --watchdog  the drive's, in the configuration [s]
         --reply  to wait for the drive, in the configuration [s]
@@ -31,7 +30,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         kind={"choices": ["serial"]},
         output={"default": "rig.toml"},
         rate=(convert_number(10.0, 5000.0), RATE),
-        first_count=(convert_whole(0, 2**32 - 1), 0),
         watchdog=(convert_number(0.005, 5.0), 0.08),
         reply=(convert_number(0.001, 5.0), 0.25),
     )
@@ -64,7 +62,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         arguments.rate,
         {"limits": limits},
         report,
-        first=arguments.first_count,
         realtime=arguments.realtime,
         log=None if arguments.log is None else Path(arguments.log),
     )

@@ -9,9 +9,9 @@ from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import BASE, Model
-from workbench.inputs import open_inputs
-from workbench.narrator.arms import describe_nearest_body
+from workbench.inputs import list_sources, open_sources
 from workbench.narrator.diagnosis import list_warnings, write_identification
+from workbench.narrator.findings import describe_nearest_body
 from workbench.narrator.results import explain_trust, tabulate_schemes
 from workbench.options import LIMITS, READING, ROBOT, add_options
 from workbench.outputs import report_files, write_json, write_model
@@ -41,7 +41,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
     outputs = [arguments.json, arguments.output]
-    asked = open_inputs(arguments, outputs, terminal, holdout=arguments.align)  # which tells the timing of the log
+    asked = open_sources(
+        arguments, list_sources(arguments, outputs), terminal, holdout=arguments.align
+    )  # which tells the timing of the log
     given = asked.calibrate(
         terminal, True if arguments.align else None, arguments.fixed
     )  # what is late is a doubt, else

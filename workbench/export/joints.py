@@ -18,7 +18,7 @@ from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import list_loads
 from workbench.export.arm import Friction, get_value, is_spring_linear
 from workbench.export.request import Exported, Request, escape_comment, escape_text, note_missing
-from workbench.narrator.arms import describe_nearest_body
+from workbench.narrator.findings import describe_nearest_body
 
 
 def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from estimators.arms.standard import Nearest
 from estimators.findings import Finding, Kind, Quantity
 from pendulum_env.formatting import capitalise, format_estimate, format_quantity, join_words
 from pendulum_env.settings import Blank, format_setting
@@ -286,6 +287,13 @@ def list_limits(numbers: Mapping[str, Quantity]) -> str:
 def describe_aim(effect: str, instead: str | None) -> str:
     """Describe the aim of an experiment: `tell spring from gravity_tilt`, `show spring if it is there`."""
     return f"tell {effect} from {instead}" if instead else f"show {effect} if it is there"
+
+
+def describe_nearest_body(found: Nearest) -> str:
+    """State whether a body has the identified parameters."""
+    if found.exists:
+        return f"some body has these parameters, within {max(found.distance, 0.1):.1f} standard errors"
+    return f"no body has these parameters: the nearest is {found.distance:.1f} standard errors off, in {found.farthest}"
 
 
 CORRECT_IT = "Correct it with --align (`FitData.of(recordings).with_timing()` in Python)."

@@ -11,10 +11,9 @@ from estimators.weak_form.torque_windows import NEGLIGIBLE
 from pendulum_env.formatting import format_percent
 from workbench.narrator.diagnosis import describe_next_step, describe_region, describe_result, describe_unexplained
 from workbench.narrator.results import tabulate_joints
-from workbench.report.data import DrawnModel, ReportData, list_ends
+from workbench.report.data import DrawnModel, ReportData, Section, list_ends
 from workbench.report.failures import list_key, plot_profile
 from workbench.report.numbers import make_parameters
-from workbench.report.section import Section
 from workbench.report.story import rank_candidates
 
 SHOWN = ("position", "velocity", "time")  # a strip's plots

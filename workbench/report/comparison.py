@@ -15,8 +15,7 @@ from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import POINTS, thin
 from workbench.narrator.diagnosis import describe_next_step, describe_region, describe_result, list_remarks
-from workbench.report.data import ReportData
-from workbench.report.section import Section
+from workbench.report.data import ReportData, Section
 
 
 def make_comparison(case: ReportData) -> Section:

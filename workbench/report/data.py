@@ -1,8 +1,9 @@
-"""Data of the sections of a report, computed once."""
+"""Sections of a report, and their data, computed once."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
@@ -16,6 +17,21 @@ from pendulum_env.physics import Model
 from pendulum_env.units import JointUnits, to_shown_unit
 
 DrawnModel = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
+
+
+@dataclass(frozen=True)
+class Section:
+    """Part of the page under one heading."""
+
+    id: str  # anchor on the page, and name of the template
+    short: str  # title in the navigation
+    title: str  # heading
+    content: Mapping[str, Any]  # what the template may use
+
+    @property
+    def template(self) -> str:
+        """Return the file name of the template."""
+        return f"{self.id}.html"
 
 
 def list_ends(steps: Sequence[Step], first: str = "base model") -> list[DrawnModel]:

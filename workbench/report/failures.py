@@ -9,8 +9,7 @@ from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, comput
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.report.data import ReportData
-from workbench.report.section import Section
+from workbench.report.data import ReportData, Section
 
 TITLES = {  # name and symbol of an axis
     "position": ("angle", " q"),

@@ -19,8 +19,7 @@ from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.narrator.effects import name_effect
 from workbench.narrator.results import classify_scheme
-from workbench.report.data import ReportData
-from workbench.report.section import Section
+from workbench.report.data import ReportData, Section
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
 WIDTH, ROW, MARGIN = 240.0, 14.0, 12.0  # of an interval plot [px]

@@ -32,10 +32,9 @@ from workbench.narrator.reasons import describe_reason
 from workbench.narrator.results import tabulate_recordings
 from workbench.report import arm
 from workbench.report.comparison import make_comparison, make_loop, make_loop_diagnosis
-from workbench.report.data import ReportData
+from workbench.report.data import ReportData, Section
 from workbench.report.failures import make_failures
 from workbench.report.numbers import make_errors, make_parameters, make_schemes
-from workbench.report.section import Section
 from workbench.report.story import make_candidates, make_method, make_next_experiment, make_story
 
 SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnosis, in the order in which they are read

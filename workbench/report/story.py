@@ -20,8 +20,7 @@ from workbench.narrator.effects import name_effect
 from workbench.narrator.findings import describe_aim, measure, measure_range
 from workbench.narrator.notes import describe_note
 from workbench.narrator.results import tabulate_detectable
-from workbench.report.data import ReportData
-from workbench.report.section import Section
+from workbench.report.data import ReportData, Section
 
 
 @dataclass(frozen=True)
