@@ -13,7 +13,7 @@ from pendulum_env.recording.vocabulary import UNITS
 
 DEGREE, TURN = UNITS["position"]["deg"], UNITS["position"]["rev"]  # [rad]
 SMOOTHING = 0.05  # [s] window of the second derivative
-CLEAR = 0.1  # of the compute_misfit of radians, below which that of another unit tells the unit
+CLEAR = 0.1  # of the misfit of radians, below which that of another unit tells the unit
 BETTER = 0.82  # the same, of gravity about a zero that is unknown, if its wave number is that of turns as well
 LONG = 8.0  # [s] of motion, from which such a difference is no accident
 NEAR = 1.2  # ratio of wave numbers that are the same; those of radians and turns differ by 6.3
@@ -90,7 +90,7 @@ class AccelerationFit:
         return float(np.linalg.norm(np.concatenate(left)))
 
     def compute_misfit_in_unit(self, factor: float) -> float:
-        """Return the compute_misfit with gravity if position times `factor` is in radians."""
+        """Return the misfit with gravity if position times `factor` is in radians."""
         x = factor * self.position
         return min(self.compute_misfit(np.sin(x)), self.compute_misfit(np.sin(x), np.cos(x)))
 

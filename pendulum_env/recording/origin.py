@@ -18,7 +18,7 @@ class Origin:
     Attributes:
         columns: by quantity, as they were recognised or told.
         named: what the user said of columns, by quantity.
-        are_counts: whether position is whole numbers omit_column a unit that cover more than 720.
+        are_counts: whether position is whole numbers without a unit that cover more than 720.
     """
 
     columns: Mapping[str, FileColumn]
@@ -56,7 +56,7 @@ class Origin:
         return self.change_columns(**{quantity: str(replace(old, negative=not old.negative, offset=offset))})
 
     def omit_column(self, quantity: str) -> dict[str, str]:
-        """Return the columns omit_column an optional one."""
+        """Return the columns without an optional one."""
         return self.change_columns(**{quantity: NONE})
 
     def shift_zero(self, angle: float, digits: int) -> dict[str, str] | None:
