@@ -6,6 +6,7 @@ from dataclasses import replace
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis, TriedTreatment
+from estimators.findings import Kind
 from estimators.selection.errors import Step
 from pendulum_env.recording.study import collect_log_format
 
@@ -13,7 +14,8 @@ from pendulum_env.recording.study import collect_log_format
 def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
     """Rank the effects of a trial, and add findings, the residual and the next step."""
     trial.setting.progress("judging", 0.93)
-    candidates, groups = rank_effects(trial.final, trial.terms, trial.doubts)
+    has_contacts = any(own.treatment.kind is Kind.IMPACTS_INCLUDED for own in tried)
+    candidates, groups = rank_effects(trial.final, trial.terms, trial.doubts, has_contacts)
     refit = trial.case.refit_to_horizon(trial) if trial.case.refit_to_horizon is not None else None
     *others, last = trial.final.steps
     if refit is not None:

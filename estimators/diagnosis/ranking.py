@@ -26,7 +26,7 @@ from pendulum_env.physics.terms import find_untested_ends, has_transmission, is_
 
 
 def rank_effects(
-    found: SearchResult, final: Terms, doubts: Sequence[Finding] = ()
+    found: SearchResult, final: Terms, doubts: Sequence[Finding] = (), has_contacts: bool = False
 ) -> tuple[list[Candidate], list[tuple[str, ...]]]:
     """Return the verdict on each effect of the library, and groups that these data cannot tell apart.
 
@@ -37,6 +37,7 @@ def rank_effects(
         found: result of the search, with the steps as the user sees them: the last perhaps refitted.
         final: terms of the final model, as they were searched for.
         doubts: parameters that the data do not determine: an effect that imitates a term of the model is not rejected.
+        has_contacts: whether the recordings show contacts with a stop, so that an end of the range was tested.
     """
     verdicts: dict[str, Candidate] = {}
     groups: list[tuple[str, ...]] = []
@@ -49,7 +50,7 @@ def rank_effects(
     tried = [one.terms for one in library.values() if one.terms is not None]
     for longer in sorted(tried, key=found.evaluator.screening_score):
         if longer[-1].id not in verdicts:
-            verdicts[longer[-1].id] = _rank_other(found, longer)
+            verdicts[longer[-1].id] = _rank_other(found, longer, has_contacts)
     for id, (_, gates) in sorted(library.items()):
         if id not in verdicts:
             reason = explain_rejection(gates) or Finding(Kind.OTHERS_BETTER)
@@ -114,7 +115,7 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
     return [Candidate(term.id, total, Verdict.SELECTED, ratio, reason, gained[0], gained[1], gates, final), *found_tied]
 
 
-def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
+def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candidate:
     """Return the verdict on an effect that the final model lacks, from its best variant beside that model."""
     evaluator, (*rest, term) = found.evaluator, longer
     others = tuple(rest)
@@ -123,7 +124,7 @@ def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
     gates = evaluator.gates(longer, others)
     reach, units, verdict = evaluator.train.reach(term.at), evaluator.train.units(term.at), Verdict.NOT_EXCITED
     untested = find_untested_ends(type(term)(), *reach, units)
-    if untested and not evaluator.is_significant(longer, others):
+    if untested and not has_contacts and not evaluator.is_significant(longer, others):
         reason = Finding(Kind.NOT_TESTED, untested, effects=(term.id,))
     elif not (excited := make_excitation_gate(evaluator, longer)).passed:
         reason, gates = Finding(Kind.NOT_EXCITED, effects=(term.id,)), [excited]

@@ -7,7 +7,8 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.data.split import split_recordings
-from estimators.diagnosis.ranking import compute_alternatives, make_excitation_gate
+from estimators.diagnosis.ranking import compute_alternatives, make_excitation_gate, rank_effects
+from estimators.findings import Kind
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects, screen_replacements
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, revise
@@ -115,3 +116,11 @@ def test_two_periods_of_an_encoder_error_in_a_turn_are_named_and_no_cogging_besi
     assert estimates["encoder_eccentricity.order"].value == 2.0
     assert estimates["encoder_eccentricity.sin"].value == pytest.approx(0.02 * np.cos(0.7), abs=5e-4)
     assert estimates["encoder_eccentricity.cos"].value == pytest.approx(0.02 * np.sin(0.7), abs=5e-4)
+
+
+def test_an_end_of_the_range_where_contacts_were_seen_was_tested(evaluator):
+    (recording,) = evaluator.train.recordings
+    found = search(ModelEvaluator(*split_recordings([recording]), library={"hard_stop": effect("hard_stop")}))
+    ((unmet,), _), ((met,), _) = (rank_effects(found, found.terms, has_contacts=own) for own in (False, True))
+    assert unmet.reason.kind is Kind.NOT_TESTED
+    assert met.reason.kind is not Kind.NOT_TESTED and not all(gate.passed for gate in met.gates)
