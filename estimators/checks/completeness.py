@@ -52,8 +52,8 @@ def check_joint(
         if data is not None:
             found = [*found, *_check_recordings(given, fit_each_recording([data], terms), terms)]
             if not found:
-                return _check_completeness(results, RegressionData(data), terms)
-    return found, results
+                found, results = _check_completeness(results, RegressionData(data), terms)
+    return [*found, *find_feedback(given.recordings)], results
 
 
 def check_arm(
@@ -68,11 +68,10 @@ def check_arm(
 
 
 def _check_recordings(given: FitData, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:
-    """Check the recordings: timing of torque, feedback, agreement."""
+    """Check the recordings: timing of torque, agreement."""
     timed = given.with_timing()
     return [
         *timed.find_timing(True),
-        *find_feedback(given.recordings),
         *(timed.find_timing(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
         *(one.finding for one in find_disagreements(fits, only_if_all_fit=True)),
         *(one.finding for one in find_misfits(fits)),

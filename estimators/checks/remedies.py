@@ -29,7 +29,7 @@ UPRIGHT_SHARE = 0.05  # of the RMS torque, the least gravity of a joint whose ze
 
 
 def find_remedies(
-    model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = ()
+    model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = (), is_complete: bool = True
 ) -> list[Finding]:
     """Find wrong columns by a fit, or else impossible friction.
 
@@ -37,8 +37,11 @@ def find_remedies(
         model: that was fitted.
         recordings: to which.
         ambiguous: groups of effects that these data cannot tell apart.
+        is_complete: whether the model explains the residual; a missing effect may imitate another zero of the position.
     """
     columns = [] if any("gravity_tilt" in group for group in ambiguous) else find_wrong_columns(model, recordings)
+    if not is_complete:
+        columns = [own for own in columns if own.kind is not Kind.ZERO_SHIFTED]
     return columns or find_driving_friction(model)
 
 

@@ -101,7 +101,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     """Add findings on the torque channel, detectable sizes, and the experiment for open questions."""
     found = replace(found, disagreements=trial.outliers)
     channel = find_in_channel(trial, found)
-    wrong = find_remedies(trial.unbounded(found.model), trial.data.recordings, found.ambiguous)
+    wrong = find_remedies(trial.unbounded(found.model), trial.data.recordings, found.ambiguous, not found.unexplained)
     if (cause := find_contradiction(trial.evaluator)) is not None:
         return replace(found, findings=(*wrong, *channel), forbidden=cause)
     evaluator, model, regions, doubts = trial.final.evaluator, trial.model, found.unexplained, trial.doubts
@@ -153,7 +153,7 @@ def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
         findings += whole.with_timing([term for term in found.model.terms if term.id in found.selected]).find_timing(
             False
         )
-    return [*findings, *find_feedback(whole.recordings)]
+    return findings if trial.setting.by_reference else [*findings, *find_feedback(whole.recordings)]
 
 
 def _find_few_clusters(evaluator: ModelEvaluator) -> list[Finding]:

@@ -48,7 +48,7 @@ from pendulum_env.recording.vocabulary import (
     Rank,
     find_name,
 )
-from pendulum_env.settings import format_setting
+from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import JointUnits
 
 ADDED = re.compile(
@@ -206,14 +206,14 @@ def find_columns(
         missing = []
     if missing:
         free = [header for k, header in enumerate(headers) if k not in used and k not in wordy]
-        _refuse_missing(missing, headers, free, told)
+        _refuse_missing(missing, headers, free, told, "reference" in columns)
     if "reference" in columns and columns["reference"].unit is None and columns["position"].unit in UNITS["position"]:
         columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)  # one file, one unit
     return _apply_moteus_units(columns, headers)
 
 
 def _refuse_missing(
-    missing: list[str], headers: Sequence[str], free: Sequence[str], told: Mapping[str, str]
+    missing: list[str], headers: Sequence[str], free: Sequence[str], told: Mapping[str, str], has_goal: bool
 ) -> NoReturn:
     """Refuse a file without columns for quantities; suggest columns of `headers`, those in `free` have no use yet."""
     if missing == ["reference"]:
@@ -237,9 +237,10 @@ def _refuse_missing(
         unnamed = [q for q in missing if not any(re.search(rf"\b{q}\b['=]", hint) for hint in hints)]
         hints += [f"say which is {q} with {q}=NAME" for q in unnamed]
     if missing == ["torque"]:
-        without = format_setting("columns", {**told, "torque": NONE})
+        without = f"{format_setting('columns', {**told, 'torque': NONE})} if nothing drives the joint"
+        drive = f"the controller that follows the goal, {format_setting('drive', Blank('...'))}"
         hints = hints or [f"say which with {option}"]
-        hints[-1] += f", or {without} if nothing drives the joint"
+        hints[-1] += f", or give {drive}" if has_goal else f", or {without}"
     elif "torque" in missing and len(joints) < 2:
         hints = [*(hints or [plain]), f"write torque={NONE} if nothing drives the joint"]
     raise ColumnError(

@@ -8,11 +8,12 @@ from enum import IntEnum
 HEADER = "time,position,torque"  # the plain header, in s, rad and N m; velocity [rad/s] is optional
 
 ALIASES = {
-    "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec tout xvalue zeit",
+    "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec tout xvalue zeit "
+    "zeitstempel unixtime tunix epoch epochtime posixtime",
     "position": "position pos q theta θ θr angle ang phi φ angularposition jointposition jointangle jointpos "
-    "motorposition motorangle motorpos observationstate winkel drehwinkel",
+    "motorposition motorangle motorpos presentpos presentangle observationstate winkel drehwinkel",
     "velocity": "velocity vel speed omega ω dq qd qdot dqdt dtheta thetadot thetad v angularvelocity angvel "
-    "jointvelocity jointvel motorvelocity motorvel winkelgeschwindigkeit",
+    "jointvelocity jointvel motorvelocity motorvel winkelgeschwindigkeit drehzahl",
     "torque": "torque tau τ effort trq tq moment jointtorque motortorque appliedtorque drehmoment couple",
     "reference": "reference positionreference referenceposition posref refpos qref refq qr thetaref refangle angleref "
     "setpoint positionsetpoint positioncmd positioncommand commandedposition poscmd qcmd thetacmd desiredposition "
@@ -54,7 +55,7 @@ UNITS = {  # factor to SI by the unit's letters
     ),
     "velocity": dict.fromkeys(("rads", "rads1", "radsec", "radpersec", "radianspersecond", "radps"), 1.0)
     | dict.fromkeys(("degs", "degs1", "degsec", "degpersec", "degreespersecond", "dps"), math.pi / 180)
-    | dict.fromkeys(("rpm", "revmin", "minrev"), math.tau / 60)
+    | dict.fromkeys(("rpm", "revmin", "minrev", "umin"), math.tau / 60)
     | dict.fromkeys(("revs", "rps", "revsec", "turnss", "turnssec", "turnspersecond"), math.tau)
     | dict.fromkeys(("rots", "rotationss", "rotationspersec", "rotationspersecond", "revolutionspersecond"), math.tau),
     "torque": {"nm": 1.0, "newtonmeter": 1.0, "newtonmeters": 1.0, "newtonmetre": 1.0, "newtonmetres": 1.0}

@@ -1,9 +1,11 @@
 """`identify`: the parameters of the paper's model, by each of the six schemes."""
 
 import argparse
+from dataclasses import replace
 
 from estimators.arguments import apply_limits
 from estimators.arms.standard import nearest_body
+from estimators.findings import Kind
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.weak_form.instruments import fit_by_reference
@@ -50,6 +52,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terms, body = asked.model.terms, asked.body
     with terminal.progress("identifying"):
         found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
+        if arguments.instruments is not None:  # the remedy of this finding
+            others = [own for own in found.findings if own.kind is not Kind.FEEDBACK_WITH_REFERENCE]
+            found = replace(found, findings=tuple(others))
         one = found.schemes.get(SAVED, next(iter(found.schemes.values())))
         nearest = nearest_body(one.model) if isinstance(body, Body) else None
         model = one.model if nearest is not None else _choose_model(found, arguments)
