@@ -93,7 +93,7 @@ class Spring(Term):
     degree: float = 1.0
 
     id = "spring"
-    law = "k q - k q0 (hardening: and k2 q^2 + k3 q^3)"
+    law = "k q + preload, preload = -k q0 (hardening: and k2 q^2 + k3 q^3)"
     kind = "potential"
     by_angle = ("line", "one")
     nonlinear_parameters = (NonlinearParameter("degree", "1", 1, 3, integer=True, nominal=1.0),)

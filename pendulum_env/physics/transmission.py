@@ -132,7 +132,7 @@ class Backlash(Transmission):
     gravity: float = 25.0
 
     id = "backlash"
-    law = "J (ql'' - q'') + mgl (sin ql - sin q) with play"
+    law = "J (ql'' - q'') + mgl (sin ql - sin q) with play of +-gap"
     forgets = 2.0
     nonlinear_parameters = (
         NonlinearParameter("gap", "rad", 1e-4, 0.5),
