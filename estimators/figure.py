@@ -39,7 +39,7 @@ class Drawing:
     in_loop: int = 8  # recordings that are drawn beside simulations in the loop, at most
     settled: float = 0.25  # share of a recording from which on estimates decide what is in the picture
     frame: float = 0.6  # share of the picture's height that these take
-    correlated: int = 20  # parameters of which a table of correlations can be read
+    correlated: int = 20  # largest number of parameters in a table of correlations
 
 
 DRAWING = Drawing()

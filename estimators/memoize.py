@@ -12,7 +12,7 @@ Answer = TypeVar("Answer")
 
 
 def memoized(method: Callable[Concatenate[Owner, Asked], Answer]) -> Callable[Concatenate[Owner, Asked], Answer]:
-    """Keep every answer of a method with its object, by positional arguments, lists of which count as tuples."""
+    """Keep every answer of a method with its object, by positional arguments; lists count as tuples."""
 
     @wraps(method)
     def asked(self: Owner, /, *args: Asked.args, **named: Asked.kwargs) -> Answer:

@@ -205,7 +205,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         except (TypeError, ValueError):
             torque = math.nan
         if not math.isfinite(torque):
-            self.backend.disable()  # no torque goes on while somebody wonders
+            self.backend.disable()  # no torque between runs
             raise ValueError(f"the action is {action}, of shape {np.shape(action)}: it needs (1,), a torque in N m")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
         self._steps += 1

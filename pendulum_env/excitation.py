@@ -22,7 +22,7 @@ from pendulum_env.reading import Number, convert
 MOST_TORQUE = 1e6  # [N m] of a signal; the largest robots have some 1e4
 Torque = Annotated[float, Meta(ge=1e-9, le=MOST_TORQUE)]  # [N m] of a signal in a file
 Frequency = Annotated[float, Meta(ge=1e-6, le=1e3)]  # [Hz]
-USUAL_SPEED = 4.0  # [rad/s] of a joint that is designed to move, where nobody says more
+USUAL_SPEED = 4.0  # [rad/s] default speed limit of a designed motion
 
 
 class Excitation(Protocol):

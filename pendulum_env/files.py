@@ -30,7 +30,7 @@ def check_output(path: str | Path) -> Path:
 def write_whole(path: str | Path, content: str | bytes, *, private: bool = False) -> None:
     """Write a file so that a reader sees the old one or the new one, never half of it.
 
-    A `private` one nobody else may read or write.
+    A `private` file is readable and writable by its owner alone.
 
     Raises:
         OSError: as `replace_file`.
@@ -44,8 +44,8 @@ def replace_file(path: str | Path, *, private: bool = False) -> Iterator[BinaryI
     """Open a file that takes its name only when all of it is on the disk.
 
     Until then it lies beside its place under a hidden name, which goes away if anything is raised. Links are followed,
-    but for one of the hidden name, which somebody else would have put there; a device or pipe, such as /dev/null, is
-    written to rather than replaced. A file that is replaced lets nobody read or write it who could not before.
+    except one of the hidden name, which another user may have made. A device or pipe, such as /dev/null, is written to
+    rather than replaced. A file that is replaced keeps its permissions.
 
     Raises:
         OSError: if it cannot be written; it names the file.

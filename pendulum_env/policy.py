@@ -112,7 +112,7 @@ def rollout(
         seed: of the reset.
         name: of the recording.
         watch: called with each step's `info`.
-        until: called with each step's `info`, too; the run ends with the step of which it is true.
+        until: called with each step's `info`, too; the run ends with the step for which it returns True.
 
     Raises:
         ValueError: if the policy is laid out for another rate than the environment's.

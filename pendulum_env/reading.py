@@ -80,7 +80,7 @@ def read_own(path: str | os.PathLike[str]) -> bytes:
     """Read a file that belongs to this user, since loading it may run code.
 
     Raises:
-        FileError: if it cannot be read, belongs to somebody else, or others may write to it.
+        FileError: if it cannot be read, belongs to another user, or others may write to it.
     """
     try:
         with open(path, "rb", opener=open_nonblocking) as file:

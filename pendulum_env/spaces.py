@@ -15,7 +15,7 @@ MAX_TORQUE = 15.0  # [N m], of the DM1015B
 MAX_VELOCITY = 100.0  # [rad/s], bound of the observation; the measurement in `info` has none
 VELOCITIES = {"difference": False, "ideal": True}  # how it is measured, and whether that is exactly
 RESET_OPTIONS = dict.fromkeys(("position", "velocity", "theta", "schedule", "clear_fault"))
-ENDLESS = 20_000  # steps of an episode after which somebody seems to train who should not
+ENDLESS = 20_000  # steps of an episode that indicate training on a plant
 WHOLE = ("substeps", "num_envs")  # numbers that count something
 
 

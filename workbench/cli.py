@@ -152,7 +152,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return SUCCESS
     except USER_ERRORS as mistake:
         if isinstance(mistake, OSError) and mistake.errno == errno.ENOSPC and mistake.filename is None:
-            mistake.filename = "standard output"  # whoever writes a file names it
+            mistake.filename = "standard output"  # a command that writes a file sets its name
         return _print_error(format_mistake(mistake), BAD_INPUT)
     except BaseException as error:
         if isinstance(error, SystemExit) and isinstance(error.code, int) and error.code > 128:

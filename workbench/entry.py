@@ -21,7 +21,7 @@ def main() -> int:
 
 
 def _open_streams() -> None:
-    """Let what is said to a stream that was closed go nowhere, as with `>&-`; no file that is opened may be it."""
+    """Replace standard streams that were closed, as with `>&-`, so that no opened file takes their place."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # takes the lowest number that is free

@@ -180,7 +180,7 @@ def report_timing(given: FitData, align: bool | None, terminal: Terminal) -> Fit
     """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
 
     With `align`, torque that is logged late or filtered is corrected, else only said; with None, or where a controller
-    asked for it, nobody looks.
+    asked for it, it is not tested.
     """
     if given.constant is not None:
         terminal.say(given.constant.text)

@@ -1,7 +1,7 @@
 """Processes that work for a command: an interrupt is the command's alone to answer, and they end when it does.
 
 The keyboard's interrupt goes to every process of a terminal, also to one that still loads its libraries and can only
-die of it with a traceback. So a worker is begun with the signal blocked, which it keeps; whoever began it ends it.
+die of it with a traceback. So a worker is begun with the signal blocked, which it keeps; its parent ends it.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def _work(connection: Connection[Any, Any], files: Sequence[Path], libraries: Se
     use_writer(write_option)
     for library in libraries:
         import_module(library)
-    with suppress(EOFError, OSError):  # whoever asked is gone
+    with suppress(EOFError, OSError):  # the parent has ended
         try:
             for file in files:
                 load_plugin(file)

@@ -29,7 +29,7 @@ class CheckSettings:
 TRIAL = CheckSettings()
 
 
-Confirm = Callable[[str], bool]  # asks whoever stands beside the rig for something, or whether something is so
+Confirm = Callable[[str], bool]  # asks the operator of the rig
 
 
 class CheckFailed(RuntimeError):
@@ -60,7 +60,7 @@ def check_rig(config: RigConfig, say: Callable[[str], None], confirm: Confirm) -
 def _check_wiring(rig: Rig, confirm: Confirm) -> str:
     _require(
         confirm(
-            "The emergency stop cuts the motor's power and is within reach, nobody is within reach of the arm, and it "
+            "The emergency stop cuts the motor's power and is within reach, no person is within reach of it, and it "
             "can turn all the way round. Is that so?"
         ),
         "make it so first: software is never the emergency stop",

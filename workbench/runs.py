@@ -155,7 +155,7 @@ def _load_config(arguments: argparse.Namespace) -> RigConfig | None:
 def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
     """Record the rig, row by row: what was measured up to a fault or an interrupt is kept.
 
-    Raises InputError if there is a fault, Interrupted if somebody interrupts it, and OSError if the disk does not take
+    Raises InputError if there is a fault, Interrupted if the user interrupts it, and OSError if the disk does not take
     it all; it says what is kept.
     """
     output, rate, last = plan.arguments.output, plan.rate, dict[str, Any]()

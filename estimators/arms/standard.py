@@ -142,7 +142,7 @@ def _factors(body: Body) -> tuple[Array, Array]:
         scales += [np.ones(4), np.maximum(size, 1e-3 * size.max())]
     rotors = body.standard_values[10 * links :]
     values.append(np.log(np.maximum(rotors, 1e-3)))
-    scales.append(np.full(len(rotors), 10.0))  # a file hardly ever tells them
+    scales.append(np.full(len(rotors), 10.0))  # rarely in a file
     return np.concatenate(values), np.concatenate(scales)
 
 
@@ -173,6 +173,6 @@ def _slope(x: Array, links: int) -> Array:
     moved = np.zeros((links, 10, 4, 4))  # of L
     moved[:, np.arange(10), *ENTRIES] = 1.0
     moved[:, DIAGONAL, DIAGONAL, DIAGONAL] = factor[:, DIAGONAL, DIAGONAL]
-    turned = moved @ factor[:, None].swapaxes(-1, -2)  # of L L', but for its transpose
+    turned = moved @ factor[:, None].swapaxes(-1, -2)  # half of L L'; the transpose is the other half
     own = _ten(turned + turned.swapaxes(-1, -2))  # (links, 10 of L, 10)
     return scipy.linalg.block_diag(*own.swapaxes(-1, -2), np.diag(np.exp(x[10 * links :])))

@@ -1,7 +1,7 @@
 """Agreement of recordings: each is fitted separately, and significantly different parameters are named.
 
-A joint fit takes one plant for granted. Where somebody changed the payload between two recordings, the joint estimate
-lies somewhere in between, and a search finds effects that nobody hid. So each recording's own estimate is compared with
+A joint fit assumes one plant. If the payload changed between two recordings, the joint estimate lies between both
+plants, and a search finds effects that do not exist. So each recording's own estimate is compared with
 the pooled one of the others (Wald's test with sandwich covariances, corrected for the number of comparisons). A
 difference counts if it is of practical size, too: some per cent, and more than what the fits leave unexplained may have
 moved the parameter by. In the same way recordings are compared with a model that is given.
@@ -32,12 +32,12 @@ class AgreementSettings:
     """Limits of the recordings and differences that count."""
 
     chance: float = 1e-3  # of a false alarm in all comparisons of one diagnosis
-    practical: float = 0.03  # of a parameter: a smaller difference is of no use to anybody
+    practical: float = 0.03  # of a parameter: a smaller difference does not matter in practice
     fewest_windows: int = 40  # that a recording needs to have a say
     freedom: int = 6  # stretches of time that it needs beyond the number of parameters
     condition: float = 1e4  # of its regressor: beyond, it cannot tell the parameters from one another
     fits: float = 1.3  # times the noise floor that a fit leaves at most where the model lacks nothing
-    misfits: float = 2.0  # times the noise floor that it leaves where the model surely lacks something
+    misfits: float = 2.0  # times the noise floor, above which the model lacks an effect
 
 
 AGREEMENT = AgreementSettings()
@@ -120,8 +120,8 @@ class Own:
         number, name: of the recording.
         columns: whose parameters are compared.
         known: what the recording has them to be.
-        is_turned: whether inertia, with what is known to hang there, is surely negative: torque or position is turned
-            round.
+        is_turned: whether the inertia with the known load is significantly negative: torque or position has the wrong
+            sign.
         rms, floor: torque that is left, and that noise alone would leave [N m].
         sure: standard errors from which a difference is no chance.
         is_free: whether it is a free swing, whose parameters are relative to the inertia.
@@ -238,9 +238,9 @@ def find_misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
 def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[Own]:
     """Fit the parameters to each recording separately, if it excites them.
 
-    Not compared is what changes with time, of which each recording has a course of its own, nor what hangs behind a
-    transmission, whose state nobody measured; nor are factors of the torque itself, which one recording alone hardly
-    tells from the size of all the others. Of free swings, the inertia is known; beside others they are not compared.
+    Parameters of time-varying effects and of a link behind a transmission are not compared: each recording has its own.
+    Neither are factors of the torque: one recording alone does not distinguish them from a scale of all parameters.
+    The inertia of free swings is known; they are not compared with driven recordings.
     """
     swings = [w.recording.known_inertia for data in datasets for w in data.windows]
     known = [all(swings) and column.name == "inertia" for term in terms for column in term.columns]

@@ -86,7 +86,7 @@ def widen_by_constant(model: Model, constant: TorqueConstant, here: Model, there
 def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | Finding:
     """Return the torque constant from recordings of a current under known loads, or why it is unknown.
 
-    A recording of which no load is known counts as one without a load.
+    A recording without a known load counts as one without a load.
 
     Raises:
         IdentificationError: if the recordings hold too little motion.

@@ -105,7 +105,7 @@ class RegressionData:
             terms: that may be fitted to it, the links first.
 
         Raises:
-            IdentificationError: if a joint hardly moves clear of stick.
+            IdentificationError: if a joint moves too little clear of stick.
         """
         links, *others = terms
         assert isinstance(links, Links)

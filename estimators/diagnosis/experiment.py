@@ -1,9 +1,10 @@
 """The next experiment: the torque signal that would settle what a diagnosis leaves open.
 
-Open are effects that fit equally well, and effects that the recorded motion hardly shows. The fitted model is simulated
-under a family of candidate signals, and the simulated recordings are put through the same windowed equations as real
-ones. What the rival model cannot explain of them, its parameters fitted anew, is what the experiment would show: the
-signal that makes it largest against the noise is suggested (T-optimality), of those that show plenty the gentlest.
+Open are effects that fit equally well, and effects that the recorded motion does not show. The fitted model is
+simulated under a family of candidate signals, and the simulated recordings are put through the same windowed equations
+as real ones. What the rival model cannot explain of them, its parameters fitted anew, is what the experiment would
+show: the signal that makes it largest against the noise is suggested (T-optimality), of those that show plenty the
+gentlest.
 
 Source: Atkinson and Fedorov, Biometrika 62(1), 1975.
 """
@@ -219,7 +220,7 @@ def suggest_experiment(
         return suggestion, [], None
     if limits.usual > torque and not is_free:
         runs = [*runs, *simulate_candidates(evaluator, model, limits.usual)]
-    if not runs:  # the model runs away under every torque: nobody knows
+    if not runs:  # the model runs away under every torque
         return None, [], None
     _, hopeless = _choose(evaluator, runs, unsettled)
     aims = [question.aim for question in hopeless]
@@ -296,7 +297,7 @@ class Run:
 def simulate_candidates(evaluator: ModelEvaluator, model: Model, torque: float) -> list[Run]:
     """Simulate candidate signals up to a torque [N m], sampled and windowed much as the recordings are.
 
-    Motions that are far faster than any recorded are left out: a light joint with hardly any friction runs away.
+    Motions that are far faster than any recorded are left out: a light joint with little friction runs away.
     """
     seconds, shares = DESIGN.seconds, DESIGN.shares
     signals = [signal for share in shares for signal in draw_family(np.random.default_rng(0), seconds, share * torque)]

@@ -2,7 +2,7 @@
 
 Windows of torque weigh every moment alike, but a mean torque that is slightly wrong adds up over seconds of free
 motion. The refit minimises the product of two errors, that of the free motion E_q and that of the torque E_tau: the
-likelihood of both with unknown noise, at equal weights. Motion over seconds hardly depends on the inertia, which the
+likelihood of both with unknown noise, at equal weights. Motion over seconds depends little on the inertia, which the
 torque keeps in place.
 
 Each segment starts from its measured position and its smoothed velocity. They are not fitted, and a constant torque is

@@ -59,7 +59,7 @@ def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
     They are fitted to the table where it is told best, beside what the model has of its argument. Of a formula with
     more parameters nothing is said unless it leaves less than half of what simpler ones do: a line is also a wide step.
     The share that k parameters explain of a random table of P has a beta distribution with k/2 and (P - k)/2; a formula
-    is reported if the best of all families would hardly reach its share by chance.
+    is reported if the best of all families rarely reaches its share by chance.
     """
     base = np.column_stack([np.empty((len(curve.x), 0)), *(law(curve.x) for law in type(table).laws())])
     usual = max(float(np.median(curve.std)), 1e-3 * float(np.ptp(curve.value)), 1e-300)

@@ -23,7 +23,7 @@ class Aim:
 
     Attributes:
         effect: id of the effect in question.
-        instead: id of the model's term that it may be mistaken for; None if the data hardly show it at all.
+        instead: id of the model's term that it may be mistaken for; None if the data do not show it.
     """
 
     effect: Text

@@ -14,7 +14,7 @@ from pendulum_env.arms.joints import Links, find_links
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Term
 
-CHUNK = 0.05  # [s] of samples that are converted together; the cost hardly grows with their number
+CHUNK = 0.05  # [s] of samples that are converted together; the cost is nearly independent of their number
 MEMORY = 0.1  # [s] before a chunk for the transient of filters: exp(-20) of it remains at 200 rad/s
 
 

@@ -32,7 +32,7 @@ class Columns(NamedTuple):
     Attributes:
         linear: (R, P).
         fixed: sum of the columns without a parameter (R,) [N m].
-        slope: of the linear ones (R, P) [1/(N m)], zero but for effects that depend on the torque.
+        slope: of the linear ones (R, P) [1/(N m)], zero except for effects that depend on the torque.
         fixed_slope: of the fixed ones (R,), the same.
         fixed_change: of the fixed ones under each perturbation of the torque (R, J), if they depend on it at once, for
             an exact fit.

@@ -72,7 +72,7 @@ class Rule:
         least: fall of the cost in a turn at which it is the last,
         of_cost: or share of the cost,
         of_fall: or share of what the cost has fallen so far.
-        patience: turns that fall by so little, counted from the first, the last of which ends it.
+        patience: number of turns with so small a decrease after which the iteration ends.
     """
 
     turns: int

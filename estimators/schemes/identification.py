@@ -62,7 +62,7 @@ class Identification(Mapping[str, Identified]):
         schemes: results by id of the scheme.
         findings: parameters that the recordings do not determine, and what seems wrong with recordings or model.
         recordings: names.
-        ends: seconds of recording taken in at the end of each recording; empty where nobody has counted [s].
+        ends: seconds of recording taken in at the end of each recording; empty if unknown [s].
         torque_unit: `N m`, or that of a current in whose stead parameters are per unit of it.
         torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
         data: windows of the recordings; None where too little of the motion is clear of stick for any, and of an arm.

@@ -40,7 +40,7 @@ def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[
     """Cut recordings of an arm into windows, with the columns of `links` and of terms `shared` by two joints.
 
     Raises:
-        IdentificationError: if a joint hardly moves clear of stick.
+        IdentificationError: if a joint moves too little clear of stick.
     """
     entries = [
         [
@@ -54,8 +54,7 @@ def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[
         if sum(len(own[k].centers) for own in entries) < FEWEST:
             names = ", ".join(recording.name for recording in recordings)
             raise IdentificationError(
-                f"{names}: joint '{name}' is hardly ever clear of stick and reversals: record longer, faster or wider "
-                "motion"
+                f"{names}: joint '{name}' is rarely clear of stick and reversals: record longer, faster or wider motion"
             )
     parts = [_compute_link_columns(own, links.body) for own in entries]
     calibrated = [

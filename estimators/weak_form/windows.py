@@ -110,7 +110,7 @@ class WindowAverages:
 
 
 def _join_diagonally(parts: Sequence[Averages]) -> Averages:
-    """Join averages of several recordings, of which each concerns the samples of its own."""
+    """Join averages of several recordings, each over its own samples."""
     if all(scipy.sparse.issparse(own) for own in parts):
         return scipy.sparse.csr_array(scipy.sparse.block_diag(parts, "csr"))
     rows, columns = (sum(own.shape[axis] for own in parts) for axis in (0, 1))

@@ -24,7 +24,7 @@ class Push(NamedTuple):
     torque: float  # besides dry friction [N m]
     dry: float  # largest dry friction [N m]
     inertia: float  # [kg m^2]
-    moving: float  # time for which the body keeps its direction [s]
+    moving: float  # duration of motion in one direction [s]
     middle: float  # velocity at the middle of the step [rad/s]
 
 

@@ -47,7 +47,7 @@ class Start:
     position: float = 0.0  # [rad]
     velocity: float = 0.0  # [rad/s]
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
-    clear_fault: bool = False  # of a rig: somebody's word that the cause of a fault is gone
+    clear_fault: bool = False  # of a rig: the user confirms that the cause of a fault is gone
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ class Stribeck(Term):
 class QuadraticDrag(Term):
     """Air drag on the bob, c q'|q'|, c >= 0; dissipates c |q'|^3.
 
-    Hard to tell from viscous friction while |q'| hardly varies.
+    Hard to distinguish from viscous friction at nearly constant |q'|.
     Source: Nelson and Olsson, American Journal of Physics 54(2), 1986.
     """
 
@@ -169,7 +169,7 @@ class TemperatureDependentFriction(Term):
         return temperature, 0.0 * temperature
 
     def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
-        temperature, rate = memory  # nobody measures while it is simulated
+        temperature, rate = memory  # not measured in a simulation
         return temperature + duration * rate, rate + 0.0
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:

@@ -47,7 +47,7 @@ class Estimate:
     """Value of a parameter with its standard error, both in `unit`; the error is 0 where nothing was estimated.
 
     So it is at a bound: the fit would have gone further, and noise says nothing of a value that it did not choose.
-    Where the model lacks something, the value is biased by nobody knows how much, and the error counts noise alone.
+    If the model lacks an effect, the value is biased by an unknown amount, and the error counts noise alone.
     """
 
     value: float
@@ -55,7 +55,7 @@ class Estimate:
     unit: str
     at_bound: bool = field(default=False, compare=False)
     is_biased: bool = field(default=False, compare=False)
-    is_unknown: bool = field(default=False, compare=False)  # the data hardly depend on it: the value is no answer
+    is_unknown: bool = field(default=False, compare=False)  # the data do not determine it
 
     @classmethod
     def from_bounds(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
@@ -390,8 +390,7 @@ class Model(Mapping[str, Estimate]):
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
             if isinstance(data, dict) and data.get("schema") == ARM_SCHEMA:
                 raise ModelError(
-                    "this is a model of an arm, of which a pendulum has no use: give the arm, "
-                    f"{format_setting('robot', 'ARM.urdf')}"
+                    f"this is a model of an arm, not of a pendulum: give the arm, {format_setting('robot', 'ARM.urdf')}"
                 )
             raise ModelError(f"this is not a model: 'schema' should be {SCHEMA}")
         try:

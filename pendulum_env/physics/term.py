@@ -62,7 +62,7 @@ class KnownLoad(NamedTuple):
 
 T = TypeVar("T", bound="Term")
 UNLOADED = KnownLoad()
-ROOM = 25.0  # [deg C], of a joint whose temperature nobody has measured
+ROOM = 25.0  # [deg C], default temperature of a joint
 
 
 @dataclass(frozen=True)

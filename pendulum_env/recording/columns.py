@@ -56,7 +56,7 @@ ADDED = re.compile(
 )  # to names, by programs
 VALUES = ("data", "value", "values")  # fields of a structure that hold its samples
 COUNTERS = ("sample", "samples", "samplenumber", "sampleindex", "frame", "framenumber", "index")
-QUOTED = 40  # characters of a header, of which a sentence may name a dozen
+QUOTED = 40  # characters of a header in a sentence
 NONE = "none"  # in the place of a column: the quantity is left out, whatever the names of columns are
 UNUSED = "unused"  # an older word for the same, but of a torque
 
@@ -482,7 +482,7 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
     ending = {**UNITS[quantity], **LINEAR.get(quantity, {})}
     unit = _find_trailing_unit(ending, name) if expression.unit is None else normalise_name(expression.unit)
     needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
-    converted = any(factor[0] == "*" for factor in expression.factors)  # else nobody knows whether 2 pi is in a ratio
+    converted = any(factor[0] == "*" for factor in expression.factors)  # else a ratio may contain 2 pi
     if needs_gain and not (converted or (expression.factors and expression.unit is not None)):
         example = _write_gain_example(quantity, name, can_find_gain)
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")

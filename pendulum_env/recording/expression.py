@@ -4,8 +4,8 @@
 
 `torque=current:A*0.091`, `position=-motor_angle/6`, `position=enc:counts/4096`, `position=angle:deg-90`. Gains,
 ratios and offsets are numbers or `pi`; the offset comes last, after the gains, in the column's unit unless it names
-one. A gain that is to be found is `?`: `torque=current:A*?`. What is the name of a column is no expression, be it
-`rate-of-turn`.
+one. A gain that is to be found is `?`: `torque=current:A*?`. The name of a column, such as
+`rate-of-turn`, is no expression.
 """
 
 import math

@@ -60,7 +60,7 @@ class TorqueConstant:
 
     value: float  # [N m/unit]
     std: float  # standard error [N m/unit]
-    of: str  # unit of what was logged: `A`, or `V` and `duty`, of which it is a gain
+    of: str  # unit of the logged channel: `A`, `V` or `duty`
     loads: int = 0  # how many different ones it is known from, none counting as one; 0 if none told it
     by_load_torque: bool = False  # whether a measured load torque determines it
 

@@ -1,7 +1,7 @@
 """Uniform time: where samples were lost, gaps that end a segment, and a clock that was rounded or uneven.
 
 A hole is bridged where interpolation errs by less than the noise of the sensor, which is tried out on the recording
-itself; beyond, nobody knows what happened: the segment ends there and another begins.
+itself; at a longer gap the segment ends and another begins.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ class SamplingSettings:
 
     long: float = 1.5  # steps of the median from which a sample seems to be lost
     whole: float = 0.25  # of a step: long steps as close to several are lost samples, others those of a slow clock
-    in_a_row: int = 3  # lost samples that may be bridged: nobody knows what the torque was meanwhile
+    in_a_row: int = 3  # lost samples that may be bridged: torque is unknown there
     above_noise: float = 2.0  # times the error that noise alone makes, up to which a hole is bridged
     fine: float = 1e-4  # of the range of position: an error as small is none, however quiet the sensor
     intact: int = 50_000  # samples on which bridging is tried out
@@ -150,8 +150,8 @@ def _find_longest_run(good: Mask) -> slice:
 def resample_uniformly(log: Log) -> None:
     """Resample the signals to uniform time of one period in all segments.
 
-    The few samples that were lost are filled in first. Time that is uniform then, or would be but for the rounding of
-    its printed digits, leaves the signals as they are. Else position and velocity are interpolated by cubic splines,
+    The few samples that were lost are filled in first. Time that is uniform, apart from the rounding of its printed
+    digits, leaves the signals as they are. Else position and velocity are interpolated by cubic splines,
     and torque, held from sample to sample, becomes its mean over each new step: the impulse it gives is kept, and
     jitter never shifts it by a whole sample.
 
@@ -193,7 +193,7 @@ def resample_uniformly(log: Log) -> None:
 
 
 def _refuse_finer(count: float, known: int, period: float) -> None:
-    """Refuse what would fill the memory with samples that nobody measured."""
+    """Refuse a log that resampling would make too large for the memory."""
     if count > max(SAMPLING.finer * known, SAMPLING.small):
         raise RecordingError(
             f"time has steps of {period:.3g} s, but others so long that {known} samples would become {count:.3g} "
@@ -210,7 +210,7 @@ def _join(log: Log, parts: Sequence[dict[str, Array]]) -> None:
 def _fill_lost(log: Log, parts: Sequence[dict[str, Array]], usual: float) -> list[dict[str, Array]]:
     """Fill in the few lost samples of segments.
 
-    Position and velocity are interpolated by cubic splines, torque linearly: nobody knows what it was.
+    Position and velocity are interpolated by cubic splines, torque linearly.
     """
     full, places, count = [], [], 0
     for part in parts:

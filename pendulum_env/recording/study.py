@@ -72,7 +72,7 @@ class Source:
     drive: ServoDrive | None = None  # the controller that followed the reference
     joints: tuple[str, ...] | None = None  # of an arm, those that move; None: all that can
     of_study: bool = field(default=False, compare=False)  # which says all of it
-    said_by: str = ""  # the model file that says what nobody else did
+    said_by: str = ""  # the model file that supplies missing options
 
     def read(self) -> Recording:
         """Read the recording.

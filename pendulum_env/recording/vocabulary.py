@@ -148,7 +148,7 @@ QUANTITIES = (  # the columns of a recording, those first that it needs
     "load_torque",
 )
 OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "load_torque")
-SPARE = OPTIONAL[1:]  # of which the first column will do
+SPARE = OPTIONAL[1:]  # the first matching column is used
 
 
 class Rank(IntEnum):

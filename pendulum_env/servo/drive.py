@@ -42,7 +42,7 @@ class ServoDrive:
         ki: gain by the integral of the error [output/(rad s), or output/rad].
         kd: gain by the speed, under position control [output s/rad].
         limit: largest output; 1 for a share of the supply.
-        supply: voltage of the bus where the recording has none, of which a duty is a share [V].
+        supply: voltage of the bus [V] if the recording has none; a duty is a share of it.
         gain: torque per volt or ampere, gear included [N m/V or N m/A]; None where it is not known.
         rate: turns of the controller in a second [Hz]; None: it acts, and sees the true speed, all the time.
         cutoff: of the low-pass filter that the controller sees the speed through [Hz]; None: there is none.
@@ -123,7 +123,7 @@ class ServoDrive:
                     raise ServoDriveError(f"{name} is {quote_value(value)}: it should be a number")
                 values[name] = float(value) * (known.kp if name == "kp" else 1.0)
         if not values.keys() & {"kp", "ki"}:
-            raise ServoDriveError("nobody says the controller's gain: give kp (or ki)")
+            raise ServoDriveError("the controller has no gain: give kp (or ki)")
         return cls(**values)
 
     def get_settings(self) -> dict[str, str | float]:

@@ -40,12 +40,12 @@ class Servos:
         drives: of each.
         step: of the integrator [s].
         goal: held over each step (N, B) [rad, or rad/s].
-        supply: voltage of the bus over each step (N, B) [V], of which a duty is a share.
+        supply: voltage of the bus over each step (N, B) [V]; a duty is a share of it.
         on: whether the motor is powered (N, B).
         position, velocity: at the start (B,) [rad, rad/s].
         start: time of the first sample (B,) [s].
         load: what is known to hang on each (B,); its torque, over each step (N, B).
-        temperature: of each over each step (N, B) [deg C]; None: nobody measured it.
+        temperature: of each over each step (N, B) [deg C]; None if it was not measured.
     """
 
     drives: tuple[ServoDrive, ...]

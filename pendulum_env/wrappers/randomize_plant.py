@@ -57,8 +57,7 @@ def _compute_covariance_root(nominal: Model, names: list[str], spread: str) -> A
     inertia = nominal.estimates["inertia"]
     if not 0 < inertia.std < 0.2 * inertia.value:  # five standard errors from a body without any
         raise ValueError(
-            f"the plant's inertia is {inertia}, of which no covariance can be drawn: take a model that was fitted, or "
-            "give shares"
+            f"the plant's inertia is {inertia}, which has no covariance: take a fitted model, or give shares"
         )
     place = [list(nominal.estimates).index(name) for name in names]
     variances, axes = np.linalg.eigh(nominal.assumed_covariance[np.ix_(place, place)])

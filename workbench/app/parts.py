@@ -1,4 +1,4 @@
-"""Parts of which the stages are built."""
+"""Parts of the stages."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -48,7 +48,7 @@ class Session:
         self.cards: tuple[ColumnCard, ...] = ()  # recordings whose columns a person is asked about, the first one now
         self.notice = ""  # a sentence for the user: what went wrong
         self.version = time.time_ns() // 1_000_000  # grows with all that the page shows; no two sessions share one
-        self.asked = time.monotonic()  # when somebody asked for the session last
+        self.asked = time.monotonic()  # time of the last request
         self.job: Job | None = None
         self._begun = self._over = False
 
@@ -130,7 +130,7 @@ class Session:
 
     def place(self) -> Path:
         """Make a folder for files that come together, in which no other has their names."""
-        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # somebody may have cleaned up
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # it may have been deleted
         return Path(tempfile.mkdtemp(dir=self.folder, prefix="tmp"))
 
     def receive(self, coming: Sequence[tuple[str, str]], unwrap: bool) -> None:

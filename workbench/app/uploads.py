@@ -1,4 +1,4 @@
-"""Files from the page, of which no name and no ending is believed."""
+"""Files from the page; their names and endings are not trusted."""
 
 import base64
 import binascii

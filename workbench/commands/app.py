@@ -62,5 +62,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     except KeyboardInterrupt:
         terminal.say("ended")
     finally:
-        with hold_interrupts():  # whoever presses the keys again
+        with hold_interrupts():  # a second press of the keys
             server.close()

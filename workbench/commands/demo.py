@@ -1,4 +1,4 @@
-"""`demo`: a hidden effect found end to end, in a pendulum or in an arm of which a file tells the lengths."""
+"""`demo`: a hidden effect found end to end, in a pendulum or in an arm with lengths from a file."""
 
 import argparse
 import shlex
@@ -34,7 +34,7 @@ from workbench.terminal import Terminal
 
 FOLDER = Path("pendulum-ident-demo")  # made where the command runs, unless another place is named
 SECONDS = 20.0
-SPREAD = 0.25  # of what nobody told, to either side
+SPREAD = 0.25  # of the unknown parameters, to either side
 JOINTS = name_joints(len(TWO_LINK))
 
 
@@ -106,7 +106,7 @@ def make_pendulum(rng: np.random.Generator) -> HiddenPlant:
     }
     plant = Model.build(BASE, theta).add(kind(**nonlinear), np.array(list(parameters.values())))
     return HiddenPlant(
-        "A pendulum whose parameters nobody told, with one effect that the paper's model does not know",
+        "A pendulum with unknown parameters, with one effect that the paper's model does not know",
         kind.id,
         effect(kind.id).law,
         plant.estimates,
@@ -133,7 +133,7 @@ def make_arm(robot: Path, truth: Path, rng: np.random.Generator) -> HiddenPlant:
     }
     for joint, model in zip(JOINTS, arm.models, strict=True):
         parameters |= {f"{name}@{joint}": own for name, own in model.estimates.items()}
-    title = f"{title}, with one effect at a joint that nobody told"
+    title = f"{title}, with one unknown effect at a joint"
     return HiddenPlant(title, at, parse_effect(at, JOINTS)[0].law, parameters, arm_base(body), record)
 
 

@@ -23,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Go through the check with whoever sits at the terminal."""
+    """Go through the check with the user at the terminal."""
 
     def confirm(text: str) -> bool:
         """Ask until they say yes or no: a key that is pressed once too often moves no motor."""
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
                 pass
             return answer.startswith("y")
         except EOFError:
-            raise InputError("the check needs somebody at a terminal who answers") from None
+            raise InputError("the check asks questions: run it in a terminal") from None
 
     try:
         check_rig(load(arguments.config), terminal.say, confirm)

@@ -28,7 +28,7 @@ EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")
 
 @dataclass(frozen=True)
 class RigidBody:
-    """A rigid body on a horizontal hinge along x; at q = 0 its centre of mass hangs down, but for a tilt."""
+    """A rigid body on a horizontal hinge along x; at q = 0 its centre of mass hangs down, apart from a tilt."""
 
     mass: float  # [kg]
     lever: float  # from the axis to the centre of mass [m]

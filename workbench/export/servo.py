@@ -49,7 +49,7 @@ class Servo:
 
     @classmethod
     def of(cls, drive: ServoDrive) -> Self:
-        """Return the gains of a drive under its supply; raises ExportError if it needs one that nobody says."""
+        """Return the gains of a drive under its supply; raises ExportError if it needs an unknown supply."""
         scale = float(drive.scale(np.array(get_supply(drive))))
         missing = []
         if drive.ki:
@@ -95,7 +95,7 @@ def convert_request(model: Model, request: Request) -> Request:
 
 
 def get_supply(drive: ServoDrive) -> float:
-    """Return the voltage of the bus [V], for an output that is a share of it; raises ExportError if nobody says it."""
+    """Return the voltage of the bus [V], for an output that is a share of it; raises ExportError if it is unknown."""
     if drive.supply is None and drive.output == "duty":
         raise ExportError("a duty is a share of the bus: say its voltage, as --drive output=duty,kp=0.6,supply=12")
     return drive.supply or 1.0

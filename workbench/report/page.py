@@ -130,7 +130,7 @@ def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -
 def render_comparison(compared: Comparison) -> str:
     """Render a comparison as one self-contained page like that of a diagnosis.
 
-    It is that of a diagnosis in which nobody has looked for effects, and all is fitted and checked alike.
+    The page is the page of a diagnosis without a search.
     """
     step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
     found = Diagnosis(

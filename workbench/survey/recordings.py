@@ -46,7 +46,7 @@ def find_recordings(folder: Path, reading: Namespace, output: Path | None = None
     Args:
         folder: to search. Hidden files, text files and the tables of surveys are no recordings.
         reading: options by which files are read. A `study.toml` gives those of the recordings that it names.
-        output: folder of the survey's own tables, of which some may be missing.
+        output: folder of the survey's own tables; some may be missing.
 
     Raises:
         InputError: if there are none.

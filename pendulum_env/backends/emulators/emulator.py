@@ -38,7 +38,7 @@ MISHAPS: dict[str, Callable[[Emulated, str], None]] = {  # by name, with the wor
     "fault": lambda rig, _: rig.motor.fail(),  # the drive reports over-temperature
     "unplug": lambda rig, _: rig.wire.pull(),
     "corrupt": lambda rig, p: rig.wire.corrupt(_number(p)),  # each bit on the wire is wrong with that probability
-    "push": lambda rig, torque: rig.motor.push(_number(torque)),  # [N m], by somebody
+    "push": lambda rig, torque: rig.motor.push(_number(torque)),  # [N m], by hand
     # a hand turns the arm to so many degrees and holds it there; without a number it lets go
     "hold": lambda rig, angle: rig.motor.hold(math.radians(_number(angle)) if angle else None),
     "freeze": lambda rig, seconds: time.sleep(_number(seconds)),  # the drive hangs
@@ -67,14 +67,14 @@ def emulate(
         config: where to write the rig.toml.
         rate: of the loop in it [Hz].
         settings: keys that differ in it, by table.
-        report: called with lines for whoever watches; the first one when the rig is ready.
+        report: called with progress lines; the first line when the rig is ready.
         first: first reading of the counter.
         realtime: whether emulator and loop ask for real-time priority.
         log: where to write what the motor did.
 
     Raises:
         ModuleNotFoundError: if the extra `hardware` is not installed.
-        FileExistsError: if the configuration is somebody else's file.
+        FileExistsError: if the configuration is a file that no emulator wrote.
     """
     if realtime:
         process.request_realtime()
@@ -88,7 +88,7 @@ def emulate(
         lines = format_toml({"adapter": rig.adapter, "rate": rate, "realtime": realtime})
         lines += [line for name, table in tables.items() for line in ("", f"[{name}]", *format_toml(table))]
         write_whole(config, MARK + "\n".join([*lines, ""]))
-        mark_checked(load(config))  # nobody gets hurt
+        mark_checked(load(config))  # an emulator needs no check of the rig
         report(f"ready: an emulated {rig.adapter} rig at {rig.wire.place}, described by {config}")
         _serve(rig, report)
     finally:
@@ -105,7 +105,7 @@ def _serve(rig: Emulated, report: Callable[[str], None]) -> None:
         if keyboard in ready:
             line = os.read(keyboard, 1000).decode(errors="replace")
             if not line:
-                keyboard = -1  # nobody is there: go on until interrupted
+                keyboard = -1  # no keyboard: go on until interrupted
             for words in filter(None, map(str.split, line.splitlines())):
                 if words == ["quit"]:
                     return

@@ -47,7 +47,7 @@ class Motor:
         self.torque = 0.0  # that the motor gives [N m]
         self._deadline = math.inf
         self.powered, self.expired, self.faulty = False, False, False
-        self._pushed = 0.0  # [N m], by somebody's hand
+        self._pushed = 0.0  # [N m], by hand
         self._hand: tuple[float, float] | None = None  # of one that holds the arm: where it is, and goes [rad]
         self._inertia, self._speed = model.estimates["inertia"].value, 0.0  # [kg m^2], [rad/s]
         self._gain = 1.0  # of the drive

@@ -32,7 +32,7 @@ class Wire:
 
     def receive(self) -> None:
         """Read the received bytes, and answer."""
-        with suppress(BlockingIOError):  # nothing has; or nobody reads
+        with suppress(BlockingIOError):  # no data, or no reader
             if answer := self._answer(self._flip_bits(os.read(self.descriptor, self.chunk))):
                 os.write(self.descriptor, self._flip_bits(answer))
 

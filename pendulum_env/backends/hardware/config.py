@@ -54,7 +54,7 @@ class GuardLimits:
     behind: NonNegative = 0.2  # [s] that the loop may be behind its ticks
     overruns: Annotated[int, Meta(ge=0, le=2**31)] = 1000  # ticks that an episode may miss
     stall_torque: NonNegative = 4.0  # [N m], more than gravity and dry friction together
-    stall_time: NonNegative = 0.5  # [s] for which the counts may stand still under stall_torque
+    stall_time: NonNegative = 0.5  # [s], longest standstill of the counts under stall_torque
     reply: Annotated[float, Meta(ge=0.001, le=5.0)] = 0.02  # [s], to wait for the drive's answer
     watchdog: Annotated[float, Meta(ge=0.005, le=5.0)] = 0.08  # [s] after which the drive itself takes the torque away
 
@@ -73,7 +73,7 @@ class Rest:
     """Settings of the wait for rest, without power, at a reset."""
 
     velocity: NonNegative = 0.02  # [rad/s], of an arm at rest
-    seconds: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.3  # for which it has to rest
+    seconds: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.3  # of rest
     timeout: NonNegative = 20.0  # [s]
 
 

@@ -15,7 +15,7 @@ from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
 from pendulum_env.files import open_nonblocking
 
 log = logging.getLogger("pendulum_env.rig")
-log.addHandler(logging.NullHandler())  # whoever wants to see it sets a handler
+log.addHandler(logging.NullHandler())  # users set a handler to see it
 
 
 class Fault(Exception):
@@ -150,7 +150,7 @@ class Guard:
             if found := self._motion.check_measurement(reading.time, self.encoder.position, took):
                 raise self.trip(
                     f"the arm cannot have moved so under {self.torque:.3g} N m, {found}: check encoder, drive and "
-                    f"their cables, whether somebody pushes the arm, and [plant] of {self.config.path.name}"
+                    f"their cables, whether the arm was pushed, and [plant] of {self.config.path.name}"
                 )
         return reading.time, self.encoder.position
 
@@ -215,7 +215,7 @@ class Guard:
         """
         self.fault = what
         if self.powered:
-            # with signs that nobody has tried, a brake may be a push
+            # with untested signs, a brake may accelerate
             brake = braking and self.config.fault.action == "brake" and self.config.checked
             self.disable(f"fault: {what}", logging.WARNING, brake=brake)
         else:

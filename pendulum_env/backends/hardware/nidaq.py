@@ -40,7 +40,7 @@ class NiDaq:
     settings = DaqSettings
     full_scale = 10.0  # [V]
     reserved = -50103  # error code of NI-DAQmx
-    tries = 3  # at a reading that takes twice as long as usual: nobody knows when in that time it was taken
+    tries = 3  # at a reading that takes twice as long as usual, whose instant is unknown
 
     def __init__(self, config: RigConfig) -> None:
         """Take channels, encoder, patience and watchdog."""

@@ -32,7 +32,7 @@ class Signals:
         self._depth = 0
 
     def install(self) -> None:
-        """Begin to listen; only the main thread can, in another one it is left to whoever owns the main thread."""
+        """Begin to listen; only the main thread can, another thread leaves it to the main thread."""
         if self._before or threading.current_thread() is not threading.main_thread():
             return
         for name in NAMES:
@@ -42,7 +42,7 @@ class Signals:
             self._before[number] = signal.signal(number, self._handle)
 
     def restore(self) -> None:
-        """Stop listening; a handler that somebody set since then stays, and may go on to call this one."""
+        """Stop listening; a handler that was set since then stays, and may go on to call this one."""
         if threading.current_thread() is not threading.main_thread():
             return
         for number, before in list(self._before.items()):
@@ -78,7 +78,7 @@ class Signals:
 class Ownership:
     """Lock on a name for one process at a time; the system releases it at any end of that process.
 
-    The file lies in the folder for temporary files that all users share, as a motor has one owner whoever that is.
+    The file lies in the folder for temporary files that all users share, as a motor has one owner among all users.
     Links in its place are not followed, and nothing is read from the file or written to it.
     """
 

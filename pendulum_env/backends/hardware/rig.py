@@ -18,8 +18,8 @@ class Rig:
 
     A step sends its torque at once, waits for the next tick and reads the encoder there. Time is that of the ticks, and
     position and torque are referred to them. After a fault every sample tells it, until the backend is cleared. The
-    motor has power from the first step of a run to its end, so whoever thinks before the first step may take as long
-    as they like; after the last one the drive's watchdog lets go if nobody else does.
+    motor has power from the first step of a run to its end, so a program may wait before the first step. After
+    the last step the drive's watchdog removes the power if the program does not.
     """
 
     resting = 0.01  # [s] between looks at an arm that comes to rest

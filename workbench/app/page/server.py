@@ -63,7 +63,7 @@ def make_app(
 
 
 def _report_error(error: Exception) -> None:
-    """Tell in the page why nothing came of what somebody did there: a file that has gone, or a mistake of ours."""
+    """Show in the page why an action failed: a file is missing, or the app has a fault."""
     if isinstance(error, USER_ERRORS):
         text = format_mistake(error)
     else:

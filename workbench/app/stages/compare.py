@@ -253,7 +253,7 @@ def _show_gallery(state: Work, points: WindowPoints, shown: int) -> Component:
     )
 
 
-@lru_cache(maxsize=4)  # while somebody looks at one
+@lru_cache(maxsize=4)  # while the page shows one
 def _find_points(state: Work, id: str) -> WindowPoints:
     return WindowPoints.of(state.standing, state.recordings[state.loaded.index(state.find(id))])
 
