@@ -329,14 +329,15 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
         beside: effects that the joint has, with their nonlinear parameters set, which are fitted along. Laws that make
             another torque of the one that was logged, as a lag does, are left out: they compete with the channel's.
 
-    A law is reported if its delay or lag is `SEARCH.sure` standard errors from zero, and if it predicts seconds to which
-    it was not fitted significantly better. A delay below `SEARCH.negligible` of a sample is zero if torque is predicted
-    as well without it. A filter is distinguished from a delay if it predicts significantly better; else both are given.
+    A law is reported if its delay or lag is `SEARCH.sure` standard errors from zero, and if it predicts seconds to
+    which it was not fitted significantly better. A delay below `SEARCH.negligible` of a sample is zero if torque is
+    predicted as well without it. A filter is distinguished from a delay if it predicts significantly better; else both
+    are given.
 
     Torque that is set n times a sample looks late by (1 - 1/n) / 2 of it. Torque that looks late by a quarter to half a
-    sample counts as sampled unless held torque predicts significantly better; later torque counts as held unless sampled
-    torque does. Sampled torque is late by half a sample unless another delay predicts significantly better, and need
-    not predict significantly better than no delay.
+    sample counts as sampled unless held torque predicts significantly better; later torque counts as held unless
+    sampled torque does. Sampled torque is late by half a sample unless another delay predicts significantly better, and
+    need not predict significantly better than no delay.
 
     Recordings too short to tell give an alignment without a finding and with infinite standard errors.
 

@@ -175,7 +175,7 @@ def test_torque_that_was_asked_for_is_bounded_and_odd(goal, position, velocity, 
     [
         ({"kp": -1}, "0 or a positive"),
         ({"kp": 0}, "does not follow"),
-        ({"preset": "xl330"}, "nobody says the controller's gain"),
+        ({"preset": "xl330"}, "the controller has no gain"),
         ({"kp": 1, "control": "force"}, "position or velocity"),
         ({"kp": 1, "output": "power"}, "duty or voltage or current or torque"),
         ({"preset": "xl33"}, "xl330"),

@@ -65,7 +65,7 @@ def test_plants_are_drawn_as_an_identified_model_knows_its_linear_parameters():
         (PENDULUM, {"mass": 0.1}, "no parameter 'mass'"),
         (PENDULUM, 1.0, "a share from 0 to below 1"),
         (PENDULUM, "covariances", "by 'covariances': give shares"),
-        (PENDULUM, "covariance", "no covariance can be drawn: take a model that was fitted"),
+        (PENDULUM, "covariance", "which has no covariance: take a fitted model"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(id, spread, why):
