@@ -4,8 +4,10 @@ They are terms like any other, which are fitted, confirmed on held-out data, sim
 a diagnosis proposes: they tell what is there, not why. They compete with the effects by the same score: where a table
 predicts significantly better, and explains most of what effects leave, these only imitate it. A table is orthogonal to
 what it would else share with the model, as gravity, an offset or Coulomb friction, and natural at its ends, beyond
-which it stays at what it is there. A function of time is another in each recording, so that no model keeps it. Source:
-de Boor, A Practical Guide to Splines, 2001."""
+which it stays at what it is there. A function of time is another in each recording, so that no model keeps it.
+
+Source: de Boor, A Practical Guide to Splines, 2001.
+"""
 
 from __future__ import annotations
 
