@@ -240,7 +240,7 @@ def _refuse_missing(
         without = f"{format_setting('columns', {**told, 'torque': NONE})} if nothing drives the joint"
         drive = f"the controller that follows the goal, {format_setting('drive', Blank('...'))}"
         hints = hints or [f"say which with {option}"]
-        hints[-1] += f", or give {drive}" if has_goal else f", or {without}"
+        hints[-1] += f", or give {drive}, or {without}" if has_goal else f", or {without}"
     elif "torque" in missing and len(joints) < 2:
         hints = [*(hints or [plain]), f"write torque={NONE} if nothing drives the joint"]
     raise ColumnError(
