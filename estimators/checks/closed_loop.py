@@ -1,7 +1,7 @@
 """Detection of feedback from motion to torque.
 
-What a sensor misreads, or a disturbance does, is in the torque of a controller at once: in its surprise, which is what
-the past of torque and position does not tell of it. A planned torque knows nothing of the position's surprises.
+A controller answers errors of the sensor and disturbances at once. The innovations of torque and position, which their
+past does not predict, are then correlated. A planned torque has no such correlation.
 """
 
 from collections.abc import Sequence

@@ -31,7 +31,7 @@ Results = dict[str, Identified]
 def check_joint(
     first: Model, results: Results, given: FitData, data: TorqueWindows | None, terms: Sequence[Term]
 ) -> tuple[list[Finding], Results]:
-    """Check the results of one joint: first the columns of the recordings, then these, then the model.
+    """Check the results of one joint: columns, then agreement, then the model, then feedback.
 
     Args:
         first: model of the first scheme, in the unit of the recorded torque, with all estimates.

@@ -41,7 +41,7 @@ def find_remedies(
     """
     columns = [] if any("gravity_tilt" in group for group in ambiguous) else find_wrong_columns(model, recordings)
     if not is_complete:
-        columns = [own for own in columns if own.kind is not Kind.ZERO_SHIFTED]
+        columns = [own for own in columns if own.kind not in (Kind.ZERO_SHIFTED, Kind.ZERO_UPRIGHT)]
     return columns or find_driving_friction(model)
 
 

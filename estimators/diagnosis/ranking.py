@@ -122,6 +122,8 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
     gain, variants = _compute_gain(evaluator, longer, others)
     ratio = _compute_held_out_rms(evaluator, longer, term.at) / _compute_held_out_rms(evaluator, others, term.at)
     gates = evaluator.gates(longer, others)
+    if all(gate.passed for gate in gates) and not evaluator.residuals.is_noise(longer):
+        gates = evaluator.gates(longer, others, evaluator.criterion.needed_share)
     reach, units, verdict = evaluator.train.reach(term.at), evaluator.train.units(term.at), Verdict.NOT_EXCITED
     untested = find_untested_ends(type(term)(), *reach, units)
     if untested and not has_contacts and not evaluator.is_significant(longer, others):
@@ -134,9 +136,6 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
         verdict, gates = Verdict.REJECTED, [excited, *gates]
         if all(gate.passed for gate in gates):
             gates += _make_confirmation_gates(evaluator, evaluator.fit_with_std(term.id, longer), found.steps[-1])
-        if all(gate.passed for gate in gates) and not evaluator.residuals.is_noise(longer):
-            share, least = evaluator.residuals.explained_share(longer, others), evaluator.criterion.needed_share
-            gates.append(Gate("needed_share", share, least, share > least))
         selected = [step.added for step in found.steps if step.added is not None]
         reason = explain_rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)
         if found.table is not None and term.kind == found.table.kind:

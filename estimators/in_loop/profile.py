@@ -126,7 +126,8 @@ def _compute_widening(rollouts: Rollouts, near: Linear, place: int) -> float:
     """Return the factor by which errors that are correlated within blocks widen the variance of a parameter."""
     slopes, error = near.weights[:, None] * near.slopes, near.weights * near.error
     correlated = compute_robust_covariance(slopes, error, rollouts.clusters)[place, place]
-    return float(max(1.0, correlated / np.linalg.pinv(slopes.T @ slopes)[place, place]))
+    row = np.linalg.pinv(slopes.T @ slopes)[place] @ (slopes * error[:, None]).T
+    return float(max(1.0, correlated / max(row @ row, 1e-300)))
 
 
 def fit_parabola(x: Array, height: Array, widening: float = 1.0) -> tuple[float, float]:
@@ -140,14 +141,15 @@ def fit_parabola(x: Array, height: Array, widening: float = 1.0) -> tuple[float,
         widening: factor of the variance by the likelihood.
     """
     highest, half = float(x[np.argmax(height)]), 0.5 * float(np.ptp(x))
-    if len(x) < 3:
+    if len(x) < 4:  # a parabola through three points shows no scatter
         return highest, half**2
     centre = float(x.mean())
     columns = np.column_stack([-((x - centre) ** 2), x - centre, np.ones_like(x)])
-    (a, b, _), *_ = np.linalg.lstsq(columns, height)
+    solution = np.linalg.lstsq(columns, height)[0]
+    a, b, _ = solution
     if not (a > 0 and abs(b / (2 * a)) <= half):
         return highest, half**2
-    scatter = float(np.sum((height - columns @ np.linalg.lstsq(columns, height)[0]) ** 2)) / max(len(x) - 3, 1)
+    scatter = float(np.sum((height - columns @ solution) ** 2)) / (len(x) - 3)
     covariance = scatter * np.linalg.inv(columns.T @ columns)
     slopes = np.array([-b / (2 * a**2), 1 / (2 * a), 0.0])  # of the vertex, by a and b
     return centre + b / (2 * a), float(slopes @ covariance @ slopes + widening / (2 * a))

@@ -155,6 +155,8 @@ class RolloutRows:
         fitted, the likeliest of them first.
         """
         near, name = self.near(terms).point, find_hints(type(variants[0])).profiled
+        if not name:
+            return min((self.trial((*terms, own)) for own in variants), key=lambda trial: trial.fitted_rms)
         theta = dict(zip((column.name for term in near.terms for column in term.columns), near.theta, strict=True))
         inertia, weight = theta.get("inertia", 0.0), abs(theta.get("gravity", 0.0))
         points = []

@@ -254,8 +254,6 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
 
 
 def _estimate_initial_velocity(recording: Recording) -> float:
-    if recording.velocity is not None:
-        return float(recording.velocity[0])
     beginning = 0.08  # [s], that tells the speed at the start, where it is a cubic for so long,
     shortest = 6  # samples that do at least
     few = min(len(recording), max(shortest, round(beginning * recording.rate)))

@@ -8,9 +8,9 @@ an effect are regressed on its rows phi, and then the residual of y on the resid
     S <- S + r r' / (1 + phi' P phi)    t <- t + r e / (1 + phi' P phi)    r = c - G' phi,  e = y - phi' a
 
 which equals recursive least squares in phi and c with parameters a - G delta and delta = S^-1 t. A variant costs only
-its own columns. Parameters stay within their bounds: a parameter beyond a bound is held there, and the others are
-solved beside it. Each a-priori error has a Student t density. An effect predicts by the mixture of its variants,
-weighted by their past likelihoods; the weights include the penalty for the choice among variants.
+its own columns. Parameters of these effects stay within their bounds: a parameter beyond a bound is held there, and the
+others are solved beside it. Each a-priori error has a Student t density. An effect predicts by the mixture of its
+variants, weighted by their past likelihoods; the weights include the penalty for the choice among variants.
 
 A column may depend on the torque that the equations explain, as friction that grows with the load. Least squares would
 then explain torque by torque. The error of the predicted torque, e = (y - phi' theta) / (dy - dphi' theta) with
@@ -209,7 +209,9 @@ class CompetingModels:
         """Linearise the rows of the running model over R bins at its estimates: phi (R, P) and y (R,)."""
         base, theta = bins.rows(self.terms), self.of_y[0]
         phi, y, slope = base.phi[:, 0], base.y[:, 0], base.slope[:, 0]
-        return linearise(phi, y, slope, theta, (y - phi @ theta) / (base.y_slope[:, 0] - slope @ theta))
+        return linearise(
+            phi, y, slope, theta, (y - phi @ theta) / np.maximum(base.y_slope[:, 0] - slope @ theta, LEAST_SLOPE)
+        )
 
     def take(self, bins: Bins) -> tuple[Array, Array]:
         """Predict R bins in sequence, with an update after each.

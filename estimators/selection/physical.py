@@ -136,13 +136,14 @@ def compute_significant_sign(model: Model, name: str) -> int:
 
 
 def make_base_gates(after: Model, before: Model) -> list[Gate]:
-    """Return the share of inertia and of gravity that a larger model keeps as gates.
+    """Return the share of inertia and of gravity that a larger model of a pendulum keeps as gates.
 
     A model that loses what the smaller model determines imitates the joint. A lag of J/b with nearly no inertia has the
     transfer function of an inertia J behind a short lag. A spring with negative gravity imitates a hardening spring.
     Inertia has to keep a tenth of its size, gravity its sign, since an effect may explain all of the gravity. Both are
     compared where the smaller model has them significantly, and fail beyond 3 standard errors of the larger model.
-    A transmission divides the inertia, and beside a tilt gravity has any sign.
+    Exempt are the inertia of a model with a link, which is uncertain before the link's states are fitted, and gravity
+    beside a tilt, which has any sign.
     """
     shared = [name for name in LEAST_KEPT if name in before.estimates and name in after.estimates]
     exempt = {"inertia": has_link(after.terms), "gravity": "gravity_tilt" in after.estimates}

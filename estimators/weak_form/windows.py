@@ -155,8 +155,7 @@ class Windows:
     Attributes:
         recording: the recording.
         samples: time, smoothed position and velocity, and torque at the instants, each (N,).
-        acceleration: raw second difference of the position, or first difference of a measured velocity where that is
-            less noisy, (N,) [rad/s^2]; only its averages are meaningful.
+        acceleration: raw second difference of the position (N,) [rad/s^2]; only its averages are meaningful.
         kernel: window w, (2 m + 1,), summing to one.
         centers: sample index of each window that is clear of stick, (R,).
         turning: the same for other windows with mostly motion, near a reversal, a start or a halt; four times as dense.

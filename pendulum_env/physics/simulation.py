@@ -326,7 +326,8 @@ class PreparedStep(NamedTuple):
 def prepare_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = LONGEST_STEP) -> PreparedStep:
     """Prepare to simulate terms, with steps of at most `longest` [s].
 
-    It is written down each time, as a law may depend on more than the terms hold; what is the same is compiled once.
+    The step is written at each call, as a law may depend on more than the terms hold; equal steps are compiled once.
+    `StepPrograms` keeps the steps for data that do not change.
     """
     from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
 

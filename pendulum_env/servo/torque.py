@@ -26,6 +26,7 @@ def compute_asked_torque(recording: Recording) -> Array:
     parts = []
     for part in recording.segments:
         assert part.reference is not None  # there is no drive without one
+        # a drive acts on its own estimate of the speed, which a log may have
         velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
         parts.append(
             recording.drive.torque(part.reference, part.position, velocity, get_bus_voltage(part), part.powered)

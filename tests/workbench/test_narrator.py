@@ -175,4 +175,4 @@ def test_the_gate_of_a_gain_tells_its_error_its_penalty_and_its_significance():
 def test_untested_motion_of_a_term():
     ends = find_untested_ends(effects()["hard_stop"](lower=-0.9), -1.0, 1.2)
     text = describe(Finding(Kind.UNTESTED_RANGE, ends, effects=("hard_stop",)))
-    assert text == "No upper hard stop was met up to 1.2 rad, and none beyond would show."
+    assert text == "No upper hard stop was met up to 1.2 rad, and contacts beyond cannot be seen."

@@ -43,12 +43,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
     outputs = [arguments.json, arguments.output]
-    asked = open_sources(
-        arguments, list_sources(arguments, outputs), terminal, holdout=arguments.align
-    )  # which tells the timing of the log
-    given = asked.calibrate(
-        terminal, True if arguments.align else None, arguments.fixed
-    )  # what is late is a doubt, else
+    asked = open_sources(arguments, list_sources(arguments, outputs), terminal, holdout=arguments.align)
+    given = asked.calibrate(terminal, True if arguments.align else None, arguments.fixed)
     terms, body = asked.model.terms, asked.body
     with terminal.progress("identifying"):
         found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)

@@ -8,7 +8,7 @@ from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import Comparison
 from estimators.diagnosis.result import Detectable, Diagnosis, HorizonRefit, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Kind, Quantity
 from estimators.schemes.identification import Identification
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
@@ -168,7 +168,7 @@ def describe_next_step(found: Diagnosis) -> str:
     if found.suggestion is not None:
         return describe_suggestion(found.suggestion, found.model.units())
     if found.forbidden is not None:
-        return _describe(found, found.forbidden)
+        return describe(found.forbidden)
     if found.inseparable:
         return f"No torque would tell {' from '.join(found.inseparable[0])}."
     return "No further experiment is needed."
@@ -180,9 +180,9 @@ def list_advice(found: Diagnosis) -> list[str]:
     if found.searched and found.data is not None:
         notes = [note for recording in found.data.recordings for note in recording.notes]
         texts = [note.text for note in notes if note.kind is NoteKind.IMPLAUSIBLE]
-    texts += [_describe(found, finding) for finding in found.findings]
+    texts += [describe(finding) for finding in found.findings]
     texts += [describe_next_step(found)] if found.suggestion is not None else []
-    texts += [_describe(found, found.forbidden)] if found.forbidden is not None else []
+    texts += [describe(found.forbidden)] if found.forbidden is not None else []
     return list(dict.fromkeys(texts))
 
 
@@ -240,7 +240,7 @@ def write_diagnosis(found: Diagnosis) -> JSON:
     for own, candidate in zip(data["candidates"], found.candidates, strict=True):
         own["reason"] = describe_reason(candidate)
     data["advice"] = list_advice(found)
-    data["forbidden"] = None if found.forbidden is None else _describe(found, found.forbidden)
+    data["forbidden"] = None if found.forbidden is None else describe(found.forbidden)
     for own, alignment in zip(data["alignments"], found.alignments, strict=True):
         own["text"] = describe_alignment(alignment)
     for own, region in zip(data["regions"], found.unexplained, strict=True):
@@ -255,7 +255,3 @@ def write_diagnosis(found: Diagnosis) -> JSON:
     if found.by_torque is not None:
         data["by_torque"]["says"] = describe_contradiction(found) if found.is_contradicted else None
     return data
-
-
-def _describe(found: Diagnosis, finding: Finding) -> str:
-    return describe(finding)

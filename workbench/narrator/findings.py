@@ -239,7 +239,7 @@ def describe_untested(found: Finding) -> str:
         where = f"no lower {effect} was met down to {ends['low']}"
     else:
         where = f"no upper {effect} was met up to {ends['high']}"
-    return f"{where}, and none beyond would show"
+    return f"{where}, and contacts beyond cannot be seen"
 
 
 def describe_law(found: Finding) -> str:
@@ -250,7 +250,7 @@ def describe_law(found: Finding) -> str:
 
 def _describe_table(found: Finding) -> str:
     first, *others = found.effects
-    more = f" {join_words(others)} would keep others." if others else ""
+    more = f" Other laws: {join_words(others)}." if others else ""
     command = f"`pendulum-ident add MODEL.json {first} ...`"
     return f"Keep the unknown law as a table, which also shows its shape: {command}.{more}"
 

@@ -93,14 +93,12 @@ def _describe_gate(found: Finding) -> str:
         return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"
     if name == "explained_share":
         return f"explains {value.value:.0%} of the residual, less than {limit.value:.0%}"
-    if name == "needed_share":
-        return f"explains {value.value:.0%} of the residual and leaves the rest: an unknown law may cause both"
     if name == "known_parameters":
         return f"predicts no better than other values of the parameters that were given: p = {value.value:.2g}"
     if name == "kept_gravity":
-        return "fits only with negative gravity: both terms cancel and imitate a third law"
+        return f"fits only with {value.value:.2g} times the gravity: both terms cancel and imitate a third law"
     if name == "kept_inertia":
-        return f"fits only with {value.value:.2g} times the inertia: it imitates a motion that inertia makes"
+        return f"fits only with {value.value:.2g} times the inertia, less than {limit.value:.0%}: it imitates inertia"
     if name in HELD_OUT:
         where = f" at {at}" if at else ""
         return f"does not lower the held-out {HELD_OUT[name]} ({measure_change(limit, value)}){where}"

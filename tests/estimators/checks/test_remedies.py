@@ -8,7 +8,7 @@ import pytest
 import scipy.integrate
 
 from estimators import identify
-from estimators.checks.remedies import find_wrong_columns
+from estimators.checks.remedies import find_remedies, find_wrong_columns
 from estimators.findings import Kind, Remedy
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
@@ -83,3 +83,10 @@ def test_under_different_known_loads_no_zero_is_told(run):
     tilted = replace(found, estimates={**found.estimates, "gravity_tilt": replace(found.estimates["gravity"])})
     loaded = [replace(run, load=Load(0.0, weight)) for weight in (0.0, 1.0)]
     assert find_wrong_columns(tilted, loaded[:1]) and not find_wrong_columns(tilted, loaded)
+
+
+def test_an_incomplete_model_suggests_no_other_zero(run):
+    moved = replace(run, position=run.position + np.radians(20.0))
+    model = identify([moved], TERMS, "energy")["energy"].model
+    assert [own.kind for own in find_remedies(model, [moved])] == [Kind.ZERO_SHIFTED]
+    assert find_remedies(model, [moved], is_complete=False) == []

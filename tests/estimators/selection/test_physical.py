@@ -6,7 +6,12 @@ import pytest
 from estimators.diagnosis.reasons import explain_rejection
 from estimators.findings import Finding, Kind
 from estimators.selection.errors import Errors, Step
-from estimators.selection.physical import find_driving_friction, find_violations, make_confirmation_gates
+from estimators.selection.physical import (
+    find_driving_friction,
+    find_violations,
+    make_base_gates,
+    make_confirmation_gates,
+)
 from pendulum_env.arms.joints import get_coupling, place_term
 from pendulum_env.physics import BASE, Model, Samples, Term, effect
 from pendulum_env.physics.actuation import ActuatorLag
@@ -107,3 +112,26 @@ def test_a_step_meets_physical_bounds_and_held_out_errors_in_this_order(torque, 
     assert [gate.name for gate in gates if not gate.passed][:1] == ([] if failed is None else [failed])
     assert all(gate.passed for gate in gates[:-1])
     assert (explain_rejection(gates) is None) == (failed is None)
+
+
+@pytest.mark.parametrize(
+    ("inertia", "gravity", "passed"),
+    [
+        (0.09, 1.5, {"kept_inertia": True, "kept_gravity": True}),
+        (0.001, 2.0, {"kept_inertia": False, "kept_gravity": True}),  # a lag imitates the inertia
+        (0.1, -2.0, {"kept_inertia": True, "kept_gravity": False}),  # a spring and negative gravity
+        (0.1, -0.02, {"kept_inertia": True, "kept_gravity": True}),  # zero within 3 standard errors
+    ],
+)
+def test_a_larger_model_keeps_the_inertia_and_the_sign_of_gravity(inertia, gravity, passed):
+    before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
+    after = Model.build([*BASE, ActuatorLag(0.01)], [inertia, gravity, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
+    gates = make_base_gates(after, before)
+    assert {gate.name: gate.passed for gate in gates} == passed
+    assert [gate.value for gate in gates] == pytest.approx([inertia / 0.1, gravity / 2.0])
+
+
+def test_a_base_parameter_that_the_smaller_model_does_not_determine_has_no_gate():
+    before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], [0.2, 3.0, 0.01, 0.01])
+    after = Model.build([*BASE, ActuatorLag(0.01)], [0.001, -2.0, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
+    assert make_base_gates(after, before) == []
