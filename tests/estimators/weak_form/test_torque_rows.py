@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
+from estimators.data.regression_data import RegressionData
 from estimators.data.split import split_recordings
 from estimators.regression.balance import Balance
 from estimators.search_hints import make_grid
@@ -15,6 +16,8 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env.filters import filter_lag
 from pendulum_env.physics import BASE, Column, NonlinearParameter, Samples, Term, effects
+from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
 from tests.cases import recorded
@@ -131,3 +134,19 @@ def test_beside_a_linear_model_variants_compare_by_their_exact_errors(regression
         terms = (*BASE, variant)
         exact = regression.assemble(terms, regression.columns_of_each(terms), weights).least_squared()
         assert error == pytest.approx(np.sqrt(exact / (weights @ weights)), rel=1e-9)
+
+
+@pytest.mark.parametrize("last", [GravityTilt(), Stribeck(0.4)], ids=["tilt", "stribeck"])
+@pytest.mark.parametrize("count", [1, 2])
+def test_fits_without_a_fold_are_least_squares_without_its_rows(last: Term, count: int):
+    plant = Plant(effects={"stribeck": {"strib_d": 0.4, "strib_v": 0.4}})
+    runs = recorded(plant, *[Experiment(seed=k, seconds=12.0, rate=500.0) for k in range(count)])
+    rows = RegressionData.of(runs).torque
+    terms = (*BASE, last)
+    fits, equations = rows.fit_folds(terms), rows.equations(terms)
+    weighted = equations.slopes(fits.theta) * equations.weights[:, None]
+    error = equations.error(fits.theta) * equations.weights
+    for k, theta in enumerate(fits.without):
+        kept = rows.layout.fold != k
+        step = np.linalg.lstsq(weighted[kept], error[kept], rcond=None)[0]
+        np.testing.assert_allclose(theta, fits.theta + step, rtol=1e-6, atol=1e-9)
