@@ -109,7 +109,10 @@ def test_a_servo_enable_that_does_nothing_is_found(emulated, monkeypatch):
 
 def test_the_check_on_the_command_line(emulated, monkeypatch, capsys):
     rig = wired(emulated, "serial")
-    for answers, said in ((["", "n"], "software is never the emergency stop"), ([], "asks questions: run it in a terminal")):
+    for answers, said in (
+        (["", "n"], "software is never the emergency stop"),
+        ([], "asks questions: run it in a terminal"),
+    ):
         monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(answers)))
         assert main(["hardware", "check", str(rig.config)]) == 2
         out = capsys.readouterr()
