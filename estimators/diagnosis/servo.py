@@ -86,13 +86,14 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     Raises:
         IdentificationError: if the recordings hold too little motion to begin with.
     """
-    first, last = fitted_part(data), WHOLE if data.holdout else (1 - HELD_OUT, 1.0)
+    first = fitted_part(data)
+    last = WHOLE if data.holdout else (1 - HELD_OUT, 1.0)
     fitted, unseen = data.recordings, data.holdout or data.recordings
     if data.has_treatment(Kind.BACK_EMF_INCLUDED):
         setting = replace(setting, base=(*setting.base, BackEmf()))
     windows = RegressionData.of(fitted, part=first).torque
     train = RolloutRows(Rollouts(fitted, shares=first), windows)
-    check = RolloutRows(Rollouts(unseen, shares=last), RegressionData.of(unseen, part=last).torque, train)
+    check = RolloutRows(Rollouts(unseen, shares=last), RegressionData.of(unseen, part=last).torque, guide=train)
     return setting.evaluator((train.data, check.data))
 
 

@@ -140,6 +140,11 @@ class JointFilters:
             self._innovations.close()
 
     def _start_filter(self, regression: Estimates, b: int) -> _Filter | None:
+        """Start the filter of pendulum b from the estimates of the last scheme.
+
+        Returns:
+            The filter; None while the pendulum has moved too briefly, or its inertia is too uncertain.
+        """
         theta, covariance = regression.theta[b, -1], regression.covariance[b, -1]
         if self._inertia is None or regression.index[b] * self._period < FILTER.motion_time:
             return None

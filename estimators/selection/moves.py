@@ -153,7 +153,7 @@ def fit_link_states(state: SearchState, longer: Terms) -> SearchState | None:
     """Fit a model with a link together with the link's states; None if it is not confirmed.
 
     Its cost has to be below that of the smaller model fitted to the motion. The position behind a play is chaotic, so
-    that a model with ten times the torque error may end closer to it.
+    that a model with ten times the torque error may by chance end nearer to the measured position.
     """
     evaluator = state.evaluator
     step, before = evaluator.fit(longer[-1].id, longer), evaluator.fit(None, state.terms)

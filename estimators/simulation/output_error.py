@@ -182,7 +182,7 @@ def fit(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Fi
 
 
 def minimise(errors_of: ErrorsOf, start: Point, turns: int = 12) -> Point:
-    """Minimise the sum of squared errors from a point."""
+    """Minimise the sum of squared errors by Gauss-Newton from a point, in at most `turns` iterations."""
 
     def near(point: Point) -> Near[Point]:
         error, slopes = slopes_of(errors_of, point)

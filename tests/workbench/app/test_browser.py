@@ -144,7 +144,7 @@ class Tab:
               texts.forEach(([a, ones], k) => texts.slice(k + 1).forEach(([b, others]) => {
                 if (ones.some((one) => others.some((other) => share(one, other)))) found.push(`${a} on ${b}`);
               }));
-              if (texts.length < 10) throw new Error("there is hardly any text");
+              if (texts.length < 5) throw new Error("there is hardly any text");
               return found;
             }"""
         )
