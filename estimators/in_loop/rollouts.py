@@ -178,7 +178,7 @@ class Rollouts:
 
     @cached_property
     def _in_contact(self) -> Self:
-        """The same rollouts with the shorter steps of the integrator that a contact needs."""
+        """Return the rollouts with the shorter steps of the integrator for a contact."""
         return replace(self, steps=CONTACT * self.steps)
 
     def compare_paths(self, paths: Array) -> Array:
