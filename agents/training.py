@@ -31,7 +31,7 @@ from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import write_whole
-from pendulum_env.reading import read_own
+from pendulum_env.reading import read_bytes
 
 CHECKPOINT = "training.pkl"  # in the folder of a training, with policies `steps-N.npz` and `tensorboard`
 
@@ -174,13 +174,13 @@ def _write_checkpoint(path: Path, model: PPO, config: Config) -> None:
         "model": bare,  # includes the pendulums
         "random": (random.getstate(), np.random.get_state(), torch.get_rng_state()),  # noqa: NPY002  (of SB3)
     }
-    write_whole(path, cloudpickle.dumps(state), private=True)
+    write_whole(path, cloudpickle.dumps(state))
 
 
 def _read_checkpoint(path: Path, config: Config) -> PPO:
-    """Read a checkpoint. A pickle can run code, so the file must belong to this user."""
+    """Read a checkpoint, a pickle, which can run code: read your own only."""
     try:
-        packed = read_own(path)
+        packed = read_bytes(path)
     except FileError as error:
         raise CheckpointError(str(error)) from None
     try:

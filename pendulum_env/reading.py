@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import reprlib
 import stat
 import tomllib
@@ -22,11 +21,9 @@ from msgspec import Meta, inspect
 from numpy.typing import NDArray
 
 from pendulum_env.errors import FileError, UserError, shorten_error
-from pendulum_env.files import open_nonblocking
 from pendulum_env.lookup import find
 
 LARGEST = 500_000_000  # bytes of a file: some 8 million rows of CSV
-DIGITS = 18  # of a whole number: those fit into 64 bits
 LARGE = 1e9  # of any number in a file: in SI units no pendulum has more of anything, and squares stay finite
 SHOWN = 60  # characters of a value that a sentence quotes
 LONGEST = 1000  # characters of a text in a record
@@ -76,27 +73,6 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
         raise FileError(f"{path}: cannot be read ({_get_reason(error)}): check the path") from None
 
 
-def read_own(path: str | os.PathLike[str]) -> bytes:
-    """Read a file that belongs to this user, since loading it may run code.
-
-    Raises:
-        FileError: if it cannot be read, belongs to another user, or others may write to it.
-    """
-    try:
-        with open(path, "rb", opener=open_nonblocking) as file:
-            status = os.fstat(file.fileno())  # of the file that is read, whatever takes its name meanwhile
-            if not stat.S_ISREG(status.st_mode):
-                raise FileError(f"{path}: cannot be read (it is no file): check the path")
-            if hasattr(os, "getuid"):  # Windows has no such owners
-                if status.st_uid != os.getuid():
-                    raise FileError(f"{path}: belongs to another user: reading it would run what is in it")
-                if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-                    raise FileError(f"{path}: others may write to it, and reading it runs what is in it: chmod go-w it")
-            return file.read()
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({_get_reason(error)})") from None
-
-
 def read_text(path: str | os.PathLike[str]) -> str:
     """Read a text file; each line ends with a line feed.
 
@@ -124,15 +100,13 @@ def read_json(path: str | os.PathLike[str], hint: str) -> Any:
         hint: which file is meant, such as `a model is what identify -o writes`.
 
     Raises:
-        FileError: if it cannot be read, is no JSON, or holds what no one could have meant.
+        FileError: if it cannot be read, or is no JSON.
     """
     data = read_bytes(path)
     try:
-        content = json.loads(data.decode("utf-8-sig"))
+        return json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError):
         raise FileError(f"{path}: is not JSON; {hint}") from None
-    _refuse_values(path, content)
-    return content
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -143,11 +117,9 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
     text = read_text(path)
     try:
-        content = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also of a whole number of 4,300 digits
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
         raise FileError(f"{path}: is not TOML ({shorten_error(error)}): correct it in an editor") from None
-    _refuse_values(path, content)
-    return content
 
 
 def format_toml(table: Mapping[str, Any]) -> list[str]:
@@ -165,33 +137,12 @@ def _format_value(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # whole numbers, truth values and texts
 
 
-def _refuse_values(path: str | os.PathLike[str], content: Any) -> None:
-    """Refuse texts that cannot be printed or name a file, and whole numbers that no float could hold."""
-    stack = [content]
-    while stack:
-        value = stack.pop()
-        if isinstance(value, dict):
-            stack += [*value, *value.values()]
-        elif isinstance(value, list):
-            stack += value
-        elif isinstance(value, str) and re.search("[\0\ud800-\udfff]", value):
-            raise FileError(
-                f"{path}: holds {quote_value(value)}, which is no text: take out the characters that are none"
-            )
-        elif isinstance(value, int) and abs(value) >= 10**DIGITS:
-            raise FileError(f"{path}: holds a number of more than {DIGITS} digits: write a smaller one")
-
-
 # ---------------------------------------------------------------------------------------------------------- values
 
 
 Number = Annotated[float, Meta(ge=-LARGE, le=LARGE)]  # types of fields for `convert`
 NonNegative = Annotated[float, Meta(ge=0.0, le=LARGE)]
 Text = Annotated[str, Meta(min_length=1, max_length=LONGEST)]
-WORDS = {  # of messages, by msgspec's
-    **{"float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false"},
-    **{"object": "a table", "array": "a list", "null": "nothing"},
-}
 
 
 def convert(content: Any, kind: type[T], key: str = "") -> T:
@@ -209,18 +160,9 @@ def convert(content: Any, kind: type[T], key: str = "") -> T:
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
-        message, _, place = str(error).partition(" - at `$")
-    value, place = content, place.rstrip("`").partition("[...]")[0]  # msgspec does not name a table's values
-    for name, index in re.findall(r"\.([^.\[]+)|\[(\d+)\]", place):
-        value = value[int(index) if index else name]
-    place = (key + place).lstrip(".")
-    if missing := re.fullmatch(r"Object missing required field `(.*)`", message):
-        raise FileError(f"{repr(place) if place else 'it'} lacks '{missing[1]}'")
-    if not message.startswith(("Expected", "Number")):  # of a `__post_init__`
-        raise FileError(f"'{place}': {message}" if place else message)
-    message = re.sub(r"`(\w+)(?: \| null)?`", lambda word: WORDS.get(word[1], word[1]), message.partition(", got")[0])
-    message = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):g}", message)
-    raise FileError(f"{repr(place) if place else 'it'} is {quote_value(value)}: {message[0].lower()}{message[1:]}")
+        message, _, place = str(error).replace("`", "").partition(" - at $")
+        place = (key + place).lstrip(".")
+        raise FileError(f"'{place}': {message}" if place else message) from None
 
 
 def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:

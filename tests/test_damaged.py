@@ -223,31 +223,6 @@ def test_a_document_with_a_wrong_or_missing_value_is_refused_in_one_sentence(nam
     assert np.mean(refused) > 0.75
 
 
-COLUMNS = {
-    "a quantity is missing": {"position": None},
-    "no number is finite": {"torque": np.full(300, np.nan)},
-    "texts stand for numbers": {"position": np.array(["a"] * 300)},
-    "nothing moves": {"position": np.zeros(300), "torque": np.zeros(300)},
-    "time runs backwards": {"time": -np.arange(300) / 100.0},
-}
-
-
-@pytest.mark.parametrize("columns", COLUMNS)
-@pytest.mark.parametrize("ending", [".csv", ".npz", ".xlsx"])
-def test_columns_that_are_no_recording_are_refused_in_one_sentence(ending, columns, tmp_path):
-    path = tmp_path / f"run{ending}"
-    changed = {name: values for name, values in (signals() | COLUMNS[columns]).items() if values is not None}
-    rows = [list(changed), *([*row] for row in zip(*(values.tolist() for values in changed.values()), strict=True))]
-    match ending:
-        case ".csv":
-            path.write_text("\n".join(",".join(map(str, row)) for row in rows))
-        case ".npz":
-            np.savez(path, **changed)
-        case ".xlsx":
-            write_xlsx(path, [["" if value != value else value for value in row] for row in rows])
-    assert refusal(read_recording, path) is not None
-
-
 def test_what_is_no_file_or_too_large_is_refused(whole, tmp_path):
     _, ending, read, _ = whole
     folder, large, nowhere = (tmp_path / f"{name}{ending}" for name in ("folder", "large", "nowhere"))

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from pendulum_env.lookup import find
 from pendulum_env.physics import Term, list_nameable
 from pendulum_env.plant import hide, paper_plant, read_parameters
-from pendulum_env.reading import DIGITS, LARGE, quote_value
+from pendulum_env.reading import LARGE, quote_value
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import TOLD
 from pendulum_env.servo.drive import KEYS, WORDS, ServoDrive
@@ -56,7 +56,7 @@ def convert_between(low: float, high: float) -> Callable[[str], float]:
     return _convert_within(float, *inside, f"a number above {low:g} and below {high:g}")
 
 
-def convert_whole(low: int, high: int = 10**DIGITS) -> Callable[[str], int]:
+def convert_whole(low: int, high: int = 10**18) -> Callable[[str], int]:
     """Make a converter of a whole number from low to high."""
     return _convert_within(int, low, high, f"a whole number from {low} to {high}")
 

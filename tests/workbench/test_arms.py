@@ -220,7 +220,7 @@ MISTAKES = {
             "there is none for left among .*: name them torque_left and so on.* naming those that move",
         ),
         ("identify run.csv --joints torso,sholder", "unknown joint 'sholder': did you mean shoulder"),
-        ("identify empty.toml", "'joints' is 'torso': expected a list"),
+        ("identify empty.toml", "'joints': Expected array"),
         ("identify study.toml --joints torso", "told in two ways"),
         (
             "record -o x.csv --joints torso,shoulder,elbow --backend pymunk",

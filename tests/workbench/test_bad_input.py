@@ -42,15 +42,15 @@ DIAGNOSES = [
     (json.dumps(DIAGNOSIS), "leaves nothing open that an experiment would settle"),
     (json.dumps({**DIAGNOSIS, "inseparable": [["torque_offset", "spring"]]}), "no torque tells torque_offset"),
     (json.dumps({**DIAGNOSIS, "forbidden": "no experiment within 0.5 N m"}), "no experiment within 0.5 N m"),
-    (suggested(reach=[1.0]), "'suggestion.reach' is [1.0]: expected a list of length 2"),
+    (suggested(reach=[1.0]), "'suggestion.reach': Expected array of length 2"),
     (suggested(reach=[2, 1]), "'suggestion.reach' is [2, 1]: expected the lower angle first"),
-    (suggested(seconds=1e308), "'suggestion.seconds' is 1e+308: expected a number <= 100000"),
+    (suggested(seconds=1e308), "'suggestion.seconds': Expected float <= 100000"),
     (signal(phases=[1.0] * 3), "a signal is one of two_tone"),
     (signal(kind="levels", edges=[1.0], levels=[4.0]), "within its amplitude"),
 ]
 RIGS = [(f"{'a' * 100_000} = 1", "unknown key 'aaa")]
 TRAININGS = [
-    ("hidden = 1_000_000_000", "'hidden' is 1000000000: expected a whole number <= 4096"),
+    ("hidden = 1_000_000_000", "'hidden': Expected int <= 4096"),
     ("pendulums = 100_000\nrollout = 1000", "pendulums times rollout is 100000000"),
 ]
 WORDS = [  # with files of `folder`

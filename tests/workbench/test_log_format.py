@@ -61,7 +61,7 @@ def test_identify_fits_what_is_to_be_fitted_and_compare_takes_all_of_a_study(ben
         ("identify held.toml", "held.toml: holds every recording out"),
         ("identify gone.toml", "gone.csv: there is no such file: check the path"),  # even if it is only held out
         ("identify monday.csv --columns time=clock:ms,torque=i", "torque cannot be column 'i' without a gain"),
-        ("compare text.json monday.csv", "text.json: 'log_format' is 'clock': expected a table"),
+        ("compare text.json monday.csv", "text.json: 'log_format': Expected object"),
         ("compare drive.json monday.csv", "log_format: "),
     ],
 )

@@ -18,7 +18,7 @@ def test_a_package_offers_an_adapter_with_settings_which_an_unknown_one_is_told_
     install_bench(tmp_path, monkeypatch)
     config = load(rig(tmp_path, "bench", 'address = "left"\nrated_torque = 3.0'))
     assert (config.link.address, config.link.rated_torque, config.link.device) == ("left", 3.0, "bench left")
-    with pytest.raises(ConfigError, match=r"'bench.rated_torque' is 0: expected a number >= 0.001"):
+    with pytest.raises(ConfigError, match=r"'bench.rated_torque': Expected float >= 0.001"):
         load(rig(tmp_path, "bench", 'address = "left"\nrated_torque = 0'))
     with pytest.raises(ConfigError, match=r"unknown adapter 'bensh': did you mean bench\? Known: bench, nidaq"):
         load(rig(tmp_path, "bensh"))

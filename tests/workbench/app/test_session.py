@@ -223,7 +223,7 @@ def test_a_study_may_use_several_ranges_of_a_file(session, swing, tmp_path):
     (tmp_path / "study.toml").write_text(write_study_text(session.state))
     assert [source.range for source in read_sources(tmp_path / "study.toml")] == [(0, 6), (6, 9)]
     upload(session, "study.toml", b"[[recording]]")
-    assert session.notice.startswith("study.toml: 'recording[0]' lacks 'file'")
+    assert session.notice.startswith("study.toml: 'recording[0]': Object missing required field file")
 
 
 def test_what_a_session_begins_with_is_read_as_the_user_asked_and_left_where_it_is(swing, tmp_path):
