@@ -15,7 +15,7 @@ from pendulum_env.recording.record import Load
 from pendulum_env.recording.study import Source, read_sources, write_study
 from pendulum_env.servo.drive import ServoDrive
 from tests.two_link import body
-from workbench.inputs import read_suggestion
+from workbench.suggestions import read_suggestion
 
 STORED = Path(__file__).parent / "stored"
 

@@ -6,26 +6,20 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
-
-from msgspec import Struct
+from typing import TypeVar
 
 from estimators.arguments import check_model
 from estimators.data.fit_data import FitData
-from estimators.diagnosis.result import SCHEMA
-from estimators.diagnosis.suggestion import Suggestion
 from estimators.free_swings import find_known_values
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel, ModelOptions, load_model
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.errors import FileError
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.limits import collect_limits
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.plant import hide, paper_plant
-from pendulum_env.reading import Text, convert, read_json
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import apply_log_format, find_duplicate, read_sources
 from workbench.errors import InputError
@@ -245,32 +239,3 @@ def report_held(body: Body, recordings: Sequence[ArmRecording], terminal: Termin
         terminal.say(f"warning: {body.impossible_text}: only the kinematics of the file are used", style="yellow")
     for text in find_straying(body, recordings):
         terminal.say(f"warning: {text}", style="yellow")
-
-
-class _Diagnosis(Struct):
-    """Next experiment in a diagnosis file."""
-
-    suggestion: dict[str, Any] | None = None
-    forbidden: Text | None = None
-    inseparable: list[list[Text]] | None = None
-
-
-def read_suggestion(path: str) -> Suggestion:
-    """Read the experiment that a diagnosis suggests.
-
-    Raises InputError if the file is missing or no diagnosis, or nothing is open that an experiment would settle.
-    """
-    hint = "a diagnosis is what `diagnose --json` writes"
-    content = read_json(path, hint)
-    if not isinstance(content, dict) or content.get("schema") not in (SCHEMA, "pendulum-ident/diagnosis@1"):
-        raise InputError(f"{path}: is not a diagnosis; {hint}")
-    try:
-        data = convert(content, _Diagnosis)
-        if data.suggestion is not None:
-            return Suggestion.from_json(data.suggestion, "suggestion")
-    except FileError as error:
-        raise InputError(f"{path}: {error}") from None
-    if data.forbidden is not None:
-        raise InputError(f"{path}: {data.forbidden}")
-    why = f", and no torque tells {' from '.join(data.inseparable[0])}" if data.inseparable else ""
-    raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{why}")

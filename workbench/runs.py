@@ -27,9 +27,10 @@ from pendulum_env.registration import PENDULUM
 from pendulum_env.spaces import MAX_TORQUE
 from pendulum_env.wrappers import RecordMeasurements
 from workbench.errors import InputError, Interrupted
-from workbench.inputs import make_plant, read_suggestion
+from workbench.inputs import make_plant
 from workbench.judges import ProcessJudge, describe_verdict
 from workbench.outputs import report_files
+from workbench.suggestions import read_suggestion
 from workbench.terminal import Terminal
 
 SECONDS = 30.0  # length of a recording

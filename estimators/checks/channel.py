@@ -21,12 +21,12 @@ from itertools import pairwise
 from typing import Self
 
 import numpy as np
-import scipy
 
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
 from estimators.data.rows import BLOCK
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.equations import IdentificationError
+from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import project_out
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import Blocks, cross_validated
@@ -47,6 +47,7 @@ from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
 NONE = Load(0.0, 0.0)
+DESCENT = Rule(turns=20, dampings=(0.0, 1.0, 10.0), of_cost=1e-9)
 # share of the motion that a motor drives or a load brakes, above which losses of gears and the torque constant are one
 # number; a choice: only the other samples distinguish both, and a tenth of a recording is few
 DRIVEN = 0.9
@@ -241,14 +242,18 @@ class ChannelFits:
         x = min(within, key=lambda start: float(np.linalg.norm(self.misfit(start))))
         ways = np.eye(2)[list(free)]
         if free:
-            moved = scipy.optimize.least_squares(
-                lambda way: self.misfit(x + way @ ways),
-                np.zeros(len(ways)),
-                lambda way: self.residual(self.slopes(x + way @ ways, ways)),
-                (low - ways @ x, SEARCH.reach - ways @ x),
-                xtol=1e-6,
-            )
-            x = x + moved.x @ ways
+            least, most = low - ways @ x, SEARCH.reach - ways @ x
+
+            def near(way: Array) -> Near[Array]:
+                error = self.misfit(x + way @ ways)
+                slopes = self.residual(self.slopes(x + way @ ways, ways))
+                return Near(way, float(error @ error), error, slopes, way <= least, way >= most)
+
+            def best(local: Near[Array], steps: list[Array]) -> tuple[Array, float]:
+                places = [np.clip(local.known + step, least, most) for step in steps]
+                return choose_least(places, [float(np.sum(self.misfit(x + way @ ways) ** 2)) for way in places])
+
+            x = x + gauss_newton(np.clip(0.0 * least, least, most), near, best, DESCENT) @ ways
         channel, slopes = self.channel(x), self.slopes(x, ways)
         own, by_torque = self.columns
         design, count = np.column_stack([own, -slopes]), own.shape[1]

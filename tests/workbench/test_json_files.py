@@ -16,7 +16,8 @@ from pendulum_env.servo.drive import ServoDrive
 from tests.cases import recording
 from tests.two_link import recorded
 from tools.prose import ROOT
-from workbench.narrator.diagnosis import write_comparison, write_diagnosis, write_identification
+from workbench.narrator.diagnosis import write_comparison, write_diagnosis
+from workbench.narrator.identification import write_identification
 
 PAGE = (ROOT / "docs" / "how-to" / "results.md").read_text(encoding="utf-8").partition("## Files of `--json`")[2]
 OF_COMMANDS = {"payload", "nearest_body"}  # which commands add

@@ -12,9 +12,8 @@ from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import BASE, Model
 from workbench.inputs import list_sources, open_sources
-from workbench.narrator.diagnosis import list_warnings, write_identification
 from workbench.narrator.findings import describe_nearest_body
-from workbench.narrator.results import explain_trust, tabulate_schemes
+from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes, write_identification
 from workbench.options import LIMITS, READING, ROBOT, add_options
 from workbench.outputs import report_files, write_json, write_model
 from workbench.robot import describe_links

@@ -9,7 +9,6 @@ from estimators.comparison import Comparison
 from estimators.diagnosis.result import Detectable, Diagnosis, HorizonRefit, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Kind, Quantity
-from estimators.schemes.identification import Identification
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
 from pendulum_env.excitation import encode_signal
@@ -21,9 +20,7 @@ from workbench.narrator.effects import name_effect
 from workbench.narrator.findings import describe, describe_aim, measure, measure_change, measure_range
 from workbench.narrator.reasons import describe_reason
 
-FOR_DIAGNOSE = {Kind.INCOMPLETE, Kind.FRICTION_NEGATIVE}  # findings of `identify` that a diagnosis follows up
 COUNTABLE = 100.0  # standard errors, above which their number says nothing more
-OUTLIERS = {Kind.OUTLIER_RECORDING, Kind.SCALED_INERTIA, Kind.SCALED_TORQUE, Kind.TURNED_ROUND}
 
 
 def describe_region(region: Region) -> str:
@@ -202,24 +199,6 @@ def describe_contradiction(found: Diagnosis) -> str:
         f"By the logged torque alone, regressed on the motion: {theirs}; in the loop: {ours}. A simulation follows the "
         "loop."
     )
-
-
-def list_warnings(found: Identification) -> list[str]:
-    """List what an identification found besides its estimates, with the next step."""
-    texts = []
-    for finding in found.findings:
-        text = describe(finding)
-        text += " Run `diagnose`." if finding.kind in FOR_DIAGNOSE else ""
-        text += " Leave it out, or find out what was changed." if finding.kind in OUTLIERS else ""
-        texts.append(text)
-    return texts
-
-
-@show_angles("rad")
-def write_identification(found: Identification) -> JSON:
-    """Return the content of the file of `identify --json`: results, findings, and these in words as `doubts`."""
-    doubts = zip(list_warnings(found), found.findings, strict=True)
-    return found.json() | {"doubts": [{"text": text, "withheld": [*own.withheld]} for text, own in doubts]}
 
 
 @show_angles("rad")

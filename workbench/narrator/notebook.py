@@ -26,7 +26,6 @@ from workbench.narrator.diagnosis import (
     describe_result,
     list_advice,
     list_remarks,
-    list_warnings,
 )
 from workbench.narrator.findings import measure_range
 from workbench.narrator.html import (
@@ -42,18 +41,17 @@ from workbench.narrator.html import (
     make_plot,
     make_table,
 )
+from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes
 from workbench.narrator.notes import describe_note
 from workbench.narrator.results import (
     Part,
     classify_scheme,
     describe_noise,
-    explain_trust,
     narrate_addition,
     narrate_comparison,
     narrate_diagnosis,
     narrate_disagreements,
     tabulate_parameters,
-    tabulate_schemes,
 )
 
 SETTLED = 0.25  # share of a recording after which estimates are in the picture

@@ -11,11 +11,9 @@ import numpy as np
 from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, HorizonRefit, Verdict
-from estimators.schemes.identification import Identification
 from estimators.selection.errors import Errors, Step
 from estimators.signals.residual import SYMBOLS, Profile
 from estimators.simulation.free_running import HORIZON
-from pendulum_env.arms.body import Body
 from pendulum_env.formatting import TextTable, draw_bar, format_quantity, join_words
 from pendulum_env.physics import Model
 from pendulum_env.physics.model import shorten_name
@@ -46,8 +44,6 @@ LEGEND = (
     "the measurement from its mean; held out: not fitted"
 )
 FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
-TIMES = "relative error"  # a row that tells which schemes to trust
-TRUST = f"{TIMES}: standard errors of a scheme over the smallest; trust schemes near 1"
 CLEAR = "clear of stick and reversals"
 FOLLOWED = 80.0  # [%] of the motion in free runs, below which torque alone does not make a good model
 
@@ -262,42 +258,6 @@ def tabulate_detectable(found: Sequence[Detectable]) -> TextTable:
         [(one.effect, describe_detectable(one)) for one in found],
         left=("detectable",),
     )
-
-
-def tabulate_by_scheme(found: Identification) -> TextTable:
-    """Tabulate estimates of every scheme, a row a parameter, a column a scheme."""
-    models = [one.model.estimates for one in found.schemes.values()]
-    rows = [(name, *(own[name].shown.text for own in models), one.shown.unit) for name, one in models[0].items()]
-    rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
-    if len(models) > 1:
-        errors = np.array([[one.std for one in own.values()] for own in models])
-        times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
-        rows.append((TIMES, *(f"{own:.2g}" for own in times.tolist()), ""))
-    return TextTable(("parameter", *found.schemes, "unit"), rows, left=("unit",))
-
-
-def tabulate_schemes(found: Identification, by_instruments: Model | None = None) -> TextTable:
-    """Tabulate the estimates of every scheme, one a row, and those by instruments last; of an arm one a column."""
-    if isinstance(found.body, Body):
-        return tabulate_by_scheme(found)
-    model = next(iter(found.schemes.values())).model
-    columns, units = model.columns, model.units()
-    names = [column.name for column in columns]
-    rows = []
-    for id, result in found.schemes.items():
-        values = [result.model.estimates[name].text for name in names]
-        rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
-    if by_instruments is not None:
-        shown = by_instruments.withhold({name for own in found.findings for name in own.withheld})
-        rows.append(("instruments", *(shown.estimates[name].text for name in names), ""))
-    return TextTable(
-        ("scheme", *(f"{column.name} [{units.unit(column.unit)}]" for column in columns), "residual"), rows
-    )
-
-
-def explain_trust(shown: TextTable) -> str:
-    """Say what the row of errors in a table of schemes means, if the table has one."""
-    return TRUST if any(row[0] == TIMES for row in shown.rows) else ""
 
 
 def describe_noise(floor: float, in_loop: bool = False, units: JointUnits = TURNING) -> str:

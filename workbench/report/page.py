@@ -26,8 +26,9 @@ from pendulum_env.formatting import (
     typeset,
 )
 from workbench.narrator.comparison import describe_comparison, describe_loop, describe_unstable
-from workbench.narrator.diagnosis import describe_disagreement, describe_region, list_warnings
+from workbench.narrator.diagnosis import describe_disagreement, describe_region
 from workbench.narrator.effects import name_effect
+from workbench.narrator.identification import list_warnings
 from workbench.narrator.reasons import describe_reason
 from workbench.narrator.results import tabulate_recordings
 from workbench.report import arm

@@ -9,7 +9,7 @@ from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.app.uploads import unpack
 from workbench.narrator.effects import name_effect
-from workbench.narrator.results import TRUST, tabulate_schemes
+from workbench.narrator.identification import TRUST, tabulate_schemes
 from workbench.report.numbers import make_parameters, make_schemes
 
 

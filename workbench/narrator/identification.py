@@ -1,0 +1,71 @@
+"""An identification in words and as a table, and its file."""
+
+import numpy as np
+
+from estimators.findings import Kind
+from estimators.schemes.identification import Identification
+from pendulum_env._typing import JSON
+from pendulum_env.arms.body import Body
+from pendulum_env.formatting import TextTable
+from pendulum_env.physics import Model
+from pendulum_env.units import show_angles
+from workbench.narrator.findings import describe
+
+FOR_DIAGNOSE = {Kind.INCOMPLETE, Kind.FRICTION_NEGATIVE}  # findings of `identify` that a diagnosis follows up
+OUTLIERS = {Kind.OUTLIER_RECORDING, Kind.SCALED_INERTIA, Kind.SCALED_TORQUE, Kind.TURNED_ROUND}
+TIMES = "relative error"  # a row that tells which schemes to trust
+TRUST = f"{TIMES}: standard errors of a scheme over the smallest; trust schemes near 1"
+
+
+def tabulate_by_scheme(found: Identification) -> TextTable:
+    """Tabulate estimates of every scheme, a row a parameter, a column a scheme."""
+    models = [one.model.estimates for one in found.schemes.values()]
+    rows = [(name, *(own[name].shown.text for own in models), one.shown.unit) for name, one in models[0].items()]
+    rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
+    if len(models) > 1:
+        errors = np.array([[one.std for one in own.values()] for own in models])
+        times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
+        rows.append((TIMES, *(f"{own:.2g}" for own in times.tolist()), ""))
+    return TextTable(("parameter", *found.schemes, "unit"), rows, left=("unit",))
+
+
+def tabulate_schemes(found: Identification, by_instruments: Model | None = None) -> TextTable:
+    """Tabulate the estimates of every scheme, one a row, and those by instruments last; of an arm one a column."""
+    if isinstance(found.body, Body):
+        return tabulate_by_scheme(found)
+    model = next(iter(found.schemes.values())).model
+    columns, units = model.columns, model.units()
+    names = [column.name for column in columns]
+    rows = []
+    for id, result in found.schemes.items():
+        values = [result.model.estimates[name].text for name in names]
+        rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
+    if by_instruments is not None:
+        shown = by_instruments.withhold({name for own in found.findings for name in own.withheld})
+        rows.append(("instruments", *(shown.estimates[name].text for name in names), ""))
+    return TextTable(
+        ("scheme", *(f"{column.name} [{units.unit(column.unit)}]" for column in columns), "residual"), rows
+    )
+
+
+def explain_trust(shown: TextTable) -> str:
+    """Say what the row of errors in a table of schemes means, if the table has one."""
+    return TRUST if any(row[0] == TIMES for row in shown.rows) else ""
+
+
+def list_warnings(found: Identification) -> list[str]:
+    """List what an identification found besides its estimates, with the next step."""
+    texts = []
+    for finding in found.findings:
+        text = describe(finding)
+        text += " Run `diagnose`." if finding.kind in FOR_DIAGNOSE else ""
+        text += " Leave it out, or find out what was changed." if finding.kind in OUTLIERS else ""
+        texts.append(text)
+    return texts
+
+
+@show_angles("rad")
+def write_identification(found: Identification) -> JSON:
+    """Return the content of the file of `identify --json`: results, findings, and these in words as `doubts`."""
+    doubts = zip(list_warnings(found), found.findings, strict=True)
+    return found.json() | {"doubts": [{"text": text, "withheld": [*own.withheld]} for text, own in doubts]}
