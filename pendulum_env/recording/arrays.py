@@ -10,7 +10,6 @@ from zipfile import is_zipfile
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import scipy
 from numpy.typing import NDArray
 
@@ -289,6 +288,8 @@ def read_parquet(path: Path, find: ColumnFinder) -> RawTable:
     Raises:
         RecordingError: if a column is missing or does not hold numbers.
     """
+    import pyarrow.parquet as pq  # takes a while to import
+
     with pq.ParquetFile(path, pre_buffer=False) as file:
 
         def first(names: list[str]) -> Any:

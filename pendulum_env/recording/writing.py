@@ -9,7 +9,6 @@ from typing import BinaryIO
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
-import pyarrow.parquet as pq
 
 from pendulum_env._typing import Array
 from pendulum_env.arguments import check_order
@@ -58,6 +57,8 @@ def _write_gzip(file: BinaryIO, columns: dict[str, Array]) -> None:
 
 
 def _write_parquet(file: BinaryIO, columns: dict[str, Array]) -> None:
+    import pyarrow.parquet as pq  # takes a while to import
+
     pq.write_table(pa.table(columns), file)
 
 
