@@ -3,6 +3,8 @@
 Importing it makes the environments known to `gymnasium.make`, as is Gymnasium's custom.
 """
 
-from pendulum_env.registration import register_environments
+from pendulum_env.registration import ARM, ARM_DESIGN, DESIGN, PENDULUM, register_environments
+
+__all__ = ["ARM", "ARM_DESIGN", "DESIGN", "PENDULUM"]
 
 register_environments()
