@@ -97,17 +97,17 @@ class TrainingTask(DiscreteActions):
         return mirrored.astype(np.float32)
 
 
-def train(config: Config, tell: Progress | None = None, folder: Path | None = None, resume: bool = False) -> Network:
+def train(config: Config, tell: Progress | None = None, folder: Path | None = None) -> Network:
     """Train a policy; the same configuration gives the same policy on the same machine.
 
     Args:
         config: of the training.
         tell: called with the progress, as text and as a share.
-        folder: of the last checkpoint, policies `steps-N.npz`, and a log for TensorBoard if that is installed.
-        resume: continue from the checkpoint in the folder, if there is one.
+        folder: of the last checkpoint, from which the training continues if there is one, policies `steps-N.npz`, and
+            a log for TensorBoard if that is installed.
 
     Raises:
-        CheckpointError: if the folder holds a training and `resume` is false, or a training of another configuration.
+        CheckpointError: if the folder holds a training of another configuration.
         OSError: if the folder is not writable.
     """
     torch.set_num_threads(1)  # one thread: results repeat, and small networks gain nothing from more
@@ -115,10 +115,8 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
         folder.mkdir(parents=True, exist_ok=True)
     if folder is None or not (folder / CHECKPOINT).exists():
         model = make_model(config)
-    elif resume:
-        model = _read_checkpoint(folder / CHECKPOINT, config)
     else:
-        raise CheckpointError(f"{folder}: holds a training already: resume it (--resume), or choose another folder")
+        model = _read_checkpoint(folder / CHECKPOINT, config)
     if model.num_timesteps < config.steps:
         log = None if folder is None or find_spec("tensorboard") is None else str(folder / "tensorboard")
         model.tensorboard_log = log

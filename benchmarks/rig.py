@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import gymnasium as gym
@@ -18,13 +19,26 @@ from workbench.terminal import Terminal
 RATES = (500.0, 1000.0, 2000.0)  # [Hz]
 
 
+def start_emulator(
+    config: Path, rate: float, limits: Mapping[str, float], realtime: bool = False, log: Path | None = None
+) -> subprocess.Popen[str]:
+    """Start a process with an emulated rig, patient towards other programs; it reads mishaps and `quit`."""
+    limits = {"behind": 5.0, "overruns": 1_000_000, **limits}
+    code = (
+        "from pathlib import Path; from pendulum_env.backends.emulators import emulate, make_serial\n"
+        "from pendulum_env.plant import paper_plant\n"
+        f"emulate(make_serial, paper_plant(), Path({str(config)!r}), {rate}, {{'limits': {limits}}}, "
+        f"lambda text: print(text, flush=True), realtime={realtime}, log={log and f'Path({str(log)!r})'})"
+    )
+    command = [sys.executable, "-c", code]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
 def row(rate: float, seconds: float, realtime: bool) -> tuple[str, ...]:
     """Rate, cost of an exchange, and how late its samples were."""
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder) / "rig.toml"
-        command = [sys.executable, "-m", "workbench.cli", "emulate", "serial", "--rate", str(rate), "-o", str(config)]
-        command += ["--watchdog", "2", *(["--realtime"] if realtime else [])]
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as emulator:
+        with start_emulator(config, rate, {"watchdog": 2.0, "gap": 1.5}, realtime) as emulator:
             assert emulator.stdout is not None
             try:
                 emulator.stdout.readline()  # it is ready

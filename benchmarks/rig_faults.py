@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 
+from benchmarks.rig import start_emulator
 from pendulum_env.backends.emulators.motor import MISREADINGS
 from pendulum_env.backends.hardware.config import PlantRanges
 from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
@@ -39,9 +39,8 @@ def until_stopped(mishap: str, torque: float, seed: int) -> tuple[float, float]:
     signal, moment = excitation(name, rng, 10.0, torque).signal, rng.uniform(0.5, 1.5)
     with tempfile.TemporaryDirectory() as folder:
         config, log = Path(folder) / "rig.toml", Path(folder) / "motor.log"
-        command = [sys.executable, "-m", "workbench.cli", "emulate", "serial", "--rate", str(RATE)]
-        command += ["-o", str(config), "--log", str(log), "--watchdog", "3", "--reply", "1.5"]
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as emulator:
+        limits = {"watchdog": 3.0, "gap": 2.25, "reply": 1.5}
+        with start_emulator(config, RATE, limits, log=log) as emulator:
             assert emulator.stdin is not None and emulator.stdout is not None
             try:
                 emulator.stdout.readline()  # it is ready

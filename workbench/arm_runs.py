@@ -17,6 +17,7 @@ from estimators.arms.reference import Reference
 from pendulum_env.arms.body import Body, BodyError
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
 from pendulum_env.arms.plane import find_planar_links
+from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.formatting import join_words
 from pendulum_env.reading import LARGE
@@ -70,7 +71,6 @@ def _plan_motion(
 ) -> Reference:
     """Plan the reference that is asked for, within the limits; raises InputError if a policy is none for this arm."""
     limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
-    limits["max_acceleration"] = arguments.max_acceleration
     if learnt:
         return plan_motion(load(arguments.policy or ARM), body, find_limits(body, **limits), seconds)
     return design_excitation(body, seconds, **limits, rng=rng)
@@ -78,7 +78,7 @@ def _plan_motion(
 
 def _make_arm(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
     """Make the arm in pymunk if all joints turn in a vertical plane, else, or where that is asked for, in MuJoCo."""
-    seen = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": arguments.noise}
+    seen = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": TORQUE_NOISE}
     seen |= {"effects": arguments.effects, "max_torque": MOST_TORQUE}
     if arguments.backend != "mujoco":
         try:

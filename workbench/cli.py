@@ -8,8 +8,6 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
-from pathlib import Path
 from typing import NoReturn
 
 from pendulum_env.lookup import find
@@ -38,7 +36,6 @@ COMMANDS: dict[str, str] = {  # in the order of a first visit, and what help say
     "evaluate": "compare excitation policies with the paper's signal, on fresh plants",
     "app": "the workbench in a browser: load, compare, diagnose, add, export (needs the extra app)",
 }
-ELSEWHERE = {"report": "a report is written by diagnose or compare, with --report FILE.html"}  # what is no command
 
 
 class Parser(argparse.ArgumentParser):
@@ -52,8 +49,6 @@ class Parser(argparse.ArgumentParser):
 def parse(argv: Sequence[str]) -> argparse.Namespace:
     """Parse the arguments of a command; raises InputError if they make no sense."""
     named = argv[0] if argv and not argv[0].startswith("-") else None
-    if named in ELSEWHERE:
-        raise InputError(f"there is no command '{named}': {ELSEWHERE[named]}")
     if named is not None:
         find("command", named, COMMANDS)
     load_plugins(argv)
@@ -63,7 +58,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     for name, summary in COMMANDS.items():
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         if name == named:  # only what is run is imported: no command waits for the libraries of the others
-            refuse_other_packages()
             command = import_module(f"workbench.commands.{name}")
             command.configure(sub)
             sub.add_argument(
@@ -82,24 +76,14 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
 
 
 def _refuse_other_kind(arguments: argparse.Namespace) -> None:
-    """Refuse what is of an arm where no robot is named, and what says nothing of an arm where one is."""
+    """Refuse options of arms without a robot file, and options of pendulums with one."""
     given = vars(arguments)
-    has_robot = given.get("robot") is not None
-    actions, why = given["refused"][has_robot] if "refused" in given else ((), "")
-    for action in actions:
-        if given[action.dest] != action.default:
-            raise InputError(f"{action.option_strings[-1]} {why}")
-    looked_for = (
-        *given.get("effects", ()),
-        given.get("effect", ""),
-        *(given.get("only") or ()),
-        *given.get("without", ()),
-    )
-    for effect in () if has_robot else looked_for:
-        if "@" in effect:
-            raise InputError(
-                f"{effect}: is an effect at a joint of an arm, which takes --robot; a pendulum has one joint"
-            )
+    kind, why = ("of_arms", "is of an arm: give its links with --robot ARM.urdf")
+    if given.get("robot") is not None:
+        kind, why = ("of_pendulums", "is for pendulums: leave it out with --robot")
+    for name in given.get(kind, ()):
+        if given.get(name) not in (None, False, [], {}):
+            raise InputError(f"{write_option(name, True)} {why}")
 
 
 def load_plugins(argv: Sequence[str]) -> None:
@@ -111,24 +95,6 @@ def load_plugins(argv: Sequence[str]) -> None:
     early.add_argument("--plugin", action="append", default=[])
     for path in early.parse_known_args(argv)[0].plugin:
         import_module(PLUGINS).load_plugin(path)
-
-
-def refuse_other_packages() -> None:
-    """Refuse packages of the same name that Python finds before those of this distribution.
-
-    Raises:
-        InputError: naming both folders.
-    """
-    for name in ("estimators", "agents"):
-        own = Path(__file__).resolve().parents[1] / name
-        found = find_spec(name)
-        file = Path((found and found.origin) or "nowhere").resolve()
-        other = file.parent if file.name == "__init__.py" else file
-        if other != own:
-            raise InputError(
-                f"Python finds the package '{name}' in {other}, before that of {PROGRAM} in {own}: rename the first, "
-                "or take its folder off the Python path"
-            )
 
 
 def _find_version() -> str:
@@ -157,10 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BaseException as error:
         if isinstance(error, SystemExit) and isinstance(error.code, int) and error.code > 128:
             return error.code  # a signal, wherever it came: see `entry.py`
-        of_plugin = _find_effect_fault(error)
-        if of_plugin is None and isinstance(error, SystemExit):
-            of_plugin = InputError("a plugin ended it by sys.exit: take that out")
-        if of_plugin is None:
+        if (of_plugin := _find_effect_fault(error)) is None:
             raise
         return _print_error(format_mistake(of_plugin), BAD_INPUT)
     finally:

@@ -14,14 +14,14 @@ class Interrupted(KeyboardInterrupt):
     """A command was interrupted; the message says what is left of its work."""
 
 
-OPTIONS = {"fixed": "--fix", "bolted": "--base fixed"}  # of arguments that have another name in Python
+OPTIONS = {"fixed": "--fix", "bounds": "--bound"}  # of arguments that have another name in Python
 USER_ERRORS = (UserError, OSError, ModuleNotFoundError)  # the last of an extra, whose name it tells
 LONGEST = 500  # characters of a sentence
 
 
 def write_option(name: str, value: object) -> str:
     """Write an argument of the libraries as the option of a command, ready to paste."""
-    option = OPTIONS.get(name, f"--{name}")
+    option = OPTIONS.get(name, f"--{name.replace('_', '-')}")
     if value is True:
         return option
     if isinstance(value, Mapping):

@@ -20,7 +20,6 @@ from workbench.narrator.results import Part, narrate_diagnosis
 from workbench.terminal import Terminal
 
 MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"
-ALL = ": --all shows them"
 
 
 def print_parts(parts: Sequence[Part], terminal: Terminal) -> None:
@@ -37,12 +36,10 @@ def print_parts(parts: Sequence[Part], terminal: Terminal) -> None:
                     terminal.say(f"- {line}")
 
 
-def print_diagnosis(
-    found: Diagnosis, terminal: Terminal, verbose: bool = False, every: bool = False, more: str = MORE
-) -> None:
+def print_diagnosis(found: Diagnosis, terminal: Terminal, verbose: bool = False, more: str = MORE) -> None:
     """Print a diagnosis; of several joints, which have many, parameters of effects alone.
 
-    What does not count is told if `verbose`, of every candidate if `every`; else `more` says how to see it.
+    What does not count is printed if `verbose`; else `more` tells how to see it.
     """
     estimates = found.model.readable
     if len(found.floors) > 1:
@@ -64,7 +61,7 @@ def print_diagnosis(
     for line in (*lines, f"next: {step}"):
         terminal.say(line)
     if verbose:
-        print_parts(narrate_diagnosis(found, every, ALL), terminal)
+        print_parts(narrate_diagnosis(found), terminal)
     elif more:
         terminal.say(more)
 

@@ -19,6 +19,7 @@ from estimators.wrappers.options import find_smoothing
 from pendulum_env.backends.hardware import config
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import STILL, Excitation, excitation
 from pendulum_env.physics import Model
 from pendulum_env.policy import OpenLoop, rollout
@@ -84,7 +85,7 @@ class Plan:
             model=None if asked.replay is not None else self.plant,
             rate=asked.rate,
             counts=asked.counts,
-            torque_noise=asked.noise,
+            torque_noise=TORQUE_NOISE,
             max_torque=max(MAX_TORQUE, self.command.amplitude),
             recording=asked.replay,
         )

@@ -192,13 +192,12 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lif
     assert titles[:2] == ["position q [m]", "velocity q' [m/s]"] and titles[3] == "angle q [rad]"
 
 
-def test_a_base_that_floats_is_taken_for_fixed_only_if_that_is_said(done, refused, folder, tmp_path):
+def test_a_base_that_floats_is_taken_as_bolted_down_and_listed(done, folder, tmp_path):
     text = (folder / "arm.urdf").read_text().replace('<link name="base"/>', '<link name="world"/><link name="base"/>')
     root = '<joint name="root" type="floating"><parent link="world"/><child link="base"/></joint></robot>'
     (tmp_path / "arm.urdf").write_text(text.replace("</robot>", root))
     asked = ("identify", str(folder / "plain.csv"), "--scheme", "energy")
-    assert "joint 'root' lets the base float: give --base fixed" in refused(*of_arm(tmp_path, *asked))
-    assert "held: root at zero" in done(*of_arm(tmp_path, *asked, "--base", "fixed"))
+    assert "held: root at zero" in done(*of_arm(tmp_path, *asked))
 
 
 MISTAKES = {
@@ -231,8 +230,7 @@ MISTAKES = {
     ],
     "": [  # of a pendulum
         ("diagnose hidden.csv --only coupling", ""),  # it has no two joints
-        ("record --effect stribeck@elbow -o x.csv", "is an effect at a joint of an arm, which takes --robot"),
-        ("add m.json stribeck@elbow plain.csv", "is an effect at a joint of an arm"),
+        ("record --effect stribeck@elbow -o x.csv", "unknown effect 'stribeck@elbow': did you mean stribeck"),
         ("record --max-speed 2 -o x.csv", "--max-speed is of an arm: give its links with --robot"),
         ("identify plain.csv --joints elbow", "--joints is of an arm: give its links with --robot"),
         ("identify arm.toml", "its study names joints of an arm"),

@@ -70,12 +70,6 @@ def test_files_are_written_though_nobody_reads_what_is_said(tmp_path, recording)
     assert (done.stdout, done.stderr) == ("0\n", "") and model.is_file()
 
 
-def test_an_effect_of_a_package_that_ends_the_program_is_told(monkeypatch, capsys):
-    monkeypatch.setattr("workbench.commands.effects.run", lambda arguments, terminal: sys.exit(0))
-    assert main(["effects"]) == 2
-    assert capsys.readouterr().err == "pendulum-ident: a plugin ended it by sys.exit: take that out\n"
-
-
 @pytest.mark.parametrize(("what", "code"), [("SystemExit(143)", 143), ("SystemExit(0)", 2), ("BaseException('x')", 2)])
 def test_what_an_effect_of_a_file_does_wrong_is_told_with_its_line_but_a_signal_is_no_fault_of_it(
     monkeypatch, capsys, tmp_path, what, code

@@ -7,11 +7,11 @@ from estimators.diagnosis.addition import add
 from estimators.free_swings import find_scaling_values
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics.library import find_addition
+from workbench import options
 from workbench.errors import InputError
 from workbench.inputs import list_sources, open_sources
 from workbench.narrator.effects import find_description
 from workbench.narrator.results import narrate_addition
-from workbench.options import LIMITS, READING, ROBOT, add_options, find_effect
 from workbench.outputs import report_files, write_model
 from workbench.printing import print_parts
 from workbench.terminal import Terminal
@@ -19,16 +19,21 @@ from workbench.terminal import Terminal
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, effect, recordings and output."""
-    add_options(
-        parser,
-        f"""
-        model
-        effect EFFECT  an id that `effects` lists, of an effect or a table; of an arm ID@JOINT
-        recordings --holdout {READING} --drive {ROBOT} --align {LIMITS} --degrees
-        -o, --output MODEL.json  write the model with the effect
-        """,
-        effect=_convert_effect,
+    options.add_model(parser)
+    parser.add_argument(
+        "effect",
+        metavar="EFFECT",
+        type=options.keep_message(_convert_effect),
+        help="an id that `effects` lists, of an effect or a table; of an arm ID@JOINT",
     )
+    options.add_recordings(parser)
+    options.add_holdout(parser)
+    options.add_drive(parser)
+    options.add_alignment(parser)
+    options.add_limits(parser)
+    options.add_degrees(parser)
+    parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model with the effect")
+    options.add_robot(parser)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -49,6 +54,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def _convert_effect(text: str) -> str:
     if Path(text).is_file():
-        raise argparse.ArgumentTypeError(f"{text} is a file: the order is MODEL.json EFFECT RECORDING")
-    find_effect(text.partition("@")[0], find_addition)
+        raise InputError(f"{text} is a file: the order is MODEL.json EFFECT RECORDING")
+    options.find_effect(text.partition("@")[0], find_addition)
     return text

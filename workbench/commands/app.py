@@ -9,26 +9,25 @@ from threading import Timer
 
 from pendulum_env.errors import ColumnError
 from pendulum_env.recording import Source
+from workbench import options
 from workbench.errors import InputError
 from workbench.inputs import list_sources, make_robot, read_all
-from workbench.options import KINDS, READING, ROBOT, add_options, convert_whole
 from workbench.processes import hold_interrupts
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
-    add_options(
-        parser,
-        f"""
-        recordings  {KINDS}; to begin with
-        {READING} {ROBOT}
-        --port  of this computer (default 8050); 0: any
-        --no-browser  open none, only print the address
-        """,
-        recordings={"nargs": "*"},
-        port=(convert_whole(0, 65535), 8050),
+    parser.add_argument("recordings", metavar="RECORDING", nargs="*", help=f"{options.KINDS}; to begin with")
+    options.add_reading(parser)
+    parser.add_argument(
+        "--port",
+        type=options.convert_whole(0, 65535),
+        default=8050,
+        help="of this computer (default 8050); 0: any",
     )
+    parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
+    options.add_robot(parser)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -6,21 +6,19 @@ from dataclasses import replace
 
 from estimators.arms.payload import Payload, find_payload
 from estimators.comparison import compare, convert_to_model_unit
-from estimators.in_loop.rollouts import are_driven
 from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_links
 from pendulum_env.formatting import TextTable, join_words
-from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import apply_log_format
+from workbench import options
 from workbench.errors import InputError
 from workbench.inputs import Inputs, list_sources, open_sources, read_all, read_source_names, report_timing
 from workbench.narrator.diagnosis import write_comparison
 from workbench.narrator.results import Part, narrate_comparison
-from workbench.options import KINDS, READING, ROBOT, add_options, convert_between
 from workbench.outputs import check_outputs, report_files, write_json, write_page
 from workbench.printing import print_parts
 from workbench.terminal import Terminal
@@ -28,28 +26,34 @@ from workbench.terminal import Terminal
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
-    add_options(
-        parser,
-        f"""
-        model
-        recordings  {KINDS}; each compared with the model
-        {READING} --drive --align --report --degrees
-        --loop  simulate whole recordings in closed loop from their reference, which needs --drive or a study with
-            [drive]; if a drive is known, these errors are given anyway
-        --horizon S  simulate free motion over S seconds (default {HORIZON:g})
-        {ROBOT}
-        --payload JOINT  with --robot: identify the load that the arm carries in these recordings, at the link behind
-            JOINT (default: the last)
-        --without RECORDING  with --payload: a recording without the load (may be repeated), to which the model is
-            refitted
-        --json FILE  write errors, profiles and regions
-        """,
-        arms=("payload", "without"),
-        pendulums=("loop", "horizon"),
-        horizon=convert_between(0.0, LARGE),
-        payload={"nargs": "?", "const": ""},  # no joint is named
-        without={"action": "append", "default": []},
+    options.add_model(parser)
+    options.add_recordings(parser)
+    options.add_drive(parser)
+    options.add_alignment(parser)
+    options.add_report(parser)
+    options.add_degrees(parser)
+    parser.add_argument(
+        "--horizon",
+        type=options.convert_number(1e-3),
+        help=f"simulate free motion over so many seconds (default {HORIZON:g})",
     )
+    parser.add_argument(
+        "--payload",
+        metavar="JOINT",
+        nargs="?",
+        const="",  # no joint is named
+        help="with --robot: identify the load that the arm carries in these recordings, at the link behind JOINT "
+        "(default: the last)",
+    )
+    parser.add_argument(
+        "--without",
+        metavar="RECORDING",
+        action="append",
+        default=[],
+        help="with --payload: a recording without the load (may be repeated), to which the model is refitted",
+    )
+    parser.add_argument("--json", metavar="FILE", help="write errors, profiles and regions")
+    options.add_robot(parser, arms=["payload", "without"], pendulums=["horizon"])
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -60,8 +64,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs(outputs, [arguments.model])
     asked = open_sources(arguments, list_sources(arguments, outputs), terminal)
     model, recordings = asked.model, [*asked.recordings, *asked.holdout]
-    if arguments.loop and not are_driven(recordings):
-        raise InputError(f"{recordings[0].name}: --loop needs its controller: give --drive, or [drive] in a study")
     if not isinstance(asked.body, Body):
         given = report_timing(convert_to_model_unit(model, recordings), arguments.align, terminal)
     else:

@@ -27,7 +27,7 @@ from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.spaces import MAX_TORQUE
-from workbench.options import add_options
+from workbench import options
 from workbench.outputs import check_outputs, report_files, write_page
 from workbench.printing import print_diagnosis
 from workbench.terminal import Terminal
@@ -51,16 +51,14 @@ class HiddenPlant(NamedTuple):
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare seed and output."""
-    add_options(
-        parser,
-        f"""
-        --robot  an arm instead of a pendulum (needs the extra arms)
-        --seed  another seed hides another effect (default 0)
-        --verbose
-        -o, --output FOLDER/report.html  report to write, with the recordings beside it (default
-            {FOLDER / "report.html"})
-        """,
-        robot={"choices": ("two-link",), "metavar": None},
+    parser.add_argument("--robot", choices=("two-link",), help="an arm instead of a pendulum (needs the extra arms)")
+    options.add_seed(parser, "another one hides another effect")
+    options.add_verbose(parser)
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FOLDER/report.html",
+        help=f"report to write, with the recordings beside it (default {FOLDER / 'report.html'})",
     )
 
 

@@ -8,10 +8,9 @@ from estimators.diagnosis.run import diagnose
 from estimators.selection.criterion import Criterion
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
-from pendulum_env.reading import LARGE
+from workbench import options
 from workbench.inputs import list_sources, open_sources
 from workbench.narrator.diagnosis import write_diagnosis
-from workbench.options import LIMITS, READING, ROBOT, add_options, convert_between, convert_number
 from workbench.outputs import report_files, write_json, write_model, write_page
 from workbench.printing import MORE, print_diagnosis
 from workbench.terminal import Terminal
@@ -21,34 +20,47 @@ ASKED = "only without fixed bounds max_torque max_angle max_speed horizon".split
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, model to start from, and outputs."""
-    add_options(
-        parser,
-        f"""
-        recordings --holdout {READING} --drive {ROBOT}
-        --model  start from its terms (default: the paper's four; of an arm, friction at each joint)
-        --only  look for these effects only; of an arm at every joint, or at one, as stribeck@elbow
-        --without {LIMITS} --instruments
-        --significance P  largest p-value of the gain of an effect that is added, above 0 and below 1
-            (default {Criterion.p_value:g}); a smaller one asks for clearer evidence
-        --degrees --verbose
-        --all  as --verbose, with every effect, also those that could not be judged
-        --max-torque NM  largest torque of a suggested experiment [N m] (default {USUAL:g}, at most ten times the
-            largest recorded)
-        --max-angle RAD  its largest angle to either side [rad], inf for any (default: as recorded)
-        --max-speed RAD/S  its highest speed [rad/s], inf for any (default: as recorded)
-        --experiment FILE.csv  write the torque of the suggested experiment
-        --horizon S  refit the final model to free motion over S seconds under the recorded torque
-        --json FILE  write the diagnosis
-        --report
-        -o, --output MODEL.json  write the final model
-        """,
-        pendulums=("max_torque", "max_angle", "max_speed", "experiment", "horizon"),
-        significance=(convert_between(0.0, 1.0), Criterion.p_value),
-        max_torque=convert_number(0.1, MOST_TORQUE),
-        max_angle=convert_number(0.01, math.inf),
-        max_speed=convert_number(0.01, math.inf),
-        horizon=convert_between(0.0, LARGE),
+    options.add_recordings(parser)
+    options.add_holdout(parser)
+    options.add_drive(parser)
+    options.add_search(parser)
+    options.add_limits(parser)
+    parser.add_argument(
+        "--significance",
+        metavar="P",
+        type=options.convert_number(1e-9, 0.5),
+        default=Criterion.p_value,
+        help="largest p-value of the gain of an effect that is added "
+        f"(default {Criterion.p_value:g}); a smaller one asks for clearer evidence",
     )
+    parser.add_argument(
+        "--horizon",
+        type=options.convert_number(1e-3),
+        help="refit the final model to free motion over so many seconds under the recorded torque",
+    )
+    options.add_degrees(parser)
+    options.add_verbose(parser)
+    parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
+    options.add_report(parser)
+    parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
+    group = parser.add_argument_group("the next experiment")
+    group.add_argument(
+        "--max-torque",
+        type=options.convert_number(0.1, MOST_TORQUE),
+        help=f"its largest torque [N m] (default {USUAL:g}, at most ten times the largest recorded)",
+    )
+    group.add_argument(
+        "--max-angle",
+        type=options.convert_number(0.01, math.inf),
+        help="its largest angle to either side [rad], inf for any (default: as recorded)",
+    )
+    group.add_argument(
+        "--max-speed",
+        type=options.convert_number(0.01, math.inf),
+        help="its highest speed [rad/s], inf for any (default: as recorded)",
+    )
+    group.add_argument("--experiment", metavar="FILE.csv", help="write its torque, for a controller of your own")
+    options.add_robot(parser, pendulums=["max_torque", "max_angle", "max_speed", "experiment", "horizon"])
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -72,7 +84,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     write_json(arguments.json, write_diagnosis(found))
     write_page(arguments.report, terminal, "workbench.report:render", found, arguments.line)
     hint = MORE if arguments.report is None else ""
-    print_diagnosis(found, terminal, arguments.verbose or arguments.all, arguments.all, hint)
+    print_diagnosis(found, terminal, arguments.verbose, hint)
     if arguments.experiment is not None and not has_signal:
         why = "there is no experiment" if found.suggestion is None else "the experiment has no torque"
         terminal.say(f"{arguments.experiment} is not written: {why}")

@@ -8,14 +8,19 @@ from pendulum_env.physics.library import find_addition
 from pendulum_env.physics.table import TABLES, Table
 from pendulum_env.plant import get_typical_values
 from workbench.narrator.effects import find_description, find_look_alikes, name_effect
-from workbench.options import add_options
+from workbench.options import keep_message
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Take effects to tell more of."""
-    what = "shown EFFECT  describe how this one shows, and what reveals it"
-    add_options(parser, what, shown={"nargs": "*", "type": find_addition})
+    parser.add_argument(
+        "shown",
+        metavar="EFFECT",
+        nargs="*",
+        type=keep_message(find_addition),
+        help="describe how this one shows, and what reveals it",
+    )
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager, nullcontext
@@ -15,11 +14,10 @@ from agents.comparison import compare_policies
 from agents.contenders import load_class
 from agents.network import load
 from agents.observer import CONSTRAINTS
-from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.lookup import find
+from workbench import options
 from workbench.errors import InputError
-from workbench.options import add_options, convert_choice, convert_number, convert_whole
 from workbench.outputs import check_outputs, report_files, write_json
 from workbench.processes import open_local_workers
 from workbench.terminal import Terminal
@@ -30,32 +28,25 @@ PLANNER = "look-ahead"  # with which the agent's information and time are compar
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare policies, plants and output."""
-    known = f"{SHIPPED} (which ships), {', '.join(BASELINES)}"
-    add_options(
-        parser,
-        f"""
-        policies POLICY  {known}; a file NAME.npz that `train` wrote, a model NAME.zip of stable-baselines3, which runs
-            the pickles in it, or MODULE:CLASS, an own class with `predict`; all that have a name by default
-        --constraint  {", ".join(CONSTRAINTS)}
-        --plants  fresh plants (default 160)
-        --spread  within which they differ (default 0.3)
-        --max-speed RAD/S  beyond which no torque drives the arm on
-        --max-turns TURNS  likewise, to either side
-        --seed  of plants, noise and signals (default 0)
-        --scheme  of the estimator (default filtered_dynamic)
-        --effect  hide an effect in the plants (may be repeated)
-        --workers  processes on this computer (default: one for each core)
-        --json FILE  write all figures there
-        """,
-        policies={"nargs": "*"},
-        constraint=(convert_choice("constraint", CONSTRAINTS), "peak"),
-        plants=(convert_whole(2, 10_000), 160),  # they take a quarter of an hour for each policy
-        spread=(convert_number(0.0, 0.9), 0.3),
-        max_speed=convert_number(0.1),
-        max_turns=convert_number(0.01),
-        workers=(convert_whole(1, 1000), os.cpu_count() or 1),
-        scheme=(convert_choice("scheme", [item.id for item in SCHEMES]), "filtered_dynamic"),
+    parser.add_argument(
+        "policies",
+        metavar="POLICY",
+        nargs="*",
+        help=f"{SHIPPED} (which ships), {', '.join(BASELINES)}; a file NAME.npz that `train` wrote, a model NAME.zip "
+        "of stable-baselines3, which runs the pickles in it, or MODULE:CLASS, an own class with `predict` (all by "
+        "default)",
     )
+    parser.add_argument("--constraint", choices=CONSTRAINTS, default="peak", help="of the torque (default peak)")
+    parser.add_argument(
+        "--plants",
+        type=options.convert_whole(2, 10_000),
+        default=160,  # they take a quarter of an hour for each policy
+        help="fresh plants, within 30 %% of the paper's (default 160)",
+    )
+    options.add_seed(parser, "of plants, noise and signals")
+    options.add_hidden_effects(parser)
+    options.add_workers(parser)
+    parser.add_argument("--json", metavar="FILE", help="write all figures there")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -76,10 +67,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
                 plants=arguments.plants,
                 seed=arguments.seed,
                 effects=arguments.effects,
-                spread=arguments.spread,
-                max_speed=arguments.max_speed,
-                max_turns=arguments.max_turns,
-                scheme=arguments.scheme,
                 executor=executor,
                 progress=tell,
             )

@@ -10,44 +10,64 @@ from pendulum_env.physics import Model
 from pendulum_env.reading import quote_value
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import Source, apply_log_format
+from workbench import options
 from workbench.errors import InputError
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
 from workbench.inputs import make_body, read_all, read_model, read_source_names
-from workbench.options import DRIVEN, READING, ROBOT, add_options, convert_number
 from workbench.outputs import check_outputs, report_files
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, format, output and how."""
-    what = "the controller of a servo, exported with its joint"
-    add_options(
-        parser,
-        f"""
-        model
-        --to  {"; ".join(f"{name}, {about}" for name, about in FORMATS.items())}
-        -o, --output FILE  write it there (default: print it, unless --check)
-        --approximate  approximate or leave out what the format cannot hold, and say so in the file
-        --step SECONDS  of python, c and mjcf (default {Request.step:g})
-        --mass KG  of the arm, where it is known: motion tells inertia and weight, not mass (default: a uniform rod)
-        --armature KGM2  inertia of the rotor about the joint, where it is known: motion tells its sum with the arm's
-            (default 0)
-        --drive  {what}, {DRIVEN}; it is then told a goal, not a torque
-        --callback FILE  with mjcf: a program beside it, in Python (.py) or C (.c), with what MuJoCo does not have:
-            effects such as Stribeck and load-dependent friction, rate and delay of the controller
-        --check RECORDING  with mjcf: run it in MuJoCo against a recording or a study, in the loop where a drive is
-            known
-        {READING}
-        --robot  with mjcf: the model is of an arm with these links, URDF or MJCF (needs the extra arms)
-        {ROBOT.partition(" ")[2]}
-        """,
-        pendulums=("mass", "armature", "callback", "check"),
-        to={"required": True, "choices": tuple(FORMATS)},
-        step=(convert_number(1e-6, 0.1), Request.step),
-        mass=convert_number(1e-6),
-        armature=(convert_number(0.0), 0.0),
+    options.add_model(parser)
+    parser.add_argument(
+        "--to", required=True, choices=tuple(FORMATS), help="; ".join(f"{id}, {about}" for id, about in FORMATS.items())
     )
+    parser.add_argument("-o", "--output", metavar="FILE", help="write it there (default: print it, unless --check)")
+    parser.add_argument(
+        "--approximate",
+        action="store_true",
+        help="approximate or leave out what the format cannot hold, and say so in the file",
+    )
+    parser.add_argument(
+        "--step",
+        type=options.convert_number(1e-6, 0.1),
+        default=Request.step,
+        help=f"of python, c and mjcf [s] (default {Request.step:g})",
+    )
+    options.add_drive(
+        parser,
+        f"the controller that is exported with the joint, {options.DRIVE}; it is then told a goal, not a torque",
+    )
+    group = parser.add_argument_group("mjcf")
+    group.add_argument(
+        "--mass",
+        metavar="KG",
+        type=options.convert_number(1e-6),
+        help="of the arm, where it is known: motion tells inertia and weight, not mass (default: a uniform rod)",
+    )
+    group.add_argument(
+        "--armature",
+        metavar="KGM2",
+        type=options.convert_number(0.0),
+        default=0.0,
+        help="inertia of the rotor about the joint, where it is known: motion tells its sum with the arm's (default 0)",
+    )
+    group.add_argument(
+        "--callback",
+        metavar="FILE",
+        help="a program beside it, in Python (.py) or C (.c), with what MuJoCo does not have: effects such as Stribeck "
+        "and load-dependent friction, rate and delay of the controller",
+    )
+    group.add_argument(
+        "--check",
+        metavar="RECORDING",
+        help="run it in MuJoCo against a recording or a study, in the loop where a drive is known",
+    )
+    options.add_reading(parser)
+    options.add_robot(parser, pendulums=["mass", "armature", "callback", "check"], about="with mjcf: the arm")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -5,21 +5,14 @@ import argparse
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError
 from workbench.errors import InputError
-from workbench.options import add_options
 from workbench.rig_check import CheckFailed, check_rig
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what to do with which rig."""
-    add_options(
-        parser,
-        """
-        what  wiring, signs, zero and limits, step by step at low torque
-        config CONFIG  the rig's rig.toml, see docs/hardware.md
-        """,
-        what={"choices": ["check"]},
-    )
+    parser.add_argument("what", choices=("check",), help="wiring, signs, zero and limits, step by step at low torque")
+    parser.add_argument("config", metavar="CONFIG", help="the rig's rig.toml, see docs/hardware.md")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

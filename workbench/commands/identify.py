@@ -1,6 +1,7 @@
 """`identify`: the parameters of the paper's model, by each of the six schemes."""
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 
 from estimators.arguments import apply_limits
@@ -11,10 +12,10 @@ from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import BASE, Model
+from workbench import options
 from workbench.inputs import list_sources, open_sources
 from workbench.narrator.findings import describe_nearest_body
 from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes, write_identification
-from workbench.options import LIMITS, READING, ROBOT, add_options
 from workbench.outputs import report_files, write_json, write_model
 from workbench.robot import describe_links
 from workbench.terminal import Terminal
@@ -25,18 +26,31 @@ SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, schemes and outputs."""
-    add_options(
-        parser,
-        f"""
-        recordings {READING} --drive --align {ROBOT} {LIMITS} --instruments --degrees
-        --scheme all|ID,...  {", ".join(item.id for item in SCHEMES)}; all (default), or paper: all with the paper's
-            own choices
-        --json FILE  write estimates, warnings and how the estimates converge
-        -o, --output MODEL.json  write the fit that compare and diagnose use (least squares over windows), or that of
-            the one scheme given
-        """,
-        scheme=(lambda text: SETS.get(text) or [scheme(id.strip()) for id in text.split(",")], SCHEMES),
+    options.add_recordings(parser)
+    options.add_drive(parser)
+    options.add_alignment(parser)
+    options.add_limits(parser)
+    options.add_instruments(parser)
+    options.add_degrees(parser)
+    parser.add_argument(
+        "--scheme",
+        metavar="all|ID,...",
+        type=options.keep_message(_parse_schemes),
+        default=SCHEMES,
+        help=f"{', '.join(item.id for item in SCHEMES)}; all (default), or paper: all with the paper's own choices",
     )
+    parser.add_argument("--json", metavar="FILE", help="write estimates, warnings and how the estimates converge")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="MODEL.json",
+        help="write the fit over windows, which compare and diagnose use, or that of the one scheme given",
+    )
+    options.add_robot(parser)
+
+
+def _parse_schemes(text: str) -> Sequence[Scheme]:
+    return SETS.get(text) or [scheme(id.strip()) for id in text.split(",")]
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -15,10 +15,10 @@ from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.writing import WRITERS
+from workbench import options
 from workbench.arm_runs import record_arm
 from workbench.errors import InputError
 from workbench.judges import OnlineJudge, describe_verdict
-from workbench.options import OPTIONS, ROBOT, add_options, convert_choice, convert_number, convert_whole
 from workbench.outputs import check_outputs, report_files
 from workbench.runs import DIAGNOSED, LEARNT, LONGEST, SECONDS, SUGGESTED, Plan, describe_recording, record_rig
 from workbench.terminal import Terminal
@@ -35,51 +35,88 @@ BACKENDS = (
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare plant, excitation, measurement and output."""
-    bound = "with --robot: bound of each joint's designed"
-    add_options(
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", required=True, help=f"recording to write: {', '.join(WRITERS)}"
+    )
+    parser.add_argument(
+        "--seconds",
+        type=options.convert_number(BOUNDS.shortest, MOST / BOUNDS.slowest),
+        help=f"length [s] (default {SECONDS:g}, what the diagnosis suggests, or {EPISODE:g} with {LEARNT})",
+    )
+    parser.add_argument(
+        "--rate",
+        type=options.convert_number(BOUNDS.slowest, 1e5),
+        default=1000.0,
+        help="samples per second (default 1000)",
+    )
+    options.add_seed(parser)
+    group = parser.add_argument_group("excitation")
+    group.add_argument(
+        "--excitation",
+        metavar="NAME",
+        choices=(*EXCITATIONS, SUGGESTED, LEARNT),
+        help=f"{', '.join(EXCITATIONS)} (default paper; with --until, a multisine that tells effects apart); "
+        f"{SUGGESTED}: "
+        f"the experiment of --diagnosis; {LEARNT}: by a policy that sees the motion; an arm follows a motion that is "
+        f"designed within the limits of its joints, with {LEARNT} by a policy for this arm",
+    )
+    group.add_argument(
+        "--amplitude",
+        type=options.convert_number(0.0, MOST_TORQUE),
+        help="bound of the torque [N m]; each excitation has its own, an arm those of its file",
+    )
+    group.add_argument(
+        "--policy",
+        metavar="NAME",
+        help=f"{', '.join(SHIPPED)}, or a file that `train` wrote, for --excitation {LEARNT} (default peak, or arm "
+        "with --robot)",
+    )
+    group.add_argument(
+        "--diagnosis", metavar="FILE", help=f"what `diagnose --json` wrote, for --excitation {SUGGESTED}"
+    )
+    group.add_argument(
+        "--release",
+        type=options.convert_number(-LARGE, LARGE),
+        help="let the joint go at rest at this angle, without torque [rad]",
+    )
+    group.add_argument(
+        "--until",
+        choices=(DIAGNOSED,),
+        help="end once the online diagnosis names what the model lacks and stays with it, after "
+        f"{LONGEST:g} s at the latest unless --seconds says so",
+    )
+    group = parser.add_argument_group("plant")
+    group.add_argument(
+        "--backend",
+        metavar="NAME",
+        choices=BACKENDS,
+        help=f"{', '.join(BACKENDS)} (default simulated, which plays signals only; pymunk with {LEARNT})",
+    )
+    group.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
+    group.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
+    group.add_argument(
+        "--counts",
+        type=options.convert_whole(0, 2**32),
+        default=COUNTS,
+        help=f"of the encoder per turn (default {COUNTS})",
+    )
+    options.add_plant(parser)
+    options.add_robot(
         parser,
-        f"""
-        --seconds  length (default {SECONDS:g}, what the diagnosis suggests, or {EPISODE:g} with {LEARNT})
-        --excitation NAME  {", ".join(EXCITATIONS)} (default paper; with --until, a multisine that was optimised to
-            tell effects apart); {SUGGESTED}: the experiment that --diagnosis suggests; {LEARNT}: by a policy that sees
-            the motion and what it has taught so far; an arm follows a motion that is designed within the limits of its
-            joints, with {LEARNT} by a policy for this arm
-        --policy NAME  {", ".join(SHIPPED)}, or a file that `train` wrote, for --excitation {LEARNT} (default peak, or
-            arm with --robot)
-        --until  end once the online diagnosis names what the model lacks and stays with it, after {LONGEST:g} s at the
-            latest unless --seconds says so
-        --diagnosis FILE  what `diagnose --json` wrote, for --excitation {SUGGESTED}
-        --amplitude  bound of the torque [N m]; each excitation has its own, an arm those of its file
-        --release RAD  let the joint go at rest at this angle, without torque [rad]
-        --max-angle RAD  {bound} angle to either side [rad] (default the file's, or pi)
-        --max-speed RAD/S  {bound} speed [rad/s] (default the file's, or {USUAL_SPEED:g})
-        --max-acceleration RAD/S^2  {bound} acceleration (default its largest speed in 0.2 s)
-        --backend NAME  {", ".join(BACKENDS)} (default simulated, which plays signals only; pymunk with {LEARNT})
-        --replay FILE  recording that --backend replay plays
-        --config FILE  rig.toml of the rig, for --backend dm1015b
-        --effect  {OPTIONS["--effect"][1]["help"]}; of an arm ID@JOINT and so on
-        --theta {ROBOT}
-        --rate  samples per second (default 1000)
-        --counts  of the encoder per turn (default {COUNTS})
-        --noise  of the torque [N m] (default {TORQUE_NOISE:g})
-        --seed
-        -o, --output FILE  {", ".join(WRITERS)}
-        """,
-        arms=("max_angle", "max_speed", "max_acceleration"),
-        pendulums=("until", "diagnosis", "replay", "config", "release"),
-        seconds=convert_number(BOUNDS.shortest, MOST / BOUNDS.slowest),
-        excitation=convert_choice("excitation", (*EXCITATIONS, SUGGESTED, LEARNT)),
-        until={"choices": (DIAGNOSED,)},
-        amplitude=convert_number(0.0, MOST_TORQUE),
-        release=convert_number(-LARGE, LARGE),
-        max_angle=convert_number(0.01),
-        max_speed=convert_number(0.01),
-        max_acceleration=convert_number(0.01),
-        backend=convert_choice("backend", BACKENDS),
-        rate=(convert_number(BOUNDS.slowest, 1e5), 1000.0),
-        counts=(convert_whole(0, 2**32), COUNTS),
-        noise=(convert_number(0.0, MOST_TORQUE), TORQUE_NOISE),
-        output={"required": True},
+        arms=["max_angle", "max_speed"],
+        pendulums=["until", "diagnosis", "replay", "config", "release"],
+        about="the plant is an arm with these links",
+    )
+    group = parser.add_argument_group("motion of an arm")
+    group.add_argument(
+        "--max-angle",
+        type=options.convert_number(0.01),
+        help="largest angle of each joint to either side [rad] (default the file's, or pi)",
+    )
+    group.add_argument(
+        "--max-speed",
+        type=options.convert_number(0.01),
+        help=f"largest speed of each joint [rad/s] (default the file's, or {USUAL_SPEED:g})",
     )
 
 
@@ -133,7 +170,7 @@ def _simulate(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Recor
         raise InputError(f"--until {DIAGNOSED} needs a backend that answers step by step: use --backend pymunk")
     if not isinstance(command, Pilot) and arguments.backend in (None, "simulated") and arguments.until is None:
         with terminal.progress("simulating"):
-            sensor = plan.rate, arguments.counts, arguments.noise
+            sensor = plan.rate, arguments.counts, TORQUE_NOISE
             return record(plan.plant, command, seconds, *sensor, rng=rng, release=plan.release)
     env = plan.make_environment()
     rate = env.unwrapped.rate  # type: ignore[attr-defined]

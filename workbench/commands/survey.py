@@ -1,14 +1,13 @@
 """`survey`: a diagnosis of each recording in a folder, one table, and the trends of machines."""
 
 import argparse
-import os
 from pathlib import Path
 
 from estimators.arguments import apply_limits, select_effects
 from pendulum_env.arms.joints import arm_base
+from workbench import options
 from workbench.errors import InputError, Interrupted
 from workbench.inputs import make_body, read_model
-from workbench.options import LIMITS, READING, ROBOT, add_options, convert_whole
 from workbench.outputs import report_files
 from workbench.processes import open_local_workers
 from workbench.survey.diagnosis import Settings
@@ -22,20 +21,31 @@ PRINTED = 20  # rows
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the folder, options of the diagnoses, and outputs."""
-    add_options(
-        parser,
-        f"""
-        folder FOLDER  recordings in it and below it, each diagnosed on its own; the recordings of one folder are of
-            one machine; a study.toml says how those that it names are read
-        -o, --output OUT  folder of the tables, survey and trends, as Parquet and CSV; run again to continue
-        --workers N  processes on this computer (default: one for each core)
-        --scheduler ADDRESS  scheduler of a Dask cluster to use instead, as tcp://host:8786 (needs the extra fleet);
-            its workers see the same files
-        {READING} --drive {ROBOT} --model --only --without {LIMITS} --instruments
-        """,
-        output={"required": True},
-        workers=(convert_whole(1, 1000), os.cpu_count() or 1),
+    parser.add_argument(
+        "folder",
+        metavar="FOLDER",
+        help="recordings in it and below it, each diagnosed on its own; the recordings of one folder are of one "
+        "machine; a study.toml says how those that it names are read",
     )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        required=True,
+        help="folder of the tables, survey and trends, as Parquet and CSV; run again to continue",
+    )
+    options.add_workers(parser)
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="scheduler of a Dask cluster to use instead, as tcp://host:8786 (needs the extra fleet); its workers see "
+        "the same files",
+    )
+    options.add_reading(parser)
+    options.add_drive(parser)
+    options.add_search(parser)
+    options.add_limits(parser)
+    options.add_robot(parser)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -9,7 +9,6 @@ from agents.config import DEFAULTS, Config
 from agents.observer import ARM
 from pendulum_env.reading import read_toml
 from workbench.errors import InputError, Interrupted
-from workbench.options import add_options, convert_choice, convert_whole
 from workbench.outputs import check_outputs, report_files
 from workbench.terminal import Terminal
 
@@ -18,25 +17,24 @@ NEEDED = ("torch", "stable_baselines3", "cloudpickle")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what is trained and where it goes."""
-    add_options(
-        parser,
-        """
-        --config FILE  TOML with settings of agents.config.Config that differ
-        --constraint NAME  of a pendulum's torque: peak or rms; arm: the motion of an arm within its limits (default
-            peak)
-        --robot FILE  arm that is learnt on, URDF or MJCF, for --constraint arm
-        --seed  of all random numbers (default 0)
-        --steps  decisions in all, each of 20 ms, of an arm 0.1 s
-        --checkpoints FOLDER  keep the training, policies on the way and a log for TensorBoard there
-        --resume  go on where the training in --checkpoints was ended, to the same policy; only one that this user has
-            written, since reading it runs what is in it
-        -o, --output FILE  policy, NAME.npz
-        """,
-        constraint=convert_choice("constraint", DEFAULTS),
-        seed=convert_whole(0),
-        steps=convert_whole(1),
-        output={"required": True},
+    parser.add_argument(
+        "--config",
+        metavar="FILE",
+        help="TOML with other settings of agents.config.Config, such as seed and steps",
     )
+    parser.add_argument(
+        "--constraint",
+        choices=tuple(DEFAULTS),
+        help="of a pendulum's torque: peak or rms; arm: the motion of an arm within its limits (default peak)",
+    )
+    parser.add_argument("--robot", metavar="FILE", help="arm that is learnt on, URDF or MJCF, for --constraint arm")
+    parser.add_argument(
+        "--checkpoints",
+        metavar="FOLDER",
+        help="keep the training, policies on the way and a log for TensorBoard there; a training that was interrupted "
+        "goes on. Name only folders that this user has written, since reading one runs what is in it",
+    )
+    parser.add_argument("-o", "--output", metavar="NAME.npz", required=True, help="policy")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -48,18 +46,16 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError("training needs the extra rl: pip install 'pendulum-ident[rl]'")
     config = _read_config(arguments)
     folder = None if arguments.checkpoints is None else Path(arguments.checkpoints)
-    if arguments.resume and folder is None:
-        raise InputError("--resume needs --checkpoints FOLDER, where the training was kept")
     if config.steps < (needed := Config.of({"constraint": config.constraint}).steps):
         steps = f"{config.steps:,} steps are too few to learn the task"
-        terminal.say(f"{steps}: under the constraint {config.constraint} it takes {needed:,} (--steps {needed})")
+        terminal.say(f"{steps}: under the constraint {config.constraint} it takes {needed:,} (`steps` in --config)")
     training = import_module("agents.training")  # imports torch
     try:
         with terminal.progress("training", lines=True) as tell:
-            network = training.train(config, tell, folder, arguments.resume)
+            network = training.train(config, tell, folder)
     except KeyboardInterrupt:
         kept = folder is not None and (folder / training.CHECKPOINT).exists()
-        raise Interrupted(f"go on from {folder} with --resume" if kept else "nothing was kept") from None
+        raise Interrupted(f"run it again to go on from {folder}" if kept else "nothing was kept") from None
     network.save(arguments.output)
     terminal.say(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
     if config.constraint != ARM:
@@ -71,7 +67,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _read_config(arguments: argparse.Namespace) -> Config:
-    given = {name: getattr(arguments, name) for name in ("constraint", "robot", "seed", "steps")}
+    given = {name: getattr(arguments, name) for name in ("constraint", "robot")}
     given = {name: value for name, value in given.items() if value is not None}
     settings = {} if arguments.config is None else read_toml(arguments.config)
     try:

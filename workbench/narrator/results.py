@@ -58,8 +58,8 @@ class Part(NamedTuple):
     brief: bool = True
 
 
-def narrate_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[Part]:
-    """Narrate a diagnosis, with the candidates that matter or every one; `how` tells how to show the others."""
+def narrate_diagnosis(found: Diagnosis) -> list[Part]:
+    """Narrate a diagnosis, with the candidates that matter."""
     units = found.model.units()
     if not found.body.can_simulate:
         table = tabulate_joints(get_end_errors(found.steps), found.floors, found.model)
@@ -70,7 +70,7 @@ def narrate_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> l
     parts = [
         errors,
         Part("Parameters", [tabulate_parameters(found.model), *([BIASED] if found.unexplained else [])]),
-        narrate_candidates(found.candidates, every, how),
+        narrate_candidates(found.candidates),
     ]
     if found.refit is not None:
         parts.insert(1, Part(f"Free motion over {found.refit.seconds:g} s", narrate_refit(found.refit, units)))
@@ -103,13 +103,13 @@ def get_end_errors(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors
     return steps[0].errors[part], steps[-1].errors[part]
 
 
-def narrate_candidates(candidates: Sequence[Candidate], every: bool, how: str = "") -> Part:
-    """Narrate the candidates that matter or every one, with the meaning of their score, and the gates that they met."""
-    ranking, more = tabulate_candidates(candidates, every)
+def narrate_candidates(candidates: Sequence[Candidate]) -> Part:
+    """Narrate the candidates that matter, with the meaning of their score, and the gates that they met."""
+    ranking, more = tabulate_candidates(candidates)
     shown = {row[0] for row in ranking.rows}
     gates = [(one.effect, *gate.cells) for one in candidates if one.effect in shown for gate in one.gates]
     table = TextTable(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
-    more_text = [f"and {more}{how}"] if more else []
+    more_text = [f"and {more}: --json and --report list all"] if more else []
     return Part("Candidates", [ranking, *more_text, SCORE, *([table] if gates else [])], brief=False)
 
 
@@ -233,14 +233,14 @@ def describe_fit(steps: Sequence[Step]) -> str:
     return f"fit of held-out data: torque {torque}, position {position}"
 
 
-def tabulate_candidates(candidates: Sequence[Candidate], every: bool = False) -> tuple[TextTable, str]:
-    """Tabulate the candidates that matter, or all, and in words which ones are not shown; empty if none.
+def tabulate_candidates(candidates: Sequence[Candidate]) -> tuple[TextTable, str]:
+    """Tabulate the candidates that matter, and say in words which ones are not shown; empty if none.
 
     Those that matter are all but the less likely of those left out.
     """
     settled = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
     rest = [c for c in candidates if c not in settled]
-    shown, hidden = (rest, []) if every else (rest[:RUNNERS_UP], rest[RUNNERS_UP:])
+    shown, hidden = rest[:RUNNERS_UP], rest[RUNNERS_UP:]
     rows = [
         (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c)) for c in (*settled, *shown)
     ]

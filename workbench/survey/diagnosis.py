@@ -25,7 +25,7 @@ from workbench.inputs import open_sources
 from workbench.terminal import Terminal
 
 ASKED = ("only", "without", "fixed", "bounds")  # of a diagnosis, as it is
-READING = ("columns", "unwrap", "drive", "joints", "rotors", "base", "no_gravity", "instruments")
+READING = ("columns", "unwrap", "drive", "joints", "rotors", "no_gravity", "instruments")
 NAMED = ("robot", "model")  # files
 
 

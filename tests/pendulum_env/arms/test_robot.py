@@ -151,7 +151,7 @@ def floating(text):
         (urdf(PARALLEL).replace('joint="left" m', 'joint="right" m'), {}, "'right' mimics itself in a loop"),
         (urdf(PARALLEL).replace('joint="left" m', 'joint="none" m'), {}, "'right' mimics 'none', which is no joint"),
         (urdf(PARALLEL).replace('multiplier="1.0"', 'multiplier="one"'), {}, "mimics another by 'one 0.0': give 2 num"),
-        (floating(urdf(PARALLEL)), {}, "'shoulder' lets the base float: give --base fixed"),
+        (floating(urdf(PARALLEL)), {}, "'shoulder' lets the base float: give --bolted"),
         ("<mujoco><include file='arm.xml'/></mujoco>", {}, "<include>, which is not followed: write all of it"),
         ("<mujoco><worldbody><body name='a'><replicate><body/></replicate></body></worldbody></mujoco>", {}, "<replic"),
         ("<?xml version='1.0' encoding='UTF-7'?><robot/>", {}, "is no XML .*encodings are not supported"),
