@@ -103,13 +103,17 @@ class ClusterCovariance:
         self._meat = (score @ score.swapaxes(-1, -2)).sum(axis=0)
         self._known = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 
-    def scale_covariance(self, squares: Recursion) -> Callable[[Array], Array]:
-        """Return the function that converts P into the current covariance."""
-        return functools.partial(_covariance, self._meat, self._known, squares.squares, squares.count, squares.prior)
+    def of(self, squares: Recursion) -> Callable[[], tuple[Array, Array]]:
+        """Return a function that computes P and the covariance of now, also later."""
+        state = squares.squares, squares.count, squares.prior
+        return functools.partial(_compute_covariances, squares.unit_covariance(), self._meat, self._known, *state)
 
 
-def _covariance(meat: Array, known: Index, squares: Array, count: Array, prior: float, P: Array) -> Array:
-    """Compute the covariance of estimates (B, S, P, P) from squares of scores, number of clusters, and unit P."""
+def _compute_covariances(
+    unit: Callable[[], Array], meat: Array, known: Index, squares: Array, count: Array, prior: float
+) -> tuple[Array, Array]:
+    """Compute P and covariance of estimates (B, S, P, P) from squares of scores and number of clusters."""
+    P = unit()
     parameters = P.shape[-1]
     spare = count - parameters
     # before the first equations, the covariance is P(0)
@@ -118,54 +122,5 @@ def _covariance(meat: Array, known: Index, squares: Array, count: Array, prior: 
     correction = (known - 1) / np.maximum(known, 1)
     # the second part is the variance of theta(0)
     robust = correction[..., None, None] * (P @ meat @ P) + (noise / prior)[..., None, None] * (P @ P)
-    return np.where((known >= parameters + COVARIANCE.min_extra_clusters)[..., None, None], robust, guess)
-
-
-def random_walk_std(walk: Array, theta: Array) -> Array:
-    """Return the standard deviation of a random walk in a second: relative to theta (..., P), or in its unit (P,)."""
-    return walk if walk.ndim else walk * theta
-
-
-class RandomWalkCovariance:
-    """Covariances of random-walk parameters: P times the long-run variance of the errors of the last seconds.
-
-    For errors that are correlated over a cluster of time, the long-run variance, mean (sum of a cluster)^2 / length, is
-    larger than the variance.
-    """
-
-    def __init__(self, batch: tuple[int, int], period: float, walk: Array | None = None) -> None:
-        """Take the shape (B, S), the time between samples [s], and the random walk as `wandered` does, or none."""
-        self._walk = np.zeros(()) if walk is None else walk
-        self._length, self._filled = max(2, round(COVARIANCE.cluster_time / period)), 0
-        self._now = np.zeros((2, *batch))  # sum and number of the errors in the current cluster
-        self._past = np.zeros((2, *batch))  # squares of these sums, and numbers, with forgetting
-
-    def reset(self, which: Mask) -> None:
-        """Restart plants (B,)."""
-        self._now[:, which] = self._past[:, which] = 0.0
-
-    def take(self, equations: Array, error: Array, usable: Mask) -> bool:
-        """Add a-priori errors (B, S), 0 where not usable; return whether the cluster is complete."""
-        self._now += np.array([error, usable])
-        self._filled += 1
-        return self._filled >= self._length
-
-    def close(self, squares: Recursion | None = None) -> None:
-        """Complete the cluster, and add the random walk of its duration to P."""
-        total, used = self._now
-        share = np.where(used > 0, 1.0 / COVARIANCE.max_clusters, 0.0)  # at rest, nothing is forgotten
-        self._past = (1.0 - share) * self._past + np.array([total**2, used])
-        self._now, self._filled = np.zeros_like(self._now), 0
-        if squares is not None:
-            increase = random_walk_std(self._walk, squares.theta) ** 2 * COVARIANCE.cluster_time
-            squares.inflate(increase / np.maximum(self.noise, np.finfo(float).tiny)[..., None])
-
-    @property
-    def noise(self) -> Array:
-        """Compute the long-run variance of the errors (B, S); 1 without errors."""
-        squares, count = self._past
-        return np.where(count > 0, squares / np.maximum(count, 1.0), 1.0)
-
-    def scale_covariance(self, squares: Recursion) -> Callable[[Array], Array]:
-        """Return the function that converts P into the current covariance."""
-        return functools.partial(np.multiply, self.noise[..., None, None])
+    is_robust = known >= parameters + COVARIANCE.min_extra_clusters
+    return P, np.where(is_robust[..., None, None], robust, guess)

@@ -22,8 +22,7 @@ class Estimates:
         error: a-priori prediction errors in the unit of the scheme, 0 where the equation was not used (B, S).
         usable: which equations were used (B, S).
         regressor: phi of the torque balance at that sample, 0 in stick (B, P); None for an arm.
-        unit_covariance: returns P.
-        scale_covariance: converts P into a covariance.
+        compute_covariances: returns P and covariance.
     """
 
     index: Index
@@ -32,18 +31,21 @@ class Estimates:
     error: Array
     usable: Mask
     regressor: Array | None
-    unit_covariance: Callable[[], Array]
-    scale_covariance: Callable[[Array], Array]
+    compute_covariances: Callable[[], tuple[Array, ...]]
 
     @cached_property
+    def _covariances(self) -> tuple[Array, ...]:
+        return self.compute_covariances()
+
+    @property
     def P(self) -> Array:
         """Return the covariance for unit noise (B, S, P, P)."""
-        return self.unit_covariance()
+        return self._covariances[0]
 
-    @cached_property
+    @property
     def covariance(self) -> Array:
-        """Compute the covariance of theta, valid under correlated errors (B, S, P, P)."""
-        return self.scale_covariance(self.P)
+        """Return the covariance of theta, valid under correlated errors (B, S, P, P)."""
+        return self._covariances[1]
 
 
 class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metaclass,misc]  # for Gymnasium

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.online.arm_stream import make_stream
-from estimators.online.confidence import ClusterCovariance, RandomWalkCovariance
-from estimators.online.encoder import EncoderNoise
+from estimators.online.confidence import ClusterCovariance
+from estimators.online.encoder import SampleBuffer
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
 from estimators.online.recursion import RECURSIONS, SQUARE_ROOT
@@ -28,7 +28,7 @@ class OnlineEstimator:
     which differs from the offline trace within a sample.
 
     The smoothing depends on the noise of the encoder. Without `counts`, `position_noise` and `smoothing`, the noise is
-    estimated from the first 64 samples of motion, and the estimates begin after them.
+    estimated from the first 256 samples of motion. The estimates begin after them, and use them.
     """
 
     def __init__(
@@ -42,7 +42,6 @@ class OnlineEstimator:
         smoothing: Smoothing | None = None,
         prior: float = PRIOR,
         forgetting: float = 1.0,
-        random_walk: float | Sequence[float] = 0.0,
         recursion: str = SQUARE_ROOT,
         position_noise: float | None = None,
     ) -> None:
@@ -57,8 +56,6 @@ class OnlineEstimator:
             smoothing: of the measurement; replaces the smoothing by `counts`.
             prior: P(0) on the diagonal.
             forgetting: factor lambda per equation; 1 for no forgetting.
-            random_walk: of the parameters, relative to their value [1/sqrt(s)], or one for each in its unit
-                [unit/sqrt(s)]; 0 for constant parameters.
             recursion: "SquareRootLeastSquares", which solves all regressions at once, or "KalmanFilter" of filterpy,
                 which gives the same estimates one after the other.
             position_noise: standard deviation of the measured position [rad]; replaces `counts`.
@@ -70,7 +67,6 @@ class OnlineEstimator:
         check_rate(rate)
         self.units = _collect_units(terms, schemes)
         self.names = tuple(self.units)
-        walk = _parse_random_walk(random_walk, self.names)
         joint, regressions = _split_schemes(schemes)
         self.schemes: tuple[Scheme | JointState, ...] = regressions if joint is None else (*regressions, joint)
         self.terms, self.rate, self.batch = tuple(terms), rate, batch
@@ -78,25 +74,19 @@ class OnlineEstimator:
         self._run = regressions if joint is None else (*regressions, scheme("hamiltonian"))
         shape, period, parameters = (batch, len(self._run)), 1.0 / rate, len(self.names)
         noise = compute_encoder_noise(counts) if position_noise is None and counts is not None else position_noise
-        self._noise_estimator: EncoderNoise | None = None
+        self._buffer: SampleBuffer | None = None  # until the noise is known
         if noise is None:
             noise = compute_encoder_noise(COUNTS)
-            if smoothing is None:
-                self._noise_estimator = EncoderNoise()
-        self._skipped = np.zeros(batch, dtype=np.intp)  # samples before the start of the stream
+            self._buffer = SampleBuffer() if smoothing is None else None
         self._smooth(smoothing or Smoothing.of_noise(noise, rate))
         period /= len(self._stream.joints)  # between equations
         self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
-        self._clusters: ClusterCovariance | RandomWalkCovariance = ClusterCovariance(
-            shape, parameters, period, forgetting
-        )
-        if walk.any():
-            self._clusters = RandomWalkCovariance(shape, period, walk)
+        self._clusters = ClusterCovariance(shape, parameters, period, forgetting)
         self._joint: JointFilters | None = None
         if joint is not None:
             if self._stream.joints != ("",):
                 raise ValueError(f"{joint.id} is a scheme of one joint: use the six schemes for an arm")
-            self._joint = JointFilters(joint.torque_noise, terms, period, batch, noise, forgetting, walk)
+            self._joint = JointFilters(joint.torque_noise, terms, period, batch, noise, forgetting)
         self._now = self._initial_estimates()
 
     @property
@@ -110,7 +100,7 @@ class OnlineEstimator:
         if not mask.any():
             return
         self._stream.reset(mask)
-        self._skipped[mask] = 0
+        self._buffer = self._buffer and SampleBuffer()
         for part in (self._squares, self._clusters, self._joint):
             if part is not None:
                 part.reset(mask)
@@ -128,17 +118,15 @@ class OnlineEstimator:
             position: (B,) [rad], unwrapped; (1, n) for an arm.
             torque: applied over the period that ends with the sample, with the shape of `position` [N m].
         """
-        if self._noise_estimator is not None:
-            return self._estimate_noise(self._noise_estimator, time, position, torque)
+        if self._buffer is not None:
+            return self._estimate_noise(self._buffer, time, position, torque)
         squares, taken = self._squares, None
         for taken in self._stream.take(time, position, torque):
             squares.take(taken.phi, taken.y, taken.usable)
             if self._clusters.take(taken.equations, squares.error, taken.usable):
                 self._clusters.close(squares)
         if taken is not None:
-            self._skipped[taken.restarted] = 0
-            place = np.where(taken.place < 0, taken.place, taken.place + self._skipped)
-            self._now = self._regressions(place, taken.time, taken.usable, taken.regressor)
+            self._now = self._regressions(taken.place, taken.time, taken.usable, taken.regressor)
             if self._joint is not None:
                 self._joint.take(time, position, torque, taken.restarted, self._now)
                 self._now = self._joint.append_estimates(self._now)
@@ -156,21 +144,18 @@ class OnlineEstimator:
         """Start a stream of equations."""
         self._stream = make_stream(self.terms, self._run, smoothing, 1.0 / self.rate, self.batch)
 
-    def _estimate_noise(self, estimator: EncoderNoise, time: Array, position: Array, torque: Array) -> Estimates:
-        """Add a sample to the estimate of the encoder noise; parameters are not estimated from it."""
+    def _estimate_noise(self, buffer: SampleBuffer, time: Array, position: Array, torque: Array) -> Estimates:
+        """Add a sample to the buffer; once the encoder noise is known, take all samples of the buffer."""
         for taken in self._stream.take(time, position, torque):  # the stream checks the sample
-            self._skipped[taken.restarted] = 0
-            none, row = np.zeros_like(taken.usable), taken.regressor
-            row = None if row is None else np.zeros_like(row)
-            self._now = self._regressions(np.full(self.batch, -1), taken.time, none, row)
-        if (noise := estimator.take(position)) is None:
-            self._skipped += 1
-            return self._now
-        self._noise_estimator = None
-        self._smooth(Smoothing.of_noise(noise, self.rate))
-        self._stream.take(time, position, torque)
-        if self._joint is not None:
-            self._joint.position_noise = noise
+            row = None if taken.regressor is None else np.zeros_like(taken.regressor)
+            self._now = self._regressions(np.full(self.batch, -1), taken.time, np.zeros_like(taken.usable), row)
+        if (noise := buffer.take(time, position, torque)) is not None:
+            self._buffer = None
+            self._smooth(Smoothing.of_noise(noise, self.rate))
+            if self._joint is not None:
+                self._joint.position_noise = noise
+            for sample in buffer.samples:
+                self.take(*sample)
         return self._now
 
     def _initial_estimates(self) -> Estimates:
@@ -178,8 +163,8 @@ class OnlineEstimator:
         return self._regressions(np.full(self.batch, -1), np.zeros(self.batch), self._squares.count > 0, None)
 
     def _regressions(self, index: Index, time: Array, usable: Mask, regressor: Array | None) -> Estimates:
-        squares, scale = self._squares, self._clusters.scale_covariance(self._squares)
-        return Estimates(index, time, squares.theta, squares.error, usable, regressor, squares.unit_covariance(), scale)
+        squares, covariances = self._squares, self._clusters.of(self._squares)
+        return Estimates(index, time, squares.theta, squares.error, usable, regressor, covariances)
 
 
 def _collect_units(terms: Sequence[Term], schemes: Sequence[object]) -> dict[str, str]:
@@ -201,13 +186,3 @@ def _split_schemes(schemes: Sequence[Scheme | JointState]) -> tuple[JointState |
         if not isinstance(one, Scheme):
             raise ValueError(f"{one.id} needs a whole recording: use a `Scheme`")
     return joint, others
-
-
-def _parse_random_walk(random_walk: float | Sequence[float], names: Sequence[str]) -> Array:
-    """Convert the random walk of the parameters into an array, () or (P,)."""
-    walk = np.asarray(random_walk, dtype=float)
-    if not ((walk >= 0) & (walk < np.inf)).all():
-        raise ValueError(f"random_walk is {random_walk}: give zero or a positive number")
-    if walk.shape not in ((), (len(names),)):
-        raise ValueError(f"random_walk has shape {walk.shape}: give one number, or one for each of {', '.join(names)}")
-    return walk

@@ -25,7 +25,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.online.confidence import RandomWalkCovariance, random_walk_std
 from estimators.online.estimates import Estimates
 from estimators.signals.motion import SLOWEST
 from pendulum_env._typing import Array, Mask
@@ -87,43 +86,25 @@ class JointFilters:
         batch: int,
         position_noise: float,
         forgetting: float,
-        walk: Array,
     ) -> None:
-        """Create the filters.
-
-        Args:
-            torque_noise: of `JointState`.
-            terms: of the model.
-            period: between samples [s].
-            batch: number B of pendulums.
-            position_noise: standard deviation of positions [rad].
-            forgetting: factor, as of `OnlineEstimator`.
-            walk: random walk of the parameters, as of `OnlineEstimator`.
-        """
-        self._make_filter = functools.partial(_Filter, torque_noise, tuple(terms), period, forgetting, walk)
+        """Create the filters of a batch of B pendulums; the other arguments are those of `OnlineEstimator`."""
+        self._make_filter = functools.partial(_Filter, torque_noise, tuple(terms), period, forgetting)
         self._period, self.position_noise = period, position_noise
         columns = [column for term in terms for column in term.columns]
         self._inertia = next((k for k, column in enumerate(columns) if column.mass is not zero), None)
         self.filters: list[_Filter | None] = [None] * batch
-        self.error = np.zeros((batch, 1))  # last innovations [rad]
-        self._innovations = RandomWalkCovariance((batch, 1), period)
+        self._error = np.zeros((batch, 1))  # last innovations [rad]
 
     def reset(self, which: Mask) -> None:
         """Restart filters (B,) from a regression."""
         self.filters = [None if is_reset else one for one, is_reset in zip(self.filters, which, strict=True)]
-        self._innovations.reset(which)
-
-    @property
-    def running(self) -> Mask:
-        """Return which filters have started (B,)."""
-        return np.array([one is not None for one in self.filters])
 
     def take(self, time: Array, position: Array, torque: Array, restarted: Mask, regression: Estimates) -> None:
         """Update with a sample of every pendulum, and start filters where the last regression is accurate enough.
 
         Pendulums that restart (B,), as after a gap, keep their parameters, and lose position and velocity.
         """
-        self.error, relative = np.zeros((2, len(self.filters), 1))
+        self._error = np.zeros((len(self.filters), 1))
         for b, one in enumerate(self.filters):
             if one is None:
                 if regression.usable[b, -1]:
@@ -133,11 +114,9 @@ class JointFilters:
             if not np.isfinite(position[b] + torque[b]):
                 continue
             try:
-                self.error[b, 0], relative[b, 0] = one.take(time[b], position[b], torque[b])
+                self._error[b] = one.take(time[b], position[b], torque[b])
             except np.linalg.LinAlgError:  # no longer positive definite: another start
                 self.filters[b] = None
-        if self._innovations.take(relative, relative, self.running[:, None]):
-            self._innovations.close()
 
     def _start_filter(self, regression: Estimates, b: int) -> _Filter | None:
         """Start the filter of pendulum b from the estimates of the last scheme.
@@ -156,18 +135,13 @@ class JointFilters:
     def append_estimates(self, now: Estimates) -> Estimates:
         """Replace the estimates of the last regression by those of filters that have started."""
         theta, P, covariance = now.theta.copy(), now.P.copy(), now.covariance.copy()
-        error, usable, noise = now.error.copy(), now.usable.copy(), np.maximum(self._innovations.noise, 1.0)
-        error[:, -1:], usable[:, -1] = self.error, self.running
+        error, usable = now.error.copy(), now.usable.copy()
+        error[:, -1:], usable[:, -1] = self._error, [one is not None for one in self.filters]
         for b, one in enumerate(self.filters):
             if one is not None:
-                theta[b, -1], P[b, -1], covariance[b, -1] = one.theta, one.P, noise[b] * one.P
-        unit, scale = functools.partial(np.asarray, P), functools.partial(_get_covariance, covariance)
-        return replace(now, theta=theta, error=error, usable=usable, unit_covariance=unit, scale_covariance=scale)
-
-
-def _get_covariance(covariance: Array, P: Array) -> Array:
-    """Return a covariance that does not depend on P."""
-    return covariance
+                theta[b, -1], P[b, -1], covariance[b, -1] = one.theta, one.P, one.P
+        covariances = functools.partial(tuple, (P, covariance))
+        return replace(now, theta=theta, error=error, usable=usable, compute_covariances=covariances)
 
 
 class _Filter:
@@ -179,14 +153,13 @@ class _Filter:
         terms: Sequence[Term],
         period: float,
         forgetting: float,
-        walk: Array,
         position_noise: float,
         theta: Array,
         P: Array,
     ) -> None:
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # loads scipy.stats, which is slow
 
-        self._terms, self._period, self._walk = terms, period, walk
+        self._terms, self._period = terms, period
         self._estimates_noise = torque_noise is None
         self.log_variance = 2 * np.log(FILTER.torque_std if torque_noise is None else torque_noise)
         known = 2 + int(sum(term.delay for term in terms) / period)  # number of commands that act within a period
@@ -214,15 +187,15 @@ class _Filter:
     def P(self) -> Array:
         return self._ukf.P[2:, 2:]
 
-    def take(self, time: float, position: float, torque: float) -> tuple[float, float]:
-        """Update with a sample; return the innovation [rad], and the innovation in standard deviations."""
+    def take(self, time: float, position: float, torque: float) -> float:
+        """Update with a sample; return the innovation [rad]."""
         ukf = self._ukf
         self._commands.append(torque)
         if self.is_lost:
             ukf.x[:2], ukf.P[:2], ukf.P[:, :2] = (position, 0.0), 0.0, 0.0
             ukf.P[0, 0], ukf.P[1, 1] = ukf.R[0, 0], FILTER.velocity_std**2
             self.is_lost, self._memory = False, None
-            return 0.0, 0.0
+            return 0.0
         fade = self._fade if abs(ukf.x[1]) > SLOWEST else np.ones_like(self._fade)  # at rest, nothing is forgotten
         ukf.P *= np.outer(fade, fade)
         self._predict(time - self._period)
@@ -235,7 +208,7 @@ class _Filter:
             self.log_variance += self._period / FILTER.learning_time * gradient
             decay = 1.0 - gain
             self._last = decay * self._last + np.sqrt(max(1.0 - decay**2, 0.0)) * bounded
-        return float(ukf.y[0]), relative
+        return float(ukf.y[0])
 
     def _predict(self, time: float) -> None:
         """Predict the state one period after `time`; states of terms follow the mean."""
@@ -249,7 +222,7 @@ class _Filter:
             self._memory = after[-1].memory
 
     def _process_noise(self) -> Array:
-        """Compute the process noise of a period: white torque noise, and the random walk of parameters."""
+        """Compute the process noise of a period: white torque noise; parameters are constant."""
         ukf, period = self._ukf, self._period
         x = Samples(np.zeros(1), ukf.x[:1], ukf.x[1:2], np.zeros(1))
         balance = TorqueBalance(self._terms, ukf.x[2:])
@@ -257,7 +230,6 @@ class _Filter:
         speed = np.exp(self.log_variance) * (period / inertia) ** 2
         added = np.zeros_like(ukf.P)
         added[:2, :2] = speed * np.array([[period**2 / 3, period / 2], [period / 2, 1.0]])
-        added[2:, 2:] = np.diag(random_walk_std(self._walk, ukf.x[2:]) ** 2 * period)
         return added
 
     def _forward(

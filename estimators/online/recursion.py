@@ -99,18 +99,6 @@ class SquareRootLeastSquares:
         self._theta = now["theta"].T.copy().reshape(*self._batch, -1)  # a copy: returned arrays must not change
         self.error, self.squares, self.count, self.variance = now["sums"].copy().reshape(4, *self._batch)
 
-    def inflate(self, increase: Array) -> None:
-        """Add a diagonal (B, S, P) to P."""
-        self.root = np.asarray(np.linalg.cholesky(inflate_covariance(self.P, increase, self.prior)), dtype=float)
-
-
-def inflate_covariance(P: Array, increase: Array, prior: float) -> Array:
-    """Add an increase (..., P) to the diagonal of P (..., P, P), up to P(0)."""
-    wider = P.copy()
-    diagonal = np.einsum("...ii->...i", wider)  # a view
-    diagonal += np.minimum(increase, np.maximum(prior - diagonal, 0.0))
-    return wider
-
 
 def check_ranges(prior: float, forgetting: float) -> None:
     """Check the arguments of a recursion.
@@ -214,10 +202,6 @@ class KalmanLeastSquares:
         self.squares = np.where(usable, self.forgetting * self.squares + squares, self.squares)
         self.count = np.where(usable, self.forgetting * self.count + 1.0, self.count)
         self.theta, self.P, self.error = theta, P, error
-
-    def inflate(self, increase: Array) -> None:
-        """Add a diagonal (B, S, P) to P."""
-        self.P = inflate_covariance(self.P, increase, self.prior)
 
 
 Recursion = SquareRootLeastSquares | KalmanLeastSquares

@@ -47,7 +47,6 @@ class DiagnoseOnline(MeasurementWrapper):
         *,
         candidates: str | Sequence[str] | None = None,
         rate: float | None = None,
-        add_from: float | None = None,
         alarms_per_hour: float = 1.0,
         model: Model | str | Path | None = None,
         robot: str | None = None,
@@ -61,7 +60,6 @@ class DiagnoseOnline(MeasurementWrapper):
             candidates: ids of possible effects, or one id; None for all of the library. For an arm, `stribeck` means
                 each joint, `stribeck@elbow` one joint.
             rate: sampling rate [Hz]; None asks the environment, which also knows its encoder.
-            add_from: probability above which a missing effect is added automatically; None adds none.
             alarms_per_hour: accepted mean number of false alarms per hour of motion.
             model: identified model, or its file, instead of `terms`. Parameters of the plant that differ
                 significantly from those of the model are reported as changed after five seconds of motion. `add`,
@@ -73,14 +71,11 @@ class DiagnoseOnline(MeasurementWrapper):
                 no candidate has an online diagnosis, both model and terms are given, the torque unit of the model is
                 wrong, or a file holds no model; while running, if samples are off the rate.
         """
-        if add_from is not None and not 0.5 <= add_from < 1:
-            raise ValueError(f"add_from is {add_from:g}: give a probability of 0.5 or more, below 1")
         arguments: dict[str, Any] = {"terms": terms, "candidates": candidates, "rate": rate, "robot": robot}
         arguments |= {"alarms_per_hour": alarms_per_hour, "model": model}
         diagnoser = make_diagnoser(env, **arguments)
-        super().__init__(env, diagnoser, add_from=add_from, **arguments)
+        super().__init__(env, diagnoser, **arguments)
         (self.diagnoser,) = diagnoser.each
-        self._add_from, self._last_diagnosis = add_from, self.diagnoser.diagnosis
 
     def add(self, effect: str) -> Term:
         """Add an effect to the running model with the nonlinear parameters that predicted best, and return it.
@@ -103,12 +98,6 @@ class DiagnoseOnline(MeasurementWrapper):
         self.diagnoser.undo()
 
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
-        diagnosis, before = self.diagnoser.diagnosis, self._last_diagnosis
-        self._last_diagnosis = diagnosis
-        if self._add_from is not None and diagnosis is not before and diagnosis.kind == "missing":
-            (first,) = (entry for entry in diagnosis.ranking if entry.effect == diagnosis.group[0])
-            if first.probability >= self._add_from:
-                self.add(first.effect)
         info["diagnosis"] = self.diagnoser.diagnosis
         return observation
 
@@ -122,7 +111,7 @@ class DiagnoseOnlineVector(MeasurementVectorWrapper):
     def __init__(
         self, env: VectorEnv[Any, Any, Any], terms: Sequence[str | Term] | None = None, **options: Any
     ) -> None:
-        """Wrap a vector environment; the arguments are those of `DiagnoseOnline` without `add_from`."""
+        """Wrap a vector environment; the arguments are those of `DiagnoseOnline`."""
         self.diagnoser = make_diagnoser(env, terms, **options)
         super().__init__(env, self.diagnoser)
 

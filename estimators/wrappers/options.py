@@ -34,7 +34,6 @@ class EstimatorOptions(TypedDict, total=False):
     """Options of `OnlineEstimator` that a wrapper passes on; None for the default."""
 
     forgetting: float | None
-    random_walk: float | Sequence[float] | None
     prior: float | None
     counts: int | None
     smoothing: Smoothing | None

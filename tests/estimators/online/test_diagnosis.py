@@ -193,13 +193,16 @@ def test_undo_brings_the_model_back():
     assert again.group[0] == first.group[0] == "cogging"
 
 
-def test_a_wrapper_diagnoses_beside_others_and_adds_by_itself():
+def test_a_wrapper_diagnoses_beside_others_and_adds():
     env = EstimateParameters(gym.make(PENDULUM, rate=200, effects=["gravity_tilt:gravity_tilt=0.3"]), schemes="dynamic")
-    env = DiagnoseOnline(env, candidates=["gravity_tilt", "quadratic_drag", "dead_time"], add_from=0.9)
+    env = DiagnoseOnline(env, candidates=["gravity_tilt", "quadratic_drag", "dead_time"])
     env = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
     _, info = env.reset(seed=0)
     assert set(info["diagnosis"].not_run) == {"dead_time"}
-    *_, info = played(env, 3000)
+    *_, info = played(env, 1500)
+    assert info["diagnosis"].group == ("gravity_tilt",)
+    env.get_wrapper_attr("add")("gravity_tilt")
+    *_, info = played(env, 1500, first=1500)
     said = info["diagnosis"]
     assert said.added == ("gravity_tilt",) and "dynamic" in info["estimates"]
     assert said.kind == "nothing" and said.theta["gravity_tilt"] == pytest.approx(0.3, rel=0.05)
@@ -214,7 +217,6 @@ def test_what_cannot_be_followed_is_refused():
         ({"candidates": "backlash"}, "no candidate has an online diagnosis: backlash .depends on the past"),
         ({"rate": np.nan}, "give a positive number"),
         ({"model": Model.build(BASE[1:], 0.5)}, "lacks the term inertia"),
-        ({"add_from": 0.2}, "add_from"),
         ({"alarms_per_hour": 0.0}, "alarms_per_hour"),
     ):
         with pytest.raises(ValueError, match=why):
