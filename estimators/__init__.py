@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from estimators.diagnosis.run import diagnose
     from estimators.prediction import Prediction
     from estimators.regression.equations import IdentificationError
-    from estimators.schemes.identification import Identification, identify
+    from estimators.schemes.identification import identify
+    from estimators.schemes.result import Identification
     from estimators.schemes.six import SCHEMES, scheme
     from estimators.search_hints import SearchHints, set_hints
     from estimators.selection.criterion import Criterion

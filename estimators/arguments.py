@@ -22,7 +22,15 @@ from pendulum_env.arms.recording import read_logged
 from pendulum_env.errors import ColumnError, UserError
 from pendulum_env.physics import BASE, Model, Term, list_nameable
 from pendulum_env.physics.library import find_term
-from pendulum_env.physics.limits import Bounds, check_names, limit_kind, limit_term, make_limits
+from pendulum_env.physics.limits import (
+    Bounds,
+    LimitsError,
+    check_names,
+    collect_limits,
+    limit_kind,
+    limit_term,
+    make_limits,
+)
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism, describe_joints
 from pendulum_env.physics.model import NO_INERTIA, ModelError
 from pendulum_env.reading import quote_value
@@ -199,10 +207,10 @@ def apply_limits(
     if not find_body(terms).can_limit:
         raise UserError("values and bounds are known of pendulums alone: leave them out for an arm")
     check_names(limits, (*(type(item) for item in terms), *list_nameable().values(), *library.values()))
-    return (
-        tuple(limit_term(item, limits) for item in terms),
-        {id: limit_kind(kind, limits) for id, kind in library.items()},
-    )
+    limited = tuple(limit_term(item, limits) for item in terms)
+    if not library and (absent := limits.keys() - collect_limits(limited)):
+        raise LimitsError(f"the model has no parameter '{min(absent)}': add its effect to the terms, or leave it out")
+    return limited, {id: limit_kind(kind, limits) for id, kind in library.items()}
 
 
 def check_horizon(horizon: float | None, is_simulated: bool) -> None:

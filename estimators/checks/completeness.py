@@ -18,9 +18,9 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.selection.physical import find_driving_friction
-from estimators.weak_form.torque_windows import TorqueWindows
+from estimators.weak_form.torque_windows import TorqueWindows, prepare
+from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Term
-from pendulum_env.recording import Recording
 
 DISAGREEMENT = 5.0  # standard errors between two schemes, which noise alone does not reach: 2.3 is the most seen,
 COARSE = 0.05  # and share of a parameter, which slow sampling does not reach: 0.034 at 50 Hz
@@ -28,43 +28,38 @@ COARSE = 0.05  # and share of a parameter, which slow sampling does not reach: 0
 Results = dict[str, Identified]
 
 
-def check_joint(
-    first: Model, results: Results, given: FitData, data: TorqueWindows | None, terms: Sequence[Term]
-) -> tuple[list[Finding], Results]:
-    """Check the results of one joint: columns, then agreement, then the model, then feedback.
+def check_results(
+    first: Model, results: Results, given: FitData, terms: Sequence[Term]
+) -> tuple[TorqueWindows | None, list[Finding], Results]:
+    """Check columns, then agreement of recordings, then the model, then feedback; of an arm the model alone.
 
     Args:
         first: model of the first scheme, in the unit of the recorded torque, with all estimates.
         results: by scheme.
         given: the recordings.
-        data: windows of the recordings; None if there are too few.
         terms: of the model.
 
     Returns:
-        Findings, and the results with estimates marked that a missing effect biases.
+        Windows of a pendulum, None of an arm and without enough motion; findings; and the results with estimates
+        marked that a missing effect biases.
     """
-    found = find_wrong_columns(first, given.recordings)
-    with suppress(IdentificationError):
-        if data is not None:
-            found = found or find_far_zero(data, terms, given.recordings)
+    if isinstance(terms[0].mechanism, Body):
+        found = find_driving_friction(next(iter(results.values())).model)
+        with suppress(IdentificationError):
+            missing, results = _check_completeness(results, RegressionData.of_arm(given.recordings, terms), terms)
+            found = [*found, *missing]
+        return None, found, results
+    data, found = None, find_wrong_columns(first, given.recordings)
+    with suppress(IdentificationError):  # windows need more motion than some schemes
+        data = prepare(given.recordings)
+        found = found or find_far_zero(data, terms, given.recordings)
     found = found or find_driving_friction(first)
     with suppress(IdentificationError):
         if data is not None:
             found = [*found, *_check_recordings(given, fit_each_recording([data], terms), terms)]
             if not found:
                 found, results = _check_completeness(results, RegressionData(data), terms)
-    return [*found, *find_feedback(given.recordings)], results
-
-
-def check_arm(
-    results: Results, recordings: Sequence[Recording], terms: Sequence[Term]
-) -> tuple[list[Finding], Results]:
-    """Check the results of an arm, whose first term is its links; see `check_joint`."""
-    found = find_driving_friction(next(iter(results.values())).model)
-    with suppress(IdentificationError):
-        missing, results = _check_completeness(results, RegressionData.of_arm(recordings, terms), terms)
-        found = [*found, *missing]
-    return found, results
+    return data, [*found, *find_feedback(given.recordings)], results
 
 
 def _check_recordings(given: FitData, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:

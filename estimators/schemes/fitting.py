@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.checks.torque_constant import widen_by_constant
+from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import remove_unit_inertia, restore_known
-from estimators.regression.equations import Equations
+from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import Fit, solve, solve_least_squares, weigh_recordings
 from estimators.regression.recursive import choose_indices, compute_history
-from estimators.schemes.balance import Joints, apply_scheme, compute_balances
-from estimators.schemes.six import Regression, Regressor, Scheme, give
+from estimators.schemes.balance import Joints, adapt_to_arms, apply_scheme, compute_balances
+from estimators.schemes.six import LowPass, Regression, Regressor, Scheme, give
+from estimators.signals.measurements import measure_joints, remember
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.joints import Links
 from pendulum_env.arms.model import make_arm_model
@@ -29,6 +32,7 @@ from pendulum_env.units import JointUnits
 POINTS = 200  # of the history
 CLUSTER = 0.5  # [s], longer than residuals stay correlated, except those that drift; shorter in short recordings
 CLUSTERS = 30  # at least, in all recordings together
+FEWEST = 10  # clusters that hold motion, below which standard errors mean little
 
 Segments = Sequence[Sequence[Joints]]  # of each recording, the measurements of the joints in each of its segments
 
@@ -151,6 +155,41 @@ class Identified:
         }
 
 
+def measure_segments(recordings: Sequence[Recording], terms: Sequence[Term]) -> Segments:
+    """Measure the joints in each segment of recordings, with the states of the terms along the motion."""
+    names = terms[0].mechanism.joints
+    own = [[term for term in terms if term.at == name] for name in names]
+    return [
+        [tuple(map(remember, joints, own)) for joints in measure_joints(recording.joints)] for recording in recordings
+    ]
+
+
+def join_names(recordings: Sequence[Recording]) -> str:
+    """Join the names of recordings."""
+    return ", ".join(recording.name for recording in recordings)
+
+
+def limit_filters(
+    schemes: Sequence[Regressor], segments: Segments
+) -> tuple[tuple[Regressor, ...], tuple[Finding, ...]]:
+    """Limit the filters of schemes to the sampling rate, and return a finding on each limited filter."""
+    if len(segments[0][0]) > 1:
+        schemes = adapt_to_arms(schemes)
+    rate = min(joints[0].rate for own in segments for joints in own)
+    slowed = tuple(_slow_filter(scheme, rate) for scheme in schemes)
+    if slowed == tuple(schemes):
+        return slowed, ()
+    return slowed, (Finding(Kind.FILTER_SLOWED, {"rate": Quantity(rate, unit="Hz")}),)
+
+
+def _slow_filter(scheme: Regressor, rate: float) -> Regressor:
+    """Limit the filter of a scheme to one radian per sample if it is above the Nyquist frequency."""
+    operator = scheme.operator if isinstance(scheme, Scheme) else None
+    if isinstance(operator, LowPass) and operator.cutoff >= np.pi * rate:
+        return replace(scheme, operator=replace(operator, cutoff=rate))  # type: ignore[type-var]
+    return scheme
+
+
 def make_regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Regression]]:
     """Compute the regression of each joint, or of all joints; balances of an arm are memoised."""
     kept: dict[tuple[int, str], list[Equations]] = {}
@@ -216,6 +255,40 @@ def weigh_joints(equations: Equations, joint: Index) -> Array:
 def compute_joint_rms(values: Array, joint: Index) -> Array:
     """Compute the root mean square of each joint (n,)."""
     return np.sqrt(np.maximum(np.bincount(joint, values**2) / np.maximum(np.bincount(joint), 1), 1e-24))
+
+
+def fit_schemes(
+    schemes: Sequence[Regressor],
+    segments: Segments,
+    terms: Sequence[Term],
+    recordings: Sequence[Recording],
+) -> dict[str, Identified]:
+    """Fit each scheme to the segments of recordings.
+
+    Raises:
+        IdentificationError: if too little of the motion is clear of stick.
+        ValueError: if a scheme borrows from one that was not used before.
+    """
+    joints, names, of = terms[0].mechanism.joints, join_names(recordings), make_regressions(terms)
+    results: dict[str, Identified] = {}
+    for scheme in schemes:
+        data = stack(segments, partial(of, scheme), terms)
+        if len(np.unique(data.clusters[data.usable])) < FEWEST:
+            raise IdentificationError(
+                f"{names}: too little of the motion is clear of stick and reversals: record longer, faster or wider "
+                "motion"
+            )
+        hidden = np.setdiff1d(data.joint, data.joint[data.usable])
+        if len(hidden):
+            raise IdentificationError(
+                f"{names}: joint '{joints[hidden[0]]}' is never clear of stick and reversals: record longer, "
+                "faster or wider motion of it"
+            )
+        if scheme.borrows is not None and scheme.borrows not in results:
+            raise ValueError(f"{scheme.id} borrows from {scheme.borrows}: put {scheme.borrows} before it")
+        lender = results[scheme.borrows].model if scheme.borrows is not None else None
+        results[scheme.id] = fit_equations(scheme, data, terms, lender)
+    return results
 
 
 def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model | None = None) -> Identified:

@@ -1,12 +1,16 @@
 """Findings on parameters that recordings do not determine."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import compress
 
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
+from estimators.regression.equations import IdentificationError
+from estimators.schemes.balance import stack_series
+from estimators.schemes.fitting import Identified, Segments, join_names, make_regressions, stack
 from estimators.schemes.six import GUARD, scheme
 from estimators.signals.measurements import Measurements
 from pendulum_env._typing import Array, Mask
@@ -14,7 +18,10 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import DRAWS
 from pendulum_env.physics import BASE, Estimate, Model, Term
 from pendulum_env.physics.model import SIGNIFICANT
+from pendulum_env.recording import Recording
+from pendulum_env.recording.columns import NONE
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.settings import format_setting
 from pendulum_env.units import TURNING, JointUnits
 
 
@@ -92,6 +99,62 @@ def find_unidentifiable(
     return tuple(
         Finding(Kind.UNIDENTIFIABLE, {name: Quantity(own.value, own.std, own.unit)}, (name,)) for name, own in best
     )
+
+
+def withhold_estimates(
+    results: Mapping[str, Identified], segments: Segments, terms: Sequence[Term], units: JointUnits = TURNING
+) -> tuple[dict[str, Identified], tuple[Finding, ...]]:
+    """Remove estimates that recordings do not determine, and return findings on those that no scheme determines."""
+    measured = [joints for own in segments for joints in own]
+    body = terms[0].mechanism
+    if isinstance(body, Body):
+        doubts = _find_dependent_terms(segments, terms)
+        motion = [stack_series(joints, "position", "velocity", "held") for joints in measured]
+        seen = [np.concatenate(each) for each in zip(*motion, strict=True)]
+        said = {name for doubt in doubts for name in doubt.withheld}
+        unknown = {id: {*find_undetermined_links(one.model, *seen)} - said for id, one in results.items()}
+        if shared := set.intersection(*unknown.values()):
+            doubts = (*doubts, Finding(Kind.UNIDENTIFIABLE, parameters=tuple(sorted(shared))))
+    else:
+        alone = [m for (m,) in measured]
+        doubts = find_undetermined(alone, terms, units)
+        found = {id: find_unidentifiable(one.model, alone, doubts) for id, one in results.items()}
+        unknown = {id: {name for doubt in own for name in doubt.withheld} for id, own in found.items()}
+        shared = set.intersection(*unknown.values())
+        doubts = (*doubts, *(doubt for doubt in next(iter(found.values())) if shared.issuperset(doubt.withheld)))
+    said = {name for doubt in doubts for name in doubt.withheld}
+    return {id: replace(one, model=one.model.withhold(said | unknown[id])) for id, one in results.items()}, doubts
+
+
+def refuse_idle_joints(recordings: Sequence[Recording], segments: Segments, terms: Sequence[Term]) -> None:
+    """Refuse recordings in which a joint of an arm never moves, or torque never moves a pendulum.
+
+    Raises:
+        IdentificationError: with the joint, or the column of the torque.
+    """
+    measured = [joints for own in segments for joints in own]
+    body = terms[0].mechanism
+    for k, joint in enumerate(body.joints if isinstance(body, Body) else ()):
+        if not any(joints[k].moving.any() for joints in measured):
+            raise IdentificationError(
+                f"{join_names(recordings)}: joint '{joint}' never moves: record with all joints moving"
+            )
+    if isinstance(body, Body) or all(own.is_free for own in recordings):
+        return
+    if not any(has_effective_torque(m) for (m,) in measured):
+        column = "torque" if any(own.torque.any() for own in recordings) else "load_torque"
+        raise IdentificationError(
+            f"{join_names(recordings)}: the {column} is constant or noise, and the motion does not follow it: read "
+            f"the file without it, {format_setting('columns', {column: NONE})}, or mend its offset"
+        )
+
+
+def _find_dependent_terms(segments: Segments, terms: Sequence[Term]) -> tuple[Finding, ...]:
+    """Find the dependent columns of the torque of an arm."""
+    data = stack(segments, partial(make_regressions(terms), scheme("dynamic")))
+    columns = [column.name for term in terms for column in term.columns]
+    phi = data.equations.phi
+    return tuple(find_dependent_columns(phi[data.usable], columns, np.any(phi, axis=0)))
 
 
 def find_undetermined_links(model: Model, position: Array, velocity: Array, torque: Array) -> list[str]:

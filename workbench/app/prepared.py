@@ -12,7 +12,8 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.split import split_arm
 from estimators.diagnosis.addition import fit
 from estimators.free_swings import make_swing_terms, restore_known
-from estimators.schemes.identification import SAVED, Identification, identify
+from estimators.schemes.identification import identify
+from estimators.schemes.result import SAVED, Identification
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step
 from estimators.signals.residual import Region, make_region_everywhere

@@ -7,7 +7,8 @@ from dataclasses import replace
 from estimators.arguments import apply_limits
 from estimators.arms.standard import nearest_body
 from estimators.findings import Kind
-from estimators.schemes.identification import SAVED, Identification, identify
+from estimators.schemes.identification import identify
+from estimators.schemes.result import SAVED, Identification
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.arms.body import Body

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimators.findings import Kind
-from estimators.schemes.identification import Identification
+from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.formatting import TextTable

@@ -10,7 +10,7 @@ from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.online.estimates import SchemeEstimate, SchemeEstimates
 from estimators.schemes.fitting import Identified
-from estimators.schemes.identification import Identification
+from estimators.schemes.result import Identification
 from estimators.selection.errors import get_single
 from pendulum_env.formatting import TextTable, capitalise, format_estimate, format_unit, join_words
 from pendulum_env.notebook import BLUE, GREEN, ORANGE, render_html

@@ -9,7 +9,8 @@ from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.identification import Identification, identify
+from estimators.schemes.identification import identify
+from estimators.schemes.result import Identification
 from estimators.schemes.six import SCHEMES
 from estimators.selection.errors import Step
 from pendulum_env._typing import Array

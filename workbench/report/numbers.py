@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.data.regression_data import RegressionData
 from estimators.figure import DRAWING, Figure, axis, band, line, segment
-from estimators.schemes.identification import Identification
+from estimators.schemes.result import Identification
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON
 from pendulum_env.formatting import capitalise, format_number, format_unit

@@ -16,7 +16,7 @@ from dash import State as Value
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from estimators.schemes.identification import SAVED
+from estimators.schemes.result import SAVED
 from pendulum_env.lookup import find
 from pendulum_env.recording.study import collect_log_format, write_study
 from workbench.app.parts import make_panel, make_save_button

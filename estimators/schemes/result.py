@@ -1,0 +1,115 @@
+"""Result of an identification: the estimates of all schemes, and what seems wrong with recordings or model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from estimators.checks.torque_constant import add_torque_constant
+from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.findings import Finding
+from estimators.free_swings import make_swing_terms, restore_known
+from estimators.regression.equations import IdentificationError
+from estimators.schemes.fitting import Identified
+from estimators.weak_form.torque_windows import TorqueWindows
+from pendulum_env._typing import JSON
+from pendulum_env.formatting import join_words
+from pendulum_env.lookup import find
+from pendulum_env.notebook import render_html, summarise
+from pendulum_env.physics import Model
+from pendulum_env.physics.mechanism import Mechanism
+from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+
+SCHEMA = "pendulum-ident/identification@2"
+SAVED = "filtered_dynamic"  # scheme whose model of an arm is the one to go on with
+SHOWN = 3  # recordings, at most, whose names are printed
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Mapping[str, Identified]):
+    """Results of all schemes on the same recordings, by the id of the scheme.
+
+    Two identifications are equal only if they are the same object.
+
+    Attributes:
+        schemes: results by id of the scheme.
+        findings: parameters that the recordings do not determine, and what seems wrong with recordings or model.
+        recordings: names.
+        ends: seconds of recording taken in at the end of each recording; empty if unknown [s].
+        torque_unit: `N m`, or that of a current in whose stead parameters are per unit of it.
+        torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
+        data: windows of the recordings; None where too little of the motion is clear of stick for any, and of an arm.
+    """
+
+    schemes: Mapping[str, Identified]
+    findings: tuple[Finding, ...]
+    recordings: tuple[str, ...]
+    ends: tuple[float, ...] = ()
+    torque_unit: str = NEWTON_METRE
+    torque_constant: TorqueConstant | None = None
+    data: TorqueWindows | None = field(default=None, repr=False)
+
+    @property
+    def body(self) -> Mechanism:
+        """Return the joints of the model."""
+        return next(iter(self.schemes.values())).model.body
+
+    def __getitem__(self, scheme: str) -> Identified:
+        return find("scheme", scheme, self.schemes)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.schemes)
+
+    def __len__(self) -> int:
+        return len(self.schemes)
+
+    __eq__, __hash__ = object.__eq__, object.__hash__  # a Mapping compares its items and has no hash
+
+    @cached_property
+    def windows(self) -> Model:
+        """Return the least-squares fit over windows, as in `compare` and `diagnose`; raises as `fitted`."""
+        first, *_ = models = [one.model for one in self.schemes.values()]
+        disputed = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
+        recordings = [] if self.data is None else [w.recording for w in self.data.windows]
+        terms = make_swing_terms(first.terms, recordings) if recordings else first.terms
+        unknown = {name for finding in self.findings for name in finding.withheld}
+        model = self.fit_windows(lambda data: fit_terms(RegressionData(data), terms)[0])
+        model = restore_known(model, first.terms, recordings) if recordings else model
+        inertia = model.estimates.get("inertia")
+        if inertia is not None and not inertia.is_significant:
+            unknown.add("inertia")
+        return model.mark_biased(disputed).withhold(unknown)
+
+    def fit_windows(self, fit: Callable[[TorqueWindows], Model]) -> Model:
+        """Return the model of the fit over windows, in the unit of the recorded torque, with the torque constant.
+
+        Raises:
+            IdentificationError: if there are none.
+        """
+        if self.data is None:
+            names = join_words(self.recordings)
+            raise IdentificationError(
+                f"{names}: too little of the motion is clear of stick: record longer or faster motion"
+            )
+        log_format = next(iter(self.schemes.values())).model.log_format
+        return replace(add_torque_constant(fit(self.data), self.data, fit), log_format=log_format)
+
+    def __repr__(self) -> str:
+        count = len(self.recordings)
+        names = join_words(self.recordings) if count <= SHOWN else f"{count} recordings"
+        return f"<Identification of {names}>\n{summarise(self)}"
+
+    def _repr_html_(self) -> str:
+        return render_html(self)
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "schema": SCHEMA,
+            "recordings": list(self.recordings),
+            "torque_unit": self.torque_unit,
+            "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
+            "findings": [finding.json() for finding in self.findings],
+            "schemes": {id: result.json() for id, result in self.schemes.items()},
+        }
