@@ -44,7 +44,7 @@ def test_one_direction_hides_friction_behind_an_offset():
 def test_noise_alone_is_no_torque():
     run = driven(np.zeros(3000), 2.5, coulomb=0.02, viscous=0.01)  # whose torque is logged with noise
     assert kinds(run)[0] is Kind.TORQUE_IS_NOISE
-    with pytest.raises(IdentificationError, match="the torque is constant or noise.*: read the file without it"):
+    with pytest.raises(IdentificationError, match=r"the torque is constant or noise.*: read the file without it"):
         identify([run])
     found = identify([replace(run, torque=np.zeros(len(run)))])
     assert found.torque_unit == "rad/s^2" and not found["dynamic"].withheld
