@@ -31,15 +31,16 @@ from pendulum_env.physics.symbols import (
 )
 
 MANY, SMALL = 64, 50  # lanes from which on, and values up to which, a faster program is worth the time to compile it
+WIDTH = 8  # lanes that are computed at once, by one instruction or a few
 DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
-CALLS = {  # by operation: LLVM's own functions, and those of the C library
-    "absolute": "llvm.fabs.f64",
-    "sqrt": "llvm.sqrt.f64",
-    "maximum": "llvm.maxnum.f64",
-    "minimum": "llvm.minnum.f64",
-    "exp": "llvm.exp.f64",
-    "log": "llvm.log.f64",
-    "power": "llvm.pow.f64",
+CALLS = {  # by operation: LLVM's functions, some of which call those of the C library
+    "absolute": "fabs",
+    "sqrt": "sqrt",
+    "maximum": "maxnum",
+    "minimum": "minnum",
+    "exp": "exp",
+    "log": "log",
+    "power": "pow",
     "tan": "tan",
     "tanh": "tanh",
     "arctan": "atan",
@@ -62,10 +63,12 @@ class Recurrence:
         program: takes the number of steps, how many of them lie between states that are kept, V, B, and the addresses
             of inputs, constants, states and path.
         engine: that keeps the program.
+        width: lanes that the program computes at once; B has to be a multiple of it.
     """
 
     program: Callable[..., None]
     engine: Any
+    width: int
 
     def __call__(self, inputs: Array, constants: Array, states: Array, every: int = 1) -> Array:
         """States at the start and after every so many steps (N / every + 1, S, V, B).
@@ -76,14 +79,23 @@ class Recurrence:
             states: at the start (S, V, B).
             every: steps from one state that is kept to the next.
         """
-        steps, lanes, variants = len(inputs), inputs.shape[2], states.shape[1]
-        path = np.empty((steps // every + 1, *states.shape))
-        path[0] = states
-        arrays = [np.ascontiguousarray(values, dtype=float) for values in (inputs, constants)]
-        now = np.array(states, dtype=float, order="C")
-        addresses = [values.ctypes.data for values in (*arrays, now, path)]
-        self.program(steps, every, variants, lanes, *addresses)
-        return path
+        steps, shape, lanes = len(inputs), states.shape, inputs.shape[2]
+        if lanes < self.width:  # variants side by side fill the lanes
+            inputs, lanes = np.tile(inputs, shape[1]), shape[1] * lanes
+            constants, states = (values.reshape(len(values), 1, lanes) for values in (constants, states))
+        given, own, now = (_pad_lanes(values, self.width) for values in (inputs, constants, states))
+        path = np.empty((steps // every + 1, *now.shape))
+        path[0] = now
+        self.program(steps, every, *now.shape[1:], *(values.ctypes.data for values in (given, own, now, path)))
+        return path[..., :lanes].reshape(len(path), *shape)
+
+
+def _pad_lanes(values: Array, width: int) -> Array:
+    """Return a copy of values (..., B) whose last lane is repeated up to a multiple of the width."""
+    lanes = values.shape[-1]
+    padded = np.empty((*values.shape[:-1], -(-lanes // width) * width))
+    padded[..., :lanes], padded[..., lanes:] = values, values[..., -1:]
+    return padded
 
 
 @dataclass(frozen=True)
@@ -122,11 +134,13 @@ class Machine:
         """Take what writes the step, with its arguments, which are what is pickled, and the number of lanes B."""
         self._made = write, arguments, lanes
         step = write(*arguments)
-        self._inputs, self.given = _allocate_rows(step.given, lanes)
-        self._states, self.now = _allocate_rows(step.after, lanes)
+        is_quick = lanes < MANY or len(_flatten_parts(step.after)) > SMALL
+        self._program = step.compile(is_quick)  # and with it, LLVM's engine
+        self._inputs, self.given = _allocate_rows(step.given, lanes, self._program.width)
+        self._states, self.now = _allocate_rows(step.after, lanes, self._program.width)
+        padded = self._states.strides[0] // self._states.itemsize
         addresses = self._inputs.ctypes.data, 0, self._states.ctypes.data, 0
-        self._program = step.compile(quickly=lanes < MANY or len(self._states) > SMALL)  # and with it, LLVM's engine
-        self.step = partial(self._program.program, 1, 2, 1, lanes, *addresses)  # none of the states is kept besides
+        self.step = partial(self._program.program, 1, 2, 1, padded, *addresses)  # none of the states is kept besides
 
     def reset(self, which: Mask) -> None:
         """Restart lanes (B,) from zero."""
@@ -139,9 +153,9 @@ class Machine:
         self._inputs[:], self._states[:] = values
 
 
-def _allocate_rows(parts: Mapping[str, Any], lanes: int) -> tuple[Array, dict[str, Array]]:
-    """Allocate the values of some parts in a row (N, B), and a view of each (..., B)."""
-    rows = np.zeros((len(_flatten_parts(parts)), lanes))
+def _allocate_rows(parts: Mapping[str, Any], lanes: int, width: int) -> tuple[Array, dict[str, Array]]:
+    """Allocate the values of some parts in a row (N, B), padded to a multiple of the width, and views of each."""
+    rows = np.zeros((len(_flatten_parts(parts)), -(-lanes // width) * width))[:, :lanes]
     places, first = {}, 0
     for label, part in parts.items():
         shape = np.shape(box(part))
@@ -185,18 +199,14 @@ def _write_lines(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Pl
 @lru_cache(maxsize=256)
 def _compile(names: Names, lines: tuple[Line, ...], results: tuple[Place, ...], quickly: bool) -> Recurrence:
     _prepare()
-    target, level = llvm.Target.from_default_triple(), 0 if quickly else 2
+    target, level, width = llvm.Target.from_default_triple(), *((0, 1) if quickly else (1, WIDTH))
     machine = target.create_target_machine(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), opt=level)
-    module = llvm.parse_assembly(str(_compile_program(*names, lines, results)))
+    module = llvm.parse_assembly(str(_compile_program(*names, lines, results, width)))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
-    options = llvm.create_pipeline_tuning_options(speed_level=level)
-    options.loop_vectorization = not quickly
-    builder = llvm.create_pass_builder(machine, options)
-    builder.getModulePassManager().run(module, builder)
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
     call = ctypes.CFUNCTYPE(None, *4 * [ctypes.c_int64], *4 * [ctypes.c_void_p])
-    return Recurrence(call(engine.get_function_address("run")), engine)
+    return Recurrence(call(engine.get_function_address("run")), engine, width)
 
 
 @cache
@@ -214,13 +224,12 @@ def _compile_program(
     states: Sequence[str],
     lines: Sequence[Line],
     results: Sequence[Place],
+    width: int,
 ) -> ir.Module:
-    """Compile three loops: over steps, variants, and lanes of a batch, which LLVM vectorises."""
-    module = ir.Module()
+    """Compile three loops: over steps, variants, and lanes of a batch, `width` of them at once."""
+    module, kind = ir.Module(), DOUBLE if width == 1 else ir.VectorType(DOUBLE, width)
     program = ir.Function(module, ir.FunctionType(ir.VoidType(), 4 * [WHOLE] + 4 * [POINTER]), "run")
     steps, every, variants, lanes, *arrays = program.args
-    for array in arrays:
-        array.add_attribute("noalias")
     given, own, now, path = arrays
     builder = ir.IRBuilder(program.append_basic_block())
     each = builder.mul(variants, lanes)  # values of a state or constant
@@ -229,21 +238,23 @@ def _compile_program(
         first = builder.mul(builder.mul(step, WHOLE(len(inputs))), lanes)
         with _build_loop(builder, variants) as variant:
             begin = builder.mul(variant, lanes)
-            with _build_loop(builder, lanes) as lane:
+            with _build_loop(builder, lanes, width) as lane:
 
                 def place(array: Any, base: Any, k: int, stride: Any) -> Any:
                     index = builder.add(builder.add(base, builder.mul(WHOLE(k), stride)), lane)
                     return builder.gep(array, [index], source_etype=DOUBLE)
 
                 values = {
-                    name: builder.load(place(given, first, k, lanes), typ=DOUBLE) for k, name in enumerate(inputs)
+                    name: builder.load(place(array, base, k, stride), align=8, typ=kind)
+                    for names, array, base, stride in (
+                        (inputs, given, first, lanes),
+                        (constants, own, begin, each),
+                        (states, now, begin, each),
+                    )
+                    for k, name in enumerate(names)
                 }
-                values |= {
-                    name: builder.load(place(own, begin, k, each), typ=DOUBLE) for k, name in enumerate(constants)
-                }
-                values |= {name: builder.load(place(now, begin, k, each), typ=DOUBLE) for k, name in enumerate(states)}
-                for k, result in enumerate(_Instructions(module, builder, values).emit(lines, results)):
-                    builder.store(result, place(now, begin, k, each))
+                for k, result in enumerate(_Instructions(module, builder, values, kind).emit(lines, results)):
+                    builder.store(result, place(now, begin, k, each), align=8)
         done = builder.add(step, WHOLE(1))
         with builder.if_then(builder.icmp_signed("==", builder.srem(done, every), WHOLE(0))):
             row = builder.mul(builder.sdiv(done, every), size)
@@ -255,8 +266,8 @@ def _compile_program(
 
 
 @contextmanager
-def _build_loop(builder: ir.IRBuilder, count: Any) -> Iterator[Any]:
-    """Count from 0."""
+def _build_loop(builder: ir.IRBuilder, count: Any, stride: int = 1) -> Iterator[Any]:
+    """Count from 0 by a stride."""
     before = builder.block
     body, after = builder.append_basic_block(), builder.append_basic_block()
     builder.cbranch(builder.icmp_signed(">", count, WHOLE(0)), body, after)
@@ -264,7 +275,7 @@ def _build_loop(builder: ir.IRBuilder, count: Any) -> Iterator[Any]:
     index = builder.phi(WHOLE)
     index.add_incoming(WHOLE(0), before)
     yield index
-    following = builder.add(index, WHOLE(1))
+    following = builder.add(index, WHOLE(stride))
     index.add_incoming(following, builder.block)
     builder.cbranch(builder.icmp_signed("<", following, count), body, after)
     builder.position_at_end(after)
@@ -272,18 +283,19 @@ def _build_loop(builder: ir.IRBuilder, count: Any) -> Iterator[Any]:
 
 @dataclass(frozen=True)
 class _Instructions:
-    """Instructions of expressions, in the values that their names have."""
+    """Instructions of expressions, in the values that their names have, each of a kind: a number or a vector."""
 
     module: ir.Module
     builder: ir.IRBuilder
     given: Mapping[str, Any]
+    kind: Any
 
     def emit(self, lines: Sequence[Line], results: Sequence[Place]) -> list[Any]:
         values: list[Any] = []
 
         def of(place: Place) -> Any:
             line, number = place
-            return DOUBLE(number) if line is None else values[line]
+            return self.kind(number) if line is None else values[line]
 
         for op, label, *operands in lines:
             values.append(self.given[label] if op == NAME else self._value(op, [of(x) for x in operands]))
@@ -306,33 +318,37 @@ class _Instructions:
         if op in ("sin", "cos"):
             return self._sine(numbers[0], 0.0 if op == "sin" else 0.5)
         if op == "sign":
-            up, down = (write.fcmp_ordered(sign, numbers[0], DOUBLE(0.0)) for sign in "><")
-            return write.select(up, DOUBLE(1.0), write.select(down, DOUBLE(-1.0), DOUBLE(0.0)))
-        return write.call(self._function(CALLS[op], len(numbers)), numbers)
+            zero, one, minus = map(self.kind, (0.0, 1.0, -1.0))
+            up, down = (write.fcmp_ordered(sign, numbers[0], zero) for sign in "><")
+            return write.select(up, one, write.select(down, minus, zero))
+        return self._call(CALLS[op], *numbers)
 
     def _sine(self, x: Any, shift: float) -> Any:
-        """Return sin(x + shift pi) by its series about the nearest multiple of pi, which LLVM vectorises."""
-        write, whole = self.builder, self._function("llvm.rint.f64", 1)
-        turns = write.call(whole, [write.fadd(write.fmul(x, DOUBLE(1 / math.pi)), DOUBLE(shift))])
+        """Return sin(x + shift pi) by its series about the nearest multiple of pi."""
+        write, number = self.builder, self.kind
+        turns = self._call("rint", write.fadd(write.fmul(x, number(1 / math.pi)), number(shift)))
         rest = x
         for part in PI:
-            rest = write.fsub(rest, write.fmul(write.fsub(turns, DOUBLE(shift)), DOUBLE(part)))
-        square, series = write.fmul(rest, rest), DOUBLE(ODD[-1])
+            rest = write.fsub(rest, write.fmul(write.fsub(turns, number(shift)), number(part)))
+        square, series = write.fmul(rest, rest), number(ODD[-1])
         for factor in reversed(ODD[:-1]):
-            series = write.fadd(write.fmul(series, square), DOUBLE(factor))
-        half = write.fmul(turns, DOUBLE(0.5))
-        is_odd = write.fcmp_ordered("!=", half, write.call(whole, [half]))
+            series = write.fadd(write.fmul(series, square), number(factor))
+        half = write.fmul(turns, number(0.5))
+        is_odd = write.fcmp_ordered("!=", half, self._call("rint", half))
         value = write.fmul(rest, series)
         for sign, limit in (("<", -1.0), (">", 1.0)):  # beyond 1e8 fewer and fewer digits of a turn are left
-            value = write.select(write.fcmp_ordered(sign, value, DOUBLE(limit)), DOUBLE(limit), value)
+            value = write.select(write.fcmp_ordered(sign, value, number(limit)), number(limit), value)
         return write.select(is_odd, write.fneg(value), value)
 
-    def _function(self, name: str, count: int) -> Any:
-        known = self.module.globals.get(name)
-        return known or ir.Function(self.module, ir.FunctionType(DOUBLE, count * [DOUBLE]), name)
+    def _call(self, name: str, *inputs: Any) -> Any:
+        """Call a function of LLVM."""
+        full = f"llvm.{name}.{'f64' if self.kind == DOUBLE else f'v{self.kind.count}f64'}"
+        function = ir.FunctionType(self.kind, [x.type for x in inputs])
+        return self.builder.call(self.module.globals.get(full) or ir.Function(self.module, function, full), inputs)
 
     def _number(self, value: Any) -> Any:
-        return value if value.type == DOUBLE else self.builder.uitofp(value, DOUBLE)
+        return value if value.type == self.kind else self.builder.uitofp(value, self.kind)
 
     def _truth(self, value: Any) -> Any:
-        return self.builder.fcmp_unordered("!=", value, DOUBLE(0.0)) if value.type == DOUBLE else value
+        is_number = value.type == self.kind
+        return self.builder.fcmp_unordered("!=", value, self.kind(0.0)) if is_number else value
