@@ -17,7 +17,7 @@ from pendulum_env.lookup import find
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError, read_recording
-from pendulum_env.recording.columns import NONE, UNUSED, check_named, parse_column
+from pendulum_env.recording.columns import NONE, check_named, parse_column
 from pendulum_env.recording.formats import Readable, get_label
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.preview import Preview, read_preview
@@ -149,7 +149,7 @@ def read_arm_recording(
     measured = [own.temperature for own in single]
     warm = np.column_stack([np.full(len(first), ROOM) if own is None else own for own in measured])
     notes = [_note_of_joint(joint, note) for joint, own in zip(joints, single, strict=True) for note in own.notes]
-    columns_of = {joint: named.get(f"position_{joint}", UNUSED) for joint in held}
+    columns_of = {joint: named.get(f"position_{joint}", NONE) for joint in held}
     return ArmRecording(
         first.time,
         np.column_stack([own.position for own in single]),
@@ -164,7 +164,7 @@ def read_arm_recording(
         still={
             joint: _read_held_position(get_label(source), look, column)
             for joint, column in columns_of.items()
-            if column not in (NONE, UNUSED)
+            if column != NONE
         },
     )
 
@@ -190,7 +190,7 @@ def find_logged_joints(
         RecordingError: if the file cannot be read.
     """
     look = read_preview(source, most=500)
-    named = {name: text for name, text in (columns or {}).items() if text.strip() not in (NONE, UNUSED)}
+    named = {name: text for name, text in (columns or {}).items() if text.strip() != NONE}
     named = strip_units(look.headers) | named
 
     def is_logged(joint: str) -> bool:
@@ -228,10 +228,10 @@ def _refuse_twice(label: str, joints: Sequence[str], single: Sequence[Recording]
 
 def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str, str], unwrap: bool) -> Recording:
     """Read the columns of one joint, by the columns of quantities of all joints."""
-    own = {quantity: named.get(f"{quantity}_{joint}", UNUSED) for quantity in OF_JOINTS}
+    own = {quantity: named.get(f"{quantity}_{joint}", NONE) for quantity in OF_JOINTS}
     own |= {"time": named["time"]} if "time" in named else {}
     label = get_label(source)
-    unused = {"velocity": UNUSED, "reference": UNUSED}
+    unused = {"velocity": NONE, "reference": NONE}
     try:
         if own["torque"] == NONE:
             raise ColumnError("an arm needs the torque of every joint: name its column")
@@ -251,7 +251,7 @@ def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str,
 def _note_of_joint(joint: str, note: Note) -> Note:
     """Return a note on columns of one joint, by their names in the file."""
     quantities = (f"{own}_{joint}" if own in OF_JOINTS else own for own in note.quantities)
-    named = {q: text for q, text in note.columns.items() if text != UNUSED}
+    named = {q: text for q, text in note.columns.items() if text != NONE}
     columns = {f"{q}_{joint}" if q in OF_JOINTS else q: text for q, text in named.items()}
     text = _replace_joint_names(joint, note.text) if note.kind is NoteKind.IMPLAUSIBLE else note.text
     return replace(note, quantities=tuple(quantities), columns=columns, text=text)
@@ -272,7 +272,7 @@ def _read_held_position(label: str, look: Preview, text: str) -> Array:
 
 def _replace_joint_names(joint: str, text: str) -> str:
     """Write a text about columns of one joint, ready to paste."""
-    text = re.sub(",(velocity|reference)=unused|, '(velocity|reference)': 'unused'", "", text)
+    text = re.sub(",(velocity|reference)=none|, '(velocity|reference)': 'none'", "", text)
     text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda found: f"{found[1]}_{joint} is", text)
     return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})(=|': )", lambda found: f"{found[1]}_{joint}{found[2]}", text)
 

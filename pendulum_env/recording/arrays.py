@@ -6,7 +6,6 @@ from dataclasses import is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
-from zipfile import is_zipfile
 
 import numpy as np
 import pyarrow as pa
@@ -18,7 +17,6 @@ from pendulum_env.errors import RecordingError
 from pendulum_env.reading import quote_value
 from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.columns import add_labels
-from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.table import (
     WIDEST,
     ColumnFinder,
@@ -38,23 +36,13 @@ DESCRIPTIONS = ("dimensions", "name")  # fields of MATLAB structures that hold n
 
 
 def read_npz(path: Path, find: ColumnFinder) -> RawTable:
-    """Read the arrays in need, without unpickling.
+    """Read arrays, without unpickling.
 
     Raises:
         RecordingError: if an array is missing, does not hold real numbers, is no vector, or if the lengths differ.
     """
-    if not is_zipfile(path):  # NumPy would advise to unpickle it
-        raise RecordingError("it is no NPZ archive, or a damaged one: write it with numpy.savez")
-    arrays: dict[str, NDArray[Any]] = {}
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        for name in archive.files:
-            try:
-                arrays[name] = np.asarray(archive[name])  # of a file that is no array, its bytes
-            except ValueError as error:
-                if "allow_pickle" not in str(error):
-                    raise
-                arrays[name] = np.empty((), dtype=object)  # which only unpickling would make
-    return _build_table(arrays, find)
+        return _build_table({name: np.asarray(archive[name]) for name in archive.files}, find)
 
 
 def read_mat(path: Path, find: ColumnFinder) -> RawTable:
@@ -113,10 +101,6 @@ def read_data(data: Any, find: ColumnFinder) -> RawTable:
             table = pa.table(data)
         except (pa.ArrowInvalid, pa.ArrowTypeError):  # pandas: a column of texts and numbers
             return read_data({name: data[name].to_numpy() for name in data.columns}, find)
-    elif hasattr(data, "__dataframe__"):
-        from pyarrow.interchange import from_dataframe  # takes a while to import
-
-        table = from_dataframe(data)
     else:
         raise TypeError(f"{quote_value(data)} is no table: give a path, a mapping of arrays or a data frame")
     index = INDICES[1]  # of pandas, where it has no name
@@ -140,13 +124,13 @@ def _collect_arrays(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]
 
 def is_data(given: object) -> bool:
     """Return whether something is a table in memory that `read_data` reads; a dataclass, such as a result, is none."""
-    is_frame = hasattr(given, "__arrow_c_stream__") or hasattr(given, "__dataframe__")
     is_mapping = isinstance(given, Mapping) and not is_dataclass(given)
-    return is_frame or is_mapping or (isinstance(given, np.ndarray) and bool(given.dtype.names))
+    is_structured = isinstance(given, np.ndarray) and bool(given.dtype.names)
+    return is_mapping or is_structured or hasattr(given, "__arrow_c_stream__")
 
 
 def read_hdf5(path: Path, find: ColumnFinder) -> RawTable:
-    """Read datasets of HDF5 by their paths, `run/position`; external links are not followed.
+    """Read datasets of HDF5 by their paths, `run/position`.
 
     Of MATLAB 7.3, structures and their arrays are named as in older files: `run.position`, `out.signals[0].values[1]`.
     Texts, names and sizes are no columns.
@@ -166,26 +150,11 @@ def read_hdf5(path: Path, find: ColumnFinder) -> RawTable:
 
 
 def _collect_datasets(group: Any, path: str) -> Iterator[tuple[str, Any]]:
-    for name, item in _find_members(group):
+    for name, item in group.items():
         if hasattr(item, "keys"):
             yield from _collect_datasets(item, f"{path}{name}/")
-        else:
+        elif getattr(item, "shape", None) is not None:  # of a named type or an empty dataset
             yield path + name, item
-
-
-def _find_members(group: Any) -> Iterator[tuple[str, Any]]:
-    """Map names to groups and datasets of a group, without links and external datasets."""
-    import h5py
-
-    for name in group:
-        if isinstance(group.get(name, getlink=True), h5py.HardLink):
-            item = group[name]
-            if isinstance(item, h5py.Group) or (isinstance(item, h5py.Dataset) and _is_whole(item)):
-                yield name, item
-
-
-def _is_whole(dataset: Any) -> bool:
-    return dataset.shape is not None and not (dataset.external or dataset.is_virtual)
 
 
 def _read_matlab_value(item: Any) -> Any:
@@ -196,13 +165,13 @@ def _read_matlab_value(item: Any) -> Any:
     import h5py
 
     if isinstance(item, h5py.Group):
-        fields = {name: own for name, own in _find_members(item) if name[0] != "#" and name not in DESCRIPTIONS}
+        fields = {name: own for name, own in item.items() if name[0] != "#" and name not in DESCRIPTIONS}
         arrays = {name: own for name, own in fields.items() if _has_references(own) and "MATLAB_class" not in own.attrs}
         rows = zip(*(_follow_reference(own) for own in arrays.values()), strict=True)
         structures = [dict(zip(arrays, row, strict=True)) for row in rows]
         return structures or {name: _read_matlab_value(own) for name, own in fields.items()}
     kind = item.attrs.get("MATLAB_class")
-    if "MATLAB_empty" in item.attrs or kind == b"function_handle" or not _is_whole(item):
+    if "MATLAB_empty" in item.attrs or kind == b"function_handle" or item.shape is None:
         return None
     if kind == b"char":
         return "".join(map(chr, item[()].flat))
@@ -224,7 +193,7 @@ def _follow_reference(item: Any) -> list[Any]:
 def _build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
     """Build a table from arrays by name, HDF5 datasets still unread; the longer side of a matrix is time.
 
-    Sides of length 1 are dropped. A last stamp of time beyond the samples is left out, with a note.
+    Sides of length 1 are dropped.
     """
     sides = {name: tuple(n for n in item.shape if n != 1) or item.shape[:1] for name, item in stored.items()}
     widths = {name: min(shape) if len(shape) == 2 else 1 for name, shape in sides.items()}
@@ -261,18 +230,13 @@ def _build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
             values[quantity], texts = array, True
         else:
             values[quantity] = np.array(array, dtype=np.float64)  # the caller's stays as it is
-    samples = {len(array) for quantity, array in values.items() if quantity != "time"}
-    notes = []
-    if samples == {len(values["time"]) - 1}:
-        values["time"] = values["time"][:-1]
-        notes.append(Note(NoteKind.STAMP_TOO_MANY))
     if len({len(array) for array in values.values()}) > 1:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
     if texts:
         read = read_cells(headers, columns, {quantity: _make_cells(array) for quantity, array in values.items()})
-        return replace(read, notes=(*notes, *read.notes), date=read.date or date)
-    return RawTable(headers, columns, values, tuple(notes), date)
+        return replace(read, date=read.date or date)
+    return RawTable(headers, columns, values, date=date)
 
 
 def _make_cells(values: NDArray[Any]) -> pa.ChunkedArray:

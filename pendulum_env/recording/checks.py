@@ -10,7 +10,6 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.errors import ColumnError, RecordingError
-from pendulum_env.reading import LARGE
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.clock import STEPS, find_plausible_unit
 from pendulum_env.recording.notes import Note
@@ -28,7 +27,6 @@ class Bounds:
     slowest: float = 10.0  # [Hz]; an arm swings at about 1 Hz
     fastest: float = 500.0  # [rad/s], of a bare motor; direct-drive arms reach some 40
     window: float = 0.02  # [s] over which speeds are taken: longer than encoder steps, shorter than a swing
-    absurd: float = 1e20  # of any quantity: above time in nanoseconds since 1970, and most glitches, which are mended
     current: float = 200.0  # [A], of the motor of a joint
     followed: float = 6 * np.pi  # [rad] by which a position may stay away from its goal
     same: float = 0.95  # correlation of two torques beyond which they may be one
@@ -46,18 +44,6 @@ VELOCITY_FACTORS = (  # slope of position over velocity, if one of them has anot
 def _format_columns(columns: Mapping[str, str]) -> str:
     """Format columns that correct a recording as an argument."""
     return format_setting("columns", columns)
-
-
-def refuse_absurd(values: Mapping[str, Array]) -> None:
-    """Refuse numbers that nothing measures: their squares would be beyond all numbers, or drown all others."""
-    for quantity, column in values.items():
-        most = LARGE if quantity in ("torque", "load_torque") else BOUNDS.absurd
-        beyond = np.flatnonzero((np.abs(column) > most) & np.isfinite(column))
-        if len(beyond):
-            raise ColumnError(
-                f"{quantity} is {column[beyond[0]]:.3g} at data row {beyond[0] + 1} (header not counted), of which "
-                f"{most:g} is the most in SI units: repair or remove that row, or tell the column's unit"
-            )
 
 
 def refuse_large_current(values: Array, origin: Origin) -> None:
@@ -223,9 +209,8 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
     ]
     moved, expected = (np.concatenate(both) for both in zip(*pairs, strict=True))  # [rad]
     remedy = f"mend it, or do without it, which is optional: {_format_columns(origin.omit_column('velocity'))}"
-    with np.errstate(over="ignore", invalid="ignore"):  # absurd values are no correlation
-        size = float(np.linalg.norm(moved) * np.linalg.norm(expected))
-        correlation = float(moved @ expected / size) if 0 < size < np.inf else 0.0
+    size = float(np.linalg.norm(moved) * np.linalg.norm(expected))
+    correlation = float(moved @ expected / size) if size else 0.0
     if abs(correlation) < 0.5:
         if np.ptp(recording.position) > 0.2:  # [rad]; below, encoder steps may drown the motion
             raise ColumnError(

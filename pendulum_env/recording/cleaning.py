@@ -19,6 +19,7 @@ HELD = ("torque", "enabled")  # quantities that stay until they are told anew
 class CleaningSettings:
     """Limits of glitches, stale values and repeated times."""
 
+    absurd: float = 1e20  # of any quantity, as good as infinite: above time in nanoseconds since 1970
     far: float = 10.0  # times what the neighbours and the rest of the recording show, from which a sample is a glitch
     pause: float = 1.0  # [s] between runs whose clocks all begin anew
     moving: float = 3.0  # times the usual deviation from steady motion that a step has, if the joint is sure to move
@@ -130,7 +131,7 @@ def align_topics(log: Log, fewest: int) -> None:
 
 
 def drop_invalid_rows(log: Log, fewest: int) -> None:
-    """Leave out rows with empty cells, NaN or infinity.
+    """Leave out rows with empty cells, NaN, or numbers that nothing measures.
 
     An optional column that lacks more than half of its cells is left out instead.
 
@@ -141,7 +142,7 @@ def drop_invalid_rows(log: Log, fewest: int) -> None:
     good, kept = np.ones(count, dtype=np.bool_), {}
     spoilt: dict[tuple[str, bytes], list[str]] = {}  # quantities by how they are spoilt and where
     for quantity, column in log.values.items():
-        sound = np.isfinite(column)
+        sound = np.abs(column) < CLEANING.absurd
         if sound.all():
             kept[quantity] = column
             continue

@@ -13,7 +13,6 @@ from typing import NoReturn
 
 from pendulum_env.errors import ColumnError
 from pendulum_env.lookup import UnknownName, find
-from pendulum_env.quantity import Quantity
 from pendulum_env.reading import quote_value
 from pendulum_env.recording.expression import (
     LONGEST_UNIT,
@@ -58,7 +57,6 @@ VALUES = ("data", "value", "values")  # fields of a structure that hold its samp
 COUNTERS = ("sample", "samples", "samplenumber", "sampleindex", "frame", "framenumber", "index")
 QUOTED = 40  # characters of a header in a sentence
 NONE = "none"  # in the place of a column: the quantity is left out, whatever the names of columns are
-UNUSED = "unused"  # an older word for the same, but of a torque
 
 
 @dataclass(frozen=True)
@@ -159,9 +157,7 @@ def find_columns(
         ColumnError: if one is missing, if two fit the same quantity, or if one needs a gain that is not given.
     """
     told = {quantity: text.strip() for quantity, text in (named or {}).items()}
-    optional = OPTIONAL if output is None else {*OPTIONAL, "torque"}
-    unused = {q for q, text in told.items() if text == UNUSED and q in optional and UNUSED not in headers}
-    unused |= {q for q, text in told.items() if text == NONE and q in (*OPTIONAL, "torque") and NONE not in headers}
+    unused = {q for q, text in told.items() if text == NONE and q in (*OPTIONAL, "torque") and NONE not in headers}
     given = {
         quantity: parse_column(quantity, text, headers) for quantity, text in told.items() if quantity not in unused
     }
@@ -278,18 +274,6 @@ def _match_path(position: FileColumn, candidates: Sequence[FileColumn]) -> list[
     """Select the columns that stand in the structure or group of position."""
     path = re.split(r"[/.][^/.]*$", position.header)[0]
     return [column for column in candidates if re.split(r"[/.][^/.]*$", column.header)[0] == path]
-
-
-def note_ambiguous_velocity(
-    headers: Sequence[str], columns: Mapping[str, FileColumn], named: Mapping[str, str]
-) -> tuple[Note, ...]:
-    """Note a velocity that several columns could be, so that none was taken."""
-    fitting = _prefer_measured(_find_candidates("velocity", headers, {column.index for column in columns.values()}))
-    if "velocity" in columns or "velocity" in named or len(fitting) < 2:
-        return ()
-    headers = tuple(quote_value(column.header, QUOTED) for column in fitting[:2])
-    numbers = {"count": Quantity(len(fitting))}
-    return (Note(NoteKind.AMBIGUOUS, ("velocity",), numbers, headers, columns={"velocity": "NAME"}),)
 
 
 def _apply_moteus_units(columns: dict[str, FileColumn], headers: Sequence[str]) -> dict[str, FileColumn]:
@@ -475,10 +459,6 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
         told = TOLD.get(quantity, "none")
         raise ColumnError(f"unit {str(error)!r} of {quantity} is not known: use one of {told}") from None
     name = expression.name
-    if (count := names.count(name)) > 1:
-        raise ColumnError(
-            f"{count} columns are named {name!r}, which is to be {quantity}, among {_list_headers(headers)}"
-        )
     ending = {**UNITS[quantity], **LINEAR.get(quantity, {})}
     unit = _find_trailing_unit(ending, name) if expression.unit is None else normalise_name(expression.unit)
     needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
@@ -490,12 +470,12 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
         unit = _find_trailing_unit(raw, name)
     if expression.is_gain_unknown and (quantity != "torque" or unit not in raw):
         raise ColumnError(f"the gain of {quantity} can be unknown only where it is a current: write torque={name}:A*?")
-    if unit in raw and expression.offset is not None and expression.offset_unit is None:
+    offset_unit = unit if expression.offset_unit is None else normalise_name(expression.offset_unit)
+    if expression.offset is not None and offset_unit in raw:
         raise ColumnError(
-            f"the offset in {text.strip()!r} needs a unit of its own: write {expression}:{TOLD[quantity].split(',')[0]}"
+            f"the offset in {text.strip()!r} is added after the gain and needs a unit of its own: write it as "
+            f"{expression.offset}:{TOLD[quantity].split(',')[0]}"
         )
-    if expression.offset_unit is not None and normalise_name(expression.offset_unit) in raw:
-        raise ColumnError(f"the offset in {text.strip()!r} is added after the gain: give it in {SI[quantity]}")
     return FileColumn(quantity, name, names.index(name), unit, expression=expression)
 
 

@@ -118,15 +118,12 @@ def _parse_rest(name: str, negative: bool, rest: str, units: Collection[str]) ->
         offset, rest = found[1] + found[2], ""
         if found[3] is not None:
             offset_unit, rest = _split_unit(found[3], units)
-    if rest.strip():
+    if rest.strip() or "/?" in factors or factors.count("*?") > 1:
         raise ColumnError(f"{what!r} behind column {name!r} is not understood: write {GRAMMAR}, such as {name}*0.5")
-    if "/?" in factors or factors.count("*?") > 1:
-        raise ColumnError(f"{what!r} behind column {name!r} is not understood: an unknown gain is one *?")
     expression = Expression(name, unit, tuple(factors), offset, offset_unit, negative)
-    if any(_parse_number(factor[1:]) == 0 for factor in factors if factor != "*?"):
-        raise ColumnError(f"{what!r} behind column {name!r} makes nothing of it: gains and ratios differ from 0")
-    if not (math.isfinite(expression.gain) and expression.gain != 0 and math.isfinite(expression.shift)):
-        raise ColumnError(f"{what!r} behind column {name!r} is beyond all bounds: write smaller numbers")
+    numbers = [_parse_number(factor[1:]) for factor in factors if factor != "*?"]
+    if 0 in numbers or expression.gain == 0 or not math.isfinite(expression.gain + expression.shift):
+        raise ColumnError(f"{what!r} behind column {name!r}: gains, ratios and offsets are finite, gains are not 0")
     return expression
 
 

@@ -37,21 +37,13 @@ READERS: dict[str, Callable[[Path, ColumnFinder], RawTable]] = {
 RECIPES = {  # what helps where a format is not read
     ".npy": "name its columns: numpy.savez('run.npz', time=..., position=..., torque=...)",
     ".pkl": "write it with pandas' to_parquet, since reading a pickle runs what is in it",
-    ".feather": "write it with pandas' to_parquet",
-    ".arrow": "write it with pandas' to_parquet",
-    ".json": "a recording is written with pandas' to_csv; of a model, `compare` and `diagnose` say how it fares",
-    ".jsonl": "write it with pandas' to_csv",
-    ".asc": "export it by python-can and cantools as CSV",
     ".wpilog": "export it by AdvantageScope: File, Export Data, Format CSV, Timestamps All Changes",
     ".hoot": "convert it by owlet to .wpilog, then export that by AdvantageScope as CSV",
     ".ulg": "export it by ulog2csv of pyulog",
     ".tdms": "export it by npTDMS: TdmsFile('run.tdms').as_dataframe().to_parquet('run.parquet')",
     ".mf4": "export it by asammdf: MDF('run.mf4').to_dataframe().to_parquet('run.parquet')",
-    ".mdf": "export it by asammdf: MDF('run.mdf').to_dataframe().to_parquet('run.parquet')",
-    ".blf": "export it by cantools or asammdf as CSV",
+    ".json": "that is no recording; `compare` and `diagnose` take a model beside one",
     ".toml": "that is a study: read_study reads its recordings",
-    ".slx": "that is a model, not a run: in MATLAB, save its signals to a .mat file",
-    ".fig": "that is a figure: in MATLAB, save its data to a .mat file",
 }
 
 
@@ -63,15 +55,7 @@ class ArrowStream(Protocol):
         ...
 
 
-class DataFrame(Protocol):
-    """Data frame of the interchange protocol: of pandas before 2.2."""
-
-    def __dataframe__(self, nan_as_null: bool = False, allow_copy: bool = True) -> Any:
-        """Export the data frame."""
-        ...
-
-
-Readable = str | os.PathLike[str] | Mapping[str, Any] | ArrowStream | DataFrame | NDArray[Any]  # arrays: structured
+Readable = str | os.PathLike[str] | Mapping[str, Any] | ArrowStream | NDArray[Any]  # arrays: structured
 
 
 def is_readable(given: object) -> bool:

@@ -19,20 +19,17 @@ class NoteKind(StrEnum):
     LOAD_TORQUE_ALONE = "load_torque_alone"  # headers
     LOAD_TORQUE = "load_torque"  # headers
     PASSED_OVER = "passed_over"  # headers: the one that is read, and the other
-    AMBIGUOUS = "ambiguous"  # headers, count, columns that name it
     NO_TORQUE = "no_torque"
     NO_TORQUE_COLUMN = "no_torque_column"
     TORQUE_OF_DRIVE = "torque_of_drive"
     TORQUE_BY_OUTPUT = "torque_by_output"  # text: the output; headers: its unit
     OTHER_TOPIC = "other_topic"  # headers: the topic, and that of position
-    UNREADABLE = "unreadable"  # text: the error
     SPARSE = "sparse"  # count, rows, empty or infinite
 
     # rows of the file
     ROWS_BELOW_HEADER = "rows_below_header"  # count
     FIRST_DATE = "first_date"  # text: the date
     LAST_ROW_CUT = "last_row_cut"
-    STAMP_TOO_MANY = "stamp_too_many"
     CLOCK_RESTARTED = "clock_restarted"
     CELLS_HELD = "cells_held"
     OTHER_ROWS = "other_rows"  # held or interpolated

@@ -18,7 +18,7 @@ from pendulum_env.quantity import Quantity
 from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import find_unix_unit, unwrap_clock
-from pendulum_env.recording.columns import NONE, FileColumn, check_named, find_columns, note_ambiguous_velocity
+from pendulum_env.recording.columns import NONE, FileColumn, check_named, find_columns
 from pendulum_env.recording.formats import Readable, find_stem, get_label, read_table
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
@@ -112,7 +112,6 @@ def _build_recording(
         values["torque"] = np.zeros_like(values["position"])  # of a drive until the motion is known
         if drive is None:
             notes.append(Note(NoteKind.NO_TORQUE if "torque" in named else NoteKind.NO_TORQUE_COLUMN))
-    checks.refuse_absurd(values)
     checks.refuse_too_few(values["time"])
 
     def turns() -> Array:
@@ -121,7 +120,6 @@ def _build_recording(
     is_output = unit == OUTPUTS.get(source.output)
     noted = [own for own in columns.values() if not (is_output and own.quantity == "torque")]
     log = Log(values, [*(note for column in noted for note in column.notes), *notes])
-    log.notes += note_ambiguous_velocity(table.headers, columns, named)
     cleaning.fill_unchanged(log)
     cleaning.align_topics(log, checks.BOUNDS.fewest)
     cleaning.drop_invalid_rows(log, checks.BOUNDS.fewest)

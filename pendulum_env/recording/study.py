@@ -25,10 +25,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from contextlib import suppress
-from copy import deepcopy
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -106,25 +103,15 @@ class Source:
         """
         if self.range is None:
             return read(self, *arguments)
-        whole = replace(self, role="fit", range=None, load=None)
-        written = None
-        with suppress(OSError, ValueError):  # which reading tells of
-            written = self.file.stat().st_mtime_ns
-        recording: Sliced = _read_once(read, whole, written, *arguments)
+        recording = read(replace(self, range=None), *arguments)
         first, last = np.searchsorted(recording.time - recording.time[0], self.range)
         try:
-            return deepcopy(recording.slice(int(first), int(last)))  # without the rest of the file
+            return recording.slice(int(first), int(last))
         except RecordingError:
             raise RecordingError(
                 f"{self.file}: holds no two samples from {self.range[0]:g} to {self.range[1]:g} s: "
                 f"it lasts {recording.time[-1] - recording.time[0]:.3g} s"
             ) from None
-
-
-@lru_cache(maxsize=1)  # ranges of one file follow each other
-def _read_once(read: Callable[..., Any], source: Source, written: int | None, *arguments: Hashable) -> Any:
-    """Read all of a file that was written at a time [ns]."""
-    return read(source, *arguments)
 
 
 def _read_pendulum(source: Source) -> Recording:
@@ -207,10 +194,7 @@ def read_study(path: str | os.PathLike[str]) -> Study:
         RecordingError: if a recording cannot be read as it asks for.
     """
     sources = read_sources(path)
-    try:
-        return Study(Path(path), sources, tuple(source.read() for source in sources))
-    finally:
-        _read_once.cache_clear()  # a file may be large, and may change
+    return Study(Path(path), sources, tuple(source.read() for source in sources))
 
 
 def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:

@@ -17,11 +17,12 @@ from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError, shorten_error
 from pendulum_env.quantity import Quantity
 from pendulum_env.reading import quote_value
-from pendulum_env.recording.columns import FileColumn, add_labels
+from pendulum_env.recording.columns import NONE, FileColumn, add_labels
 from pendulum_env.recording.expression import normalise_name
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.table import ColumnFinder, RawTable, convert_numbers, is_text, require_module
 from pendulum_env.recording.vocabulary import HEADER, OPTIONAL, UNITS
+from pendulum_env.settings import format_setting
 
 HEAD = 1 << 16  # bytes in which header and delimiter must show themselves
 BLOCK = 1 << 20  # bytes parsed at a time
@@ -116,8 +117,7 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
     opened = _clean_text(opened)
     with opened() as stream:
         layout = _find_layout(stream.read(HEAD))
-    wordy = [k for k, cell in enumerate(layout.first) if not can_be_number(cell, layout.headers[k])]
-    wordy += [k for k, cell in enumerate(layout.first) if not cell and k not in wordy and _is_empty(opened, layout, k)]
+    wordy = [k for k, cell in enumerate(layout.first) if not NUMBER.fullmatch(cell.replace(",", ".")) or not cell]
     columns = add_labels(find(layout.headers, wordy=wordy), layout.headers, layout.first)
     below = {"count": Quantity(layout.above)}
     notes = [Note(NoteKind.ROWS_BELOW_HEADER, numbers=below)] if layout.above else []
@@ -129,11 +129,7 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
         try:  # a logger that was interrupted leaves half a row
             values = _read_values(lambda: _drop_last_line(opened), layout, columns)
         except RecordingError:
-            quantity = refusal.quantity if isinstance(refusal, CellError) else ""
-            if quantity not in OPTIONAL or columns[quantity].expression is not None:
-                raise refusal from None
-            without = read_text_table(opened, lambda *_, **__: {q: c for q, c in columns.items() if q != quantity})
-            return replace(without, notes=(*without.notes, Note(NoteKind.UNREADABLE, (quantity,), text=str(refusal))))
+            raise refusal from None
         notes.append(Note(NoteKind.LAST_ROW_CUT))
     return RawTable(layout.headers, columns, values, tuple(notes), None if dated is None else _parse_date(dated[0]))
 
@@ -240,19 +236,6 @@ def _choose_cell_type(quantity: str, layout: Layout, column: FileColumn) -> pa.D
     return pa.string() if quantity == "segment" and first and not NUMBER.fullmatch(first) else pa.float64()
 
 
-def _is_empty(opened: Opened, layout: Layout, place: int) -> bool:
-    """Return whether a column has no value in any row."""
-    column = FileColumn("time", layout.headers[place], place, None)
-    try:
-        return bool(
-            np.isnan(
-                _read_values(opened, replace(layout, first=("",) * len(layout.headers)), {"time": column})["time"]
-            ).all()
-        )
-    except RecordingError:
-        return False
-
-
 def can_be_number(cell: str, header: str) -> bool:
     """Return whether a column may hold numbers, by its first cell; a column without cells and name cannot."""
     return bool(NUMBER.fullmatch(cell.replace(",", "."))) if cell else bool(header.strip())
@@ -274,8 +257,6 @@ def _find_layout(head: bytes) -> Layout:
         raise RecordingError("the file is empty: record it again")
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise RecordingError("the text is UTF-16: save it as UTF-8")
-    if head.startswith(b"\x1f\x8b"):
-        raise RecordingError("it is gzipped: let its name end in .csv.gz")
     lines = [(match.end(), _decode_line(match.group()).strip("\r\n")) for match in LINE.finditer(head)]
     content = [number for number, (_, line) in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
     if not content:
@@ -406,33 +387,23 @@ def _is_numeric(cells: list[str]) -> bool:
     return any(cell.strip() for cell in cells) and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in cells)
 
 
-class CellError(RecordingError):
-    """Cell of a column that cannot be read as its quantity."""
-
-    def __init__(self, message: str, quantity: str = "") -> None:
-        """Take the sentence and the quantity."""
-        super().__init__(message)
-        self.quantity = quantity
-
-
 def _refuse_cell(told: str, layout: Layout, columns: dict[str, FileColumn]) -> NoReturn:
     """Refuse the cell or row at which pyarrow failed."""
-    row = "data row {} (header not counted) has"
     if found := CELL.search(told):
         (quantity,) = (column.quantity for column in columns.values() if column.index == int(found["column"]))
-        cell = f"{row.format(found['row'])} {quote_value(found['cell'])} as {quantity}, not a number"
-        if quantity == "time" and re.search(r"\d[:/]\d", found["cell"]):
-            raise CellError(f"{cell}: write seconds, or dates as 2026-03-01 12:00:00.250", quantity)
-        raise CellError(f"{cell}: repair or remove that row", quantity)
-    if "Empty CSV file" in told:
-        raise RecordingError("there is a header but no data: record it again")
-    if "straddling" in told:
-        raise RecordingError(f"a line is longer than {BLOCK} characters: write one line for each sample")
-    if found := WIDTH.search(told):
+        remedy = "repair or remove that row"
+        if quantity == "time":
+            remedy = "write seconds, or dates as 2026-03-01 12:00:00.250"
+        if quantity in OPTIONAL:
+            remedy += f", or leave the column out with {format_setting('columns', {quantity: NONE})}"
+        what = f"{quote_value(found['cell'])} as {quantity}, not a number"
+    elif found := WIDTH.search(told):
+        what = f"{found['found']} cells where the header has {found['wanted']}"
         remedy = "separate cells by commas" if layout.delimiter == " " else "repair or remove that row"
+    elif "Empty CSV file" in told:
+        raise RecordingError("there is a header but no data: record it again")
+    else:
         raise RecordingError(
-            f"{row.format(found['row'])} {found['found']} cells where the header has {found['wanted']}: {remedy}"
+            f"the text cannot be split into cells ({shorten_error(told)}): write plain comma-separated numbers"
         )
-    raise RecordingError(
-        f"the text cannot be split into cells ({shorten_error(told)}): write plain comma-separated numbers"
-    )
+    raise RecordingError(f"data row {found['row']} (header not counted) has {what}: {remedy}")

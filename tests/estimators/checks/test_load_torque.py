@@ -204,7 +204,7 @@ def test_a_torque_that_was_measured_twice_counts_once(tmp_path):
     path = write(tmp_path / "a.csv", **motion, load_torque=sensor)
     with pytest.raises(RecordingError, match="'load_torque': 'none'"):
         read_recording(path)
-    assert read_recording(path, columns={"load_torque": "unused"}).load_torque is None
+    assert read_recording(path, columns={"load_torque": "none"}).load_torque is None
     assert read_recording(path, columns={"load_torque": "load_torque"}).load_torque is not None
 
 

@@ -31,16 +31,6 @@ class Stream:
         return self.table.__arrow_c_stream__(requested_schema)
 
 
-class Frame:
-    """Only what the dataframe interchange protocol asks for."""
-
-    def __init__(self, table: pa.Table) -> None:
-        self.table = table
-
-    def __dataframe__(self, nan_as_null: bool = False, allow_copy: bool = True) -> Any:
-        return self.table.__dataframe__(nan_as_null, allow_copy)
-
-
 def pandas_frame(columns: dict[str, np.ndarray]) -> Any:
     return pytest.importorskip("pandas").DataFrame(columns)
 
@@ -56,7 +46,6 @@ KINDS: dict[str, Callable[[dict[str, np.ndarray]], Any]] = {
     "structured": lambda columns: np.rec.fromarrays(list(columns.values()), names=list(columns)),
     "pyarrow": pa.table,
     "stream": lambda columns: Stream(pa.table(columns)),
-    "frame": lambda columns: Frame(pa.table(columns)),
     "pandas": pandas_frame,
     "polars": polars_frame,
 }
@@ -78,7 +67,7 @@ def test_every_kind_of_table_is_read_as_its_file(tmp_path: Path, swing: Recordin
     assert len(data.notes) == len(file.notes)
 
 
-@pytest.mark.parametrize("kind", ["mapping", "pyarrow", "frame"])
+@pytest.mark.parametrize("kind", ["mapping", "pyarrow"])
 def test_tables_are_mended_and_refused_as_files_are(swing: Recording, kind: str) -> None:
     gap = np.r_[0:1000, 1100 : len(swing)]
     columns = {name: values[gap].copy() for name, values in columns_of(swing).items()}

@@ -64,7 +64,7 @@ def test_what_is_no_angle_has_no_shift_and_a_goal_goes_along(write):
 
 def test_a_turned_sign_turns_what_was_added_and_keeps_what_else_was_said(write):
     path = write(q=ANGLE, clock=1e3 * TIME, dq=-np.gradient(ANGLE, TIME))
-    columns = {"time": "clock:ms", "torque": "-torque*2-0.5", "velocity": "unused"}
+    columns = {"time": "clock:ms", "torque": "-torque*2-0.5", "velocity": "none"}
     read = read_recording(path, columns=columns)
     mended = read.origin.flip_sign("torque")
     assert mended == columns | {"torque": "torque*2+0.5"}

@@ -468,7 +468,7 @@ def test_a_card_begins_with_what_is_said_of_its_columns_and_reads_as_they_do(tmp
     file = tmp_path / "run.csv"
     rows = np.column_stack([time, -6 * np.degrees(np.sin(time)) + 180, np.cos(time), np.cos(time)])
     np.savetxt(file, rows, delimiter=",", header="t,motor,i,speed", comments="")
-    said = {"position": "-motor:deg/6+30:deg", "torque": "i:A*0.1", "velocity": "unused"}
+    said = {"position": "-motor:deg/6+30:deg", "torque": "i:A*0.1", "velocity": "none"}
     card = ColumnCard.of(Source(file, columns=said))
     first, again = Source(file, columns=said).read(), card.make_source().read()
     np.testing.assert_allclose(again.position, first.position, rtol=1e-12)
