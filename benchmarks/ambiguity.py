@@ -156,7 +156,7 @@ def record(
     experiment = replace(study.case.train, seconds=seconds, seed=study.seed + number)
     torque = command(np.random.default_rng([study.seed, number]), np.arange(round(seconds * rate)) / rate)
     (run,) = simulate([(study.case.plant, experiment)], [torque])
-    return Recording(f"run {number}", run.time, run.position, run.torque)
+    return Recording(run.time, run.position, run.torque, name=f"run {number}")
 
 
 def undecided(found: Diagnosis) -> frozenset[Pair]:

@@ -161,7 +161,7 @@ def realisation(study: Study, run: SimulatedRecording, seed: int) -> Recording:
     rng = np.random.default_rng(seed)
     position = run.exact_position + study.position_noise * rng.standard_normal(len(run.time))
     torque = run.command + run.experiment.torque_noise * rng.standard_normal(len(run.time))
-    return Recording(study.name, run.time, position, torque)
+    return Recording(run.time, position, torque, name=study.name)
 
 
 def fit_windows(prepared: RegressionData, hidden: Sequence[str]) -> Model:

@@ -108,7 +108,7 @@ def make(hidden: str, seed: int) -> list[Case]:
         for k, (law, ms) in enumerate(LOGS):
             run = runs[j * len(RATES) + (j + k) % len(RATES)]
             name = f"{kind} at {run.experiment.rate:g} Hz, {law} of {ms:g} ms"
-            recording = Recording(name, run.time, run.position, log_torque(run, law, ms))
+            recording = Recording(run.time, run.position, log_torque(run, law, ms), name=name)
             cases.append(Case(kind, run.experiment.rate, hidden, law, ms, recording))
     return cases
 

@@ -82,7 +82,7 @@ def bench(seed: int) -> Case:
     def recorded(number: int, run: SimulatedRecording, constant: float = constant) -> Recording:
         mass, length = WEIGHTS[number % len(WEIGHTS)]
         load = Load(mass * length**2, GRAVITY * mass * length)
-        return Recording(f"{number}", run.time, run.position, run.torque / constant, load=load, torque_unit="V")
+        return Recording(run.time, run.position, run.torque / constant, load=load, torque_unit="V", name=f"{number}")
 
     is_told = law == "output" or (law == "motor" and is_back_driven)  # else the motor's share is in the constant
     hidden = ("load_dependent_friction",) if is_told else ()
@@ -133,7 +133,7 @@ def known_of(plant: Plant) -> dict[str, float]:
 
 def logged(number: int, run: SimulatedRecording) -> Recording:
     """Return a run whose torque is logged as it is."""
-    return Recording(f"{number}", run.time, run.position, run.torque)
+    return Recording(run.time, run.position, run.torque, name=f"{number}")
 
 
 SHOWN: dict[str, Callable[[Draw, float, float], dict[str, float]]] = {  # by gravity and Coulomb friction [N m]
@@ -187,7 +187,7 @@ def goal(seed: int) -> Case:
         time, position, wanted = run.time[each], run.position[each], run.goal[each]
         speed, ones = np.gradient(position, time), np.ones(len(time))
         torque = drive.torque(wanted, position, speed, SUPPLY * ones, ones)
-        return Recording(f"{number}", time, position, torque, reference=wanted, drive=drive)
+        return Recording(time, position, torque, reference=wanted, drive=drive, name=f"{number}")
 
     return Case(f"{hidden or 'nothing'} {control}", (hidden,) if hidden else (), cases, recorded, 1, known_of(plant))
 

@@ -26,7 +26,6 @@ from pendulum_env.spaces import (
     is_beyond,
     make_spaces,
     read_start,
-    warn_learner,
 )
 
 OWN_PLANT = {"replay": "a replay plays the plant it was recorded with", "dm1015b": "the rig is the plant"}
@@ -41,8 +40,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
     Its reward is always 0, and an episode ends only with a recording that is replayed (truncated) or a fault of a rig's
     drive (terminated). To train an agent, make `pendulum_env/ExcitationDesign-v0`, whose reward is what a motion
     teaches; or wrap this one in `EstimateParameters` and `InformationReward` or in a reward of your own, and give
-    `gymnasium.make` a `max_episode_steps`. A warning says so where an episode has
-    gone on for 20,000 steps and no wrapper or `rollout` took in the measurement.
+    `gymnasium.make` a `max_episode_steps`.
 
     q = 0 hangs down, positive counter-clockwise. Action: torque [N m], held for one period and limited to
     +-max_torque, shape (1,). Observation: cos q, sin q, q' [rad/s], shape (3,), of the measured angle, the
@@ -209,10 +207,8 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             raise ValueError(f"the action is {action}, of shape {np.shape(action)}: it needs (1,), a torque in N m")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
         self._steps += 1
-        if self.simulated:
-            warn_learner(self, self._steps)
-            if self.plant.follow_schedule(self._steps):
-                self._update_plant()
+        if self.simulated and self.plant.follow_schedule(self._steps):
+            self._update_plant()
         observation, info = self._show(sample, clipped=bool(is_beyond(torque, self.max_torque)))
         if self.render_mode == "human":
             self.render()

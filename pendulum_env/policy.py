@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from pendulum_env._typing import Array
 from pendulum_env.excitation import Excitation
 from pendulum_env.recording import Recording
-from pendulum_env.spaces import note_identifier
 
 State = tuple[Any, ...] | None
 
@@ -78,7 +77,6 @@ def iterate_steps(
     rates = [getattr(part, "rate", None) for part in (policy, env.unwrapped)]
     if None not in rates and not math.isclose(*rates):  # type: ignore[arg-type]
         raise ValueError(f"the policy is laid out for {rates[0]:g} Hz, the environment runs at {rates[1]:g} Hz")
-    note_identifier(env)
     observation, info = env.reset(seed=seed, options=options)
     state: State = None
     terminated = truncated = False

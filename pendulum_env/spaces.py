@@ -9,13 +9,11 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.reading import quote_value
-from pendulum_env.registration import DESIGN
 
 MAX_TORQUE = 15.0  # [N m], of the DM1015B
 MAX_VELOCITY = 100.0  # [rad/s], bound of the observation; the measurement in `info` has none
 VELOCITIES = {"difference": False, "ideal": True}  # how it is measured, and whether that is exactly
 RESET_OPTIONS = dict.fromkeys(("position", "velocity", "theta", "schedule", "clear_fault"))
-ENDLESS = 20_000  # steps of an episode that indicate training on a plant
 WHOLE = ("substeps", "num_envs")  # numbers that count something
 
 
@@ -62,18 +60,3 @@ def read_start(options: Mapping[str, Any], shape: tuple[int, ...]) -> list[Array
             wanted = f"a number{', or one for each of the pendulums' * bool(shape)}"
             raise ValueError(f"{name} of a reset cannot be {quote_value(options[name])}: give {wanted}")
     return start
-
-
-def note_identifier(env: Any) -> None:
-    """Mark the environment as used for identification, which ignores the reward."""
-    env.unwrapped.identified = True
-
-
-def warn_learner(env: gym.Env[Any, Any], steps: int) -> None:
-    """Warn of training on a plant: its reward is 0, and no estimator uses its measurements."""
-    if steps == ENDLESS and env.spec is not None and not getattr(env, "identified", False):
-        gym.logger.warn(
-            f"{steps} steps in one episode: this environment is a plant, its reward is 0 and its episodes do not end. "
-            f"To train, make '{DESIGN}', or wrap it in a reward of your own and give max_episode_steps. "
-            "To identify, pay no heed: rollout, RecordMeasurements and the wrappers that estimate keep this quiet"
-        )

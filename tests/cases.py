@@ -22,7 +22,7 @@ TRUTH = np.array(list(THETA.values()))
 
 def told(run: SimulatedRecording, name: str = "run") -> Recording:
     """What a user has of a simulated run."""
-    return Recording(name, run.time, run.position, run.torque)
+    return Recording(run.time, run.position, run.torque, name=name)
 
 
 def recorded(

@@ -45,4 +45,4 @@ def swing() -> Recording:
         return [v, (torque(t) - 2.0 * np.sin(q) - 0.3 * v - 0.3 * np.tanh(v / 0.01)) / 0.08]
 
     position, velocity = solve_ivp(slope, (0, time[-1]), [0, 0], t_eval=time, rtol=1e-7, max_step=0.01).y
-    return Recording("swing", time, position, torque(time), velocity)
+    return Recording(time, position, torque(time), velocity, name="swing")

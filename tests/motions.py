@@ -28,4 +28,4 @@ def moved(resistance: Callable[[np.ndarray, np.ndarray], np.ndarray], size: floa
     waves, sizes = rates * time[:, None] + phases, size * np.array([0.6, 0.4, 0.25])
     q, v, a = (wave @ sizes for wave in (np.sin(waves), rates * np.cos(waves), -(rates**2) * np.sin(waves)))
     torque = 0.09 * a + 2.0 * np.sin(q) + 0.3 * np.sign(v) + resistance(q, v)
-    return Recording("moved", time[::2], q[::2], torque[1::2] + 0.01 * rng.standard_normal(len(q) // 2))
+    return Recording(time[::2], q[::2], torque[1::2] + 0.01 * rng.standard_normal(len(q) // 2), name="moved")

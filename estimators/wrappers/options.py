@@ -24,7 +24,6 @@ from pendulum_env.physics import Term
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.spaces import note_identifier
 
 Names = str | Sequence[str | Scheme | JointState]
 AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]
@@ -62,12 +61,11 @@ def choose_online_schemes(names: Names) -> tuple[Scheme | JointState, ...]:
 
 
 def find_rate(env: AnyEnv, rate: float | None) -> float:
-    """Return the sampling rate of an environment [Hz], and mark the environment as used for identification.
+    """Return the sampling rate of an environment [Hz].
 
     Raises:
         ValueError: if the rate is unknown or not positive.
     """
-    note_identifier(env)
     known = _get_attribute(env, "rate") if rate is None else rate
     if known is None:
         raise ValueError("the environment has no attribute rate: pass rate=... in Hz")

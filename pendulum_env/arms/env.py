@@ -17,7 +17,7 @@ from pendulum_env.formatting import join_words
 from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.plant import PAPER, Effects
 from pendulum_env.rendering import MODES, Renderer
-from pendulum_env.spaces import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond, warn_learner
+from pendulum_env.spaces import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond
 
 RESET_OPTIONS = dict.fromkeys(("position", "velocity"))
 
@@ -99,7 +99,6 @@ class SimulatedArm(gym.Env[Observation, Action]):
         torque = np.clip(asked, -self.max_torque, self.max_torque)
         self._bodies.advance(torque)
         self._count += 1
-        warn_learner(self, self._count)
         measured = self.sensor.torque(torque, self.np_random)
         observation, info = self._show(measured, is_beyond(asked, self.max_torque))
         if self.render_mode == "human":

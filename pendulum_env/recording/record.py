@@ -6,9 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from functools import wraps
 from itertools import pairwise
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +26,6 @@ from pendulum_env.recording.vocabulary import QUANTITIES
 from pendulum_env.servo.drive import ServoDrive
 from pendulum_env.units import JointUnits
 
-T = TypeVar("T")
 NEWTON_METRE = "N m"
 ARRAYS = "{'time': time, 'position': position, 'torque': torque}"  # argument of `read_recording`, in messages
 PER_INERTIA = "rad/s^2"  # unit of a torque that is divided by the inertia
@@ -84,27 +82,6 @@ class TorqueConstant:
         return {**found, "by_load_torque": self.by_load_torque}
 
 
-def accept_name_first(kind: type[T]) -> type[T]:
-    """Let a record take its name as the first argument, too: `Recording("monday", time, position, torque)`.
-
-    Raises:
-        TypeError: when it is called with two names.
-    """
-    construct = kind.__init__
-
-    @wraps(construct)
-    def construct_named(self: Any, *arguments: Any, **named: Any) -> None:
-        if arguments and isinstance(arguments[0], str):
-            if "name" in named:
-                raise TypeError(f"{kind.__name__} has two names, {arguments[0]!r} and {named['name']!r}: give one")
-            named["name"], arguments = arguments[0], arguments[1:]
-        construct(self, *arguments, **named)
-
-    kind.__init__ = construct_named  # type: ignore[method-assign]
-    return kind
-
-
-@accept_name_first
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """N samples of one run, all finite, in segments of uniform time; the arrays are read-only float64 views.
@@ -114,7 +91,7 @@ class Recording:
     simulation therefore start anew in each of `segments`. A time that counts from 1970, or that is of dates
     (datetime64), is counted from the first sample, and `start_date` keeps its date.
 
-    Without torque it is a free swing: torque is zero. A name may come first: `Recording("monday", time, position)`.
+    Without torque it is a free swing: torque is zero.
 
     `torque[k]` is held from `time[k]` to `time[k + 1]` (zero-order hold, as a DAC does it), while `position[k]` and
     `velocity[k]` are taken at the instant `time[k]`. While the motor is open (`enabled` 0), torque is zero.

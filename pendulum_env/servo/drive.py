@@ -155,4 +155,3 @@ PRESETS = {  # those of duty as github.com/Rhoban/bam measured them
 }
 WORDS = ("control", "output", "goal")  # keys whose value is a word
 KEYS = dict.fromkeys(("preset", *vars(ServoDrive())), True)
-ServoDrive = ServoDrive  # its name in earlier releases, kept for one more

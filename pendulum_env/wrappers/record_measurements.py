@@ -11,7 +11,6 @@ from typing import Any, NoReturn
 import gymnasium as gym
 
 from pendulum_env.files import check_output, sync_file
-from pendulum_env.spaces import note_identifier
 
 COLUMNS = ("time", "position", "torque")
 TIMING = ("jitter", "overruns")  # of a rig, beside them: readers of recordings pass over what they do not know
@@ -42,7 +41,6 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         """
         gym.utils.RecordConstructorArgs.__init__(self, path=str(path), overwrite=overwrite)
         gym.Wrapper.__init__(self, env)
-        note_identifier(env)
         self.path = check_output(path)
         if self.path.suffix.lower() != ".csv":
             raise ValueError(f"{path}: measurements are appended to a CSV file: let the name end in .csv")

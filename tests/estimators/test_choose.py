@@ -103,7 +103,7 @@ def test_windows_with_the_arm_upright_are_not_counted():
     velocity, acceleration = np.gradient(position, time), np.gradient(np.gradient(position, time), time)
     torque = 0.0895 * acceleration + 2.01 * np.sin(position) + 0.05 * velocity
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(time))
-    recording = Recording("lifted", time, position, torque + noise)
+    recording = Recording(time, position, torque + noise, name="lifted")
     held, lifted = compare(model, recording), RegressionData.of([recording])
     assert 0.3 < held.joint.unstable < 0.6 and "small error grows tenfold" in str(describe_unstable(held))
     assert held.json()["joint"]["unstable"] == held.joint.unstable

@@ -39,7 +39,7 @@ def swinging(
     plant = Plant(**(INERTIA_TOO | TRUTH | base), effects={id: dict(values) for id, values in hidden})
     experiment = Experiment(rate=200.0, seconds=20.0, start=(start, 0.0), counts=counts, torque_noise=0.0)
     (run,) = simulate([(plant, experiment)], [np.zeros(experiment.samples)])
-    return Recording(f"from {start:g} rad", run.time, run.position, run.torque)
+    return Recording(run.time, run.position, run.torque, name=f"from {start:g} rad")
 
 
 @once("benchmarks")
@@ -48,7 +48,7 @@ def pushed(scale: float = 0.2) -> Recording:
     plant = Plant(INERTIA, **TRUTH)
     experiment = Experiment(rate=200.0, seconds=20.0, scale=scale, counts=4096, torque_noise=1e-3, seed=3)
     (run,) = simulate([(plant, experiment)])
-    return Recording("pushed", run.time, run.position, run.torque)
+    return Recording(run.time, run.position, run.torque, name="pushed")
 
 
 def assert_recovered(model: Model, truth: dict[str, float], errors: float = 3.5) -> None:

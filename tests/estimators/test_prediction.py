@@ -61,7 +61,7 @@ def test_each_second_of_motion_is_what_the_model_does_from_the_measured_state(ex
 def test_nothing_is_predicted_across_a_gap(exact, wrong):
     kept = np.r_[0:1500, 2500:4000]
     time, position, torque = exact.time[kept], exact.position[kept], exact.torque[kept]
-    (own,) = compare(wrong, Recording("gap", time, position, torque, starts=(0, 1500))).recordings
+    (own,) = compare(wrong, Recording(time, position, torque, starts=(0, 1500), name="gap")).recordings
     assert np.isnan(own.residual[1498:1502]).all()
     assert np.abs(missed(own)).max() < 1.0
 

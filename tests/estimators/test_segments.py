@@ -31,7 +31,9 @@ def with_gaps(recording: Recording, gaps: list[tuple[int, int]]) -> Recording:
         kept[first:stop] = False
     index = np.flatnonzero(kept)
     starts = (0, *(np.flatnonzero(np.diff(index) > 1) + 1).tolist())
-    return Recording("gaps", recording.time[index], recording.position[index], recording.torque[index], starts=starts)
+    return Recording(
+        recording.time[index], recording.position[index], recording.torque[index], starts=starts, name="gaps"
+    )
 
 
 @pytest.fixture(scope="module")

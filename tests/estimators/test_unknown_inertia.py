@@ -29,7 +29,7 @@ def sweep(seed=0, offset=0.0, inertia=2e-4, speed=0.5, ramp=0.3, **law) -> Recor
     torque = inertia * np.gradient(velocity, time) + joint["viscous"] * velocity + joint["gravity"] * np.sin(position)
     torque += joint["coulomb"] * np.sign(velocity) + offset + 0.01 * rng.standard_normal(len(time))
     step = 2 * np.pi / 4096
-    return Recording("sweep", time, step * np.round(position / step), torque)
+    return Recording(time, step * np.round(position / step), torque, name="sweep")
 
 
 @pytest.fixture(scope="module", params=range(2))

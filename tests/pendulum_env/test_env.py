@@ -11,15 +11,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.wrappers import EstimateParameters
-from pendulum_env import spaces
 from pendulum_env.env import DirectDrivePendulum
 from pendulum_env.excitation import excitation
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import RecordingError, write_recording
-from pendulum_env.registration import ARM, DESIGN, PENDULUM
-from pendulum_env.wrappers import RecordMeasurements
+from pendulum_env.registration import PENDULUM
 from tests import slow
 
 
@@ -208,28 +205,6 @@ def test_bad_actions_and_options_are_refused():
     for options in ({"position": np.nan}, {"position": "up"}, {"velocity": [1.0, 2.0]}, {"positon": 1}):
         with pytest.raises(ValueError, match="did you mean position" if "positon" in options else "cannot"):
             env.reset(options=options)
-
-
-@pytest.mark.parametrize("id", [PENDULUM, ARM])
-def test_who_trains_on_a_plant_is_warned_and_who_identifies_is_not(id, tmp_path, monkeypatch):
-    monkeypatch.setattr(spaces, "ENDLESS", 20)
-
-    def run(env, steps=30):
-        env.reset(seed=0)
-        for _ in range(steps):
-            env.step(np.zeros(env.action_space.shape, dtype=np.float32))
-        return env
-
-    with pytest.warns(UserWarning, match=f"its reward is 0 .* To train, make '{DESIGN}'"):
-        run(gym.make(id))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        run(RecordMeasurements(gym.make(id), tmp_path / "run.csv")).close()
-        run(EstimateParameters(gym.make(id)))
-        run(run(gym.make(id), 15), 15)
-        run(gym.make(id).unwrapped.__class__())
-        if id == PENDULUM:
-            rollout(gym.make(id), OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0), 30)
 
 
 def test_picture_shows_the_arm_where_it_is():

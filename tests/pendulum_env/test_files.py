@@ -35,7 +35,7 @@ def test_a_write_that_fails_or_a_disk_that_is_full_leaves_the_old_file(tmp_path)
 @pytest.mark.parametrize("name", ["run.csv", "run.csv.gz", "run.parquet", "run.npz"])
 def test_a_recording_for_which_there_is_no_room_is_not_written(tmp_path, name):
     rng = np.random.default_rng(0)
-    run = Recording("run", np.arange(3000) / 1000.0, rng.normal(size=3000), rng.normal(size=3000))
+    run = Recording(np.arange(3000) / 1000.0, rng.normal(size=3000), rng.normal(size=3000), name="run")
     told = rf"{name}: cannot be written .*: choose another place"
     with full_after(20_000), pytest.raises(RecordingError, match=told):
         write_recording(run, tmp_path / name)

@@ -44,7 +44,7 @@ def servo():
     """A servo with a drive, whose motor follows a goal."""
     run, drive = recording("gears 41"), ServoDrive(output="torque", kp=5.0, limit=6.0, rate=1000.0)
     goal = run.position + run.torque / drive.kp
-    return Recording("servo", run.time, run.position, run.torque, reference=goal, drive=drive)
+    return Recording(run.time, run.position, run.torque, reference=goal, drive=drive, name="servo")
 
 
 @pytest.fixture(scope="module", params=["pendulum", "arm", "servo"])

@@ -157,7 +157,7 @@ def test_a_parameter_that_the_motion_does_not_show_is_unknown(body, truth, tmp_p
 def test_a_pendulum_and_an_arm_of_one_joint_call_the_same_errors_unknown(tmp_path):
     rod = read_body(written(tmp_path, chain(1)))
     time = np.arange(0, 4, 1e-3)
-    recording = Recording("swing", time, np.sin(3 * time), 2.0 * np.sin(5 * time))  # up to 3 rad/s and 2 N m
+    recording = Recording(time, np.sin(3 * time), 2.0 * np.sin(5 * time), name="swing")  # up to 3 rad/s and 2 N m
     measured, (q, v) = measure_segments(recording), (np.sin(3 * time)[:, None], 3 * np.cos(3 * time)[:, None])
     gravity = rod.names.index("mz@joint0")
     for errors, expected in (

@@ -32,7 +32,7 @@ def brake(amplitude=0.9, seconds=20.0, seed=0, **told) -> Recording:
     ((run),) = simulate([(Plant(**JOINT, effects=pushed), about)])
     noise = 0.005 * np.random.default_rng(seed).standard_normal(len(run.time))
     load = amplitude * np.sin(4.3 * run.time + 0.4) + noise
-    return Recording("brake", run.time, run.position, run.torque, load_torque=load)
+    return Recording(run.time, run.position, run.torque, load_torque=load, name="brake")
 
 
 def in_amperes(recording: Recording, constant: float = K) -> Recording:
@@ -59,7 +59,7 @@ def test_a_brake_determines_the_torque_constant_too(seed):
     about = Experiment(**USUAL | {"scale": 0.6, "seconds": 20.0, "seed": seed})
     ((run),) = simulate([(Plant(**JOINT, effects=falling), about)])
     load = -6.0 * JOINT["coulomb"] * np.exp(-run.time / 8.0) * np.sign(np.gradient(run.position))
-    recording = Recording("brake", run.time, run.position, run.torque, load_torque=load)
+    recording = Recording(run.time, run.position, run.torque, load_torque=load, name="brake")
     constant = identify([in_amperes(recording)], schemes=["dynamic"]).torque_constant
     assert abs(constant.value - K) < 3 * constant.std < 0.05 * K
 
@@ -159,7 +159,7 @@ def test_a_load_torque_is_stored_and_cut_with_the_motion(tmp_path):
     run = brake(seconds=4.0)
     gone = np.r_[0:900, 1100 : len(run)]
     series = (getattr(run, name)[gone] for name in ("time", "position", "torque"))
-    gappy = Recording("run", *series, load_torque=run.load_torque[gone], starts=(0, 900))
+    gappy = Recording(*series, load_torque=run.load_torque[gone], starts=(0, 900), name="run")
     for ending in (".csv", ".npz"):
         write_recording(gappy, path := tmp_path / f"run{ending}")
         read = read_recording(path)

@@ -44,7 +44,7 @@ def bench(law="none", loads=LOADS, seed=0, seconds=10.0, **told: float) -> list[
         usual = HELD | {"seconds": seconds, "seed": 100 * seed + k, "torque_noise": 0.005}
         cases.append((Plant(**UNLOADED | of_both, effects=effects), Experiment(**usual | told)))
     return [
-        Recording(f"load {k}", run.time, run.position, run.torque / K, load=load, torque_unit="A")
+        Recording(run.time, run.position, run.torque / K, load=load, torque_unit="A", name=f"load {k}")
         for k, (load, run) in enumerate(zip(loads, simulate(cases), strict=True))
     ]
 

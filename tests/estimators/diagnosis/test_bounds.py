@@ -39,7 +39,7 @@ def drifting(seed: int, dry: Callable[[float], float], seconds: int = 20, rate: 
             w = v + h * (tau - 2.6 * np.sin(q) - 0.25 * v) / 0.12
             v = float(np.sign(w)) * max(abs(w) - h * dry(t) / 0.12, 0.0)
             q += h * v
-    return Recording(f"run {seed}", time, np.array(position) + rng.normal(0, 2e-4, len(time)), torque)
+    return Recording(time, np.array(position) + rng.normal(0, 2e-4, len(time)), torque, name=f"run {seed}")
 
 
 @pytest.mark.parametrize("seed", slow.but_first([300, 310, 340]))
@@ -81,7 +81,7 @@ def prescribed(inertia=0.05, viscous=0.2, coulomb=0.1, extra=lambda q, v: 0.0, s
     position = np.cumsum(velocity) / rate
     torque = inertia * np.gradient(velocity, time) + viscous * velocity + coulomb * np.sign(velocity)
     torque = torque + extra(position, velocity) + 0.005 * rng.standard_normal(len(time))
-    return Recording(f"speeds {seed}", time, position + 1e-5 * rng.standard_normal(len(time)), torque)
+    return Recording(time, position + 1e-5 * rng.standard_normal(len(time)), torque, name=f"speeds {seed}")
 
 
 def test_a_parameter_is_kept_at_zero_with_an_error_if_noise_put_it_there_and_without_if_the_data_ask_for_less():

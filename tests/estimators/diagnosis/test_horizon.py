@@ -48,7 +48,7 @@ def driven(name: str, goal: np.ndarray, seed: int, stribeck: float = 0.0, encode
         state = stepped(state, force, stribeck)
     position, force = np.array(log).T
     force = force + 0.05 * np.random.default_rng(seed).standard_normal(len(force))
-    return Recording(name, np.arange(len(goal)) / RATE, np.round(position / encoder) * encoder, force)
+    return Recording(np.arange(len(goal)) / RATE, np.round(position / encoder) * encoder, force, name=name)
 
 
 def moves(seconds: float, seed: int) -> np.ndarray:

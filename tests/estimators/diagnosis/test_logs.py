@@ -30,7 +30,7 @@ def test_torque_that_jumps_every_sample_is_not_taken_for_noise():
 def test_torque_that_is_logged_a_sample_late_is_corrected_and_becomes_no_effect(name):
     """As in a log that appends state and torque after each step: the torque has acted by then."""
     good = recording(name)
-    late = Recording("late", good.time[1:], good.position[1:], good.torque[:-1])
+    late = Recording(good.time[1:], good.position[1:], good.torque[:-1], name="late")
     found = diagnosed([late])
     assert found.selected == tuple(CASES[name].hidden)
     assert found.unexplained == ()
@@ -46,7 +46,7 @@ def test_torque_that_is_late_beside_a_large_effect_is_timed_beside_it():
     plant = Plant(effects={"cogging": {"cog_n": 21.0, "cog_s": 0.25}})
     gains = {"excitation": "pd_loop", "gains": (35.0, 1.2)}
     runs = recorded(plant, *(Experiment(1000.0, 10.0, seed=seed, torque_noise=0.01, **gains) for seed in (2, 3)))
-    logs = [Recording(r.name, r.time[2::2], r.position[2::2], r.torque[:-2:2]) for r in runs]  # every other sample
+    logs = [Recording(r.time[2::2], r.position[2::2], r.torque[:-2:2], name=r.name) for r in runs]  # every other sample
     assert not align(logs[:1]).is_late
     found = diagnosed(logs[:1], logs[1:], only=["cogging", "stribeck"])
     assert found.selected == ("cogging",) and not found.unexplained
@@ -71,7 +71,7 @@ def effects_of(name: str) -> tuple[Term, ...]:
 
 def test_torque_of_the_other_sign_is_told():
     r = recording("paper's encoder")
-    turned = Recording("turned", r.time, r.position, -r.torque)
+    turned = Recording(r.time, r.position, -r.torque, name="turned")
     assert any(own.kind is Kind.INERTIA_NEGATIVE for own in identify([turned]).findings)
     found = diagnosed([turned])
     assert found.selected == ()
@@ -128,7 +128,7 @@ def test_the_ringing_of_a_transmission_is_followed_into_the_end_that_is_held_out
     rng, time = np.random.default_rng(0), np.arange(5000) / 500
     torque = 3 * np.sin(12.07 * time + 1) + 3 * np.sin(2.25 * time + 2)
     position = model.simulate(2e-3, torque, 0.0, 0.0).position[:-1, 0]
-    noisy = Recording("ringing", time, np.round(position, 6), torque + 0.02 * rng.standard_normal(5000))
+    noisy = Recording(time, np.round(position, 6), torque + 0.02 * rng.standard_normal(5000), name="ringing")
     train, holdout = split_recordings([noisy])
     assert train.errors(model).torque_rms < 0.05
     assert holdout.errors(model).torque_rms < 0.05
@@ -143,7 +143,7 @@ def test_half_a_second_of_motion_is_diagnosed_with_a_caveat_and_nothing_is_named
 
 def test_a_recording_without_motion_changes_nothing_beside_a_good_one():
     good = recording("filtered noise")
-    still = Recording("still", good.time[:2000], np.zeros(2000), np.full(2000, 0.01))
+    still = Recording(good.time[:2000], np.zeros(2000), np.full(2000, 0.01), name="still")
     alone, beside = (
         ModelEvaluator(*split_recordings(those)).fit(None, BASE).model for those in ([good], [still, good])
     )
@@ -155,7 +155,7 @@ def test_a_log_that_is_mostly_at_rest_is_split_where_it_moves():
     rest = 3 * len(moving)
     time = np.arange(len(moving) + rest) / moving.rate
     position = np.r_[np.full(rest, moving.position[0]), moving.position]
-    train, holdout = split_recordings([Recording("rests", time, position, np.r_[np.zeros(rest), moving.torque])])
+    train, holdout = split_recordings([Recording(time, position, np.r_[np.zeros(rest), moving.torque], name="rests")])
     whole, _ = split_recordings([moving], [moving])
     assert len(train.data.weights) + len(holdout.data.weights) == pytest.approx(len(whole.data.weights), rel=0.03)
     assert len(holdout.data.weights) == pytest.approx(0.3 * len(whole.data.weights), rel=0.05)

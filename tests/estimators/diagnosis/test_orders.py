@@ -36,7 +36,7 @@ def turned(cogging: dict[int, tuple[float, float]], seed: int) -> Recording:
 
         for _ in range(STEPS):
             x = stepped(rate, 0.0, x, step)
-    return Recording(f"rotor {seed}", time, path, torque + NOISE * rng.standard_normal(len(time)))
+    return Recording(time, path, torque + NOISE * rng.standard_normal(len(time)), name=f"rotor {seed}")
 
 
 ONE = {7: (0.012, -0.004)}

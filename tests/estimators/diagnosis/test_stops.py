@@ -82,7 +82,7 @@ def limited(lower: float, upper: float, seed: int, rate: float = 500.0, seconds:
         mujoco.mj_step(model, data, count)
     grain = 2 * np.pi / 16_384
     noise = 0.01 * np.random.default_rng(seed).standard_normal(len(time))
-    return Recording("limited", time, np.round(position / grain) * grain, torque + noise)
+    return Recording(time, np.round(position / grain) * grain, torque + noise, name="limited")
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ def warmed(seed: int, is_hidden: bool = True) -> Recording:
             q, v = q + 0.5 * step * (v + after), after
     noisy = torque + 0.01 * rng.standard_normal(len(time))
     position = np.array(path) + 1e-5 * rng.standard_normal(len(time))
-    return Recording(f"run {seed}", time, position, noisy, temperature=np.round(temperature))
+    return Recording(time, position, noisy, temperature=np.round(temperature), name=f"run {seed}")
 
 
 ASKED = {kind.id: kind for kind in (TemperatureDependentFriction, FrictionDrift)}
@@ -77,7 +77,7 @@ def test_temperature_that_does_nothing_or_was_not_measured_is_not_named():
 def test_a_thermometer_that_shows_whole_kelvins_is_read_between_them():
     time = np.arange(30_000) / 500.0
     for exact in (22.0 + 0.3 * time, 30.0 + 5.0 * np.cos(0.1 * time)):
-        run = Recording("warm", time, np.zeros(len(time)), np.zeros(len(time)), temperature=np.round(exact))
+        run = Recording(time, np.zeros(len(time)), np.zeros(len(time)), temperature=np.round(exact), name="warm")
         error = np.std(get_temperature(run) - exact)
         assert error < 0.5 * np.std(run.temperature - exact)
         assert get_temperature(replace(run, temperature=exact)) == pytest.approx(exact, abs=1e-2)

@@ -44,7 +44,7 @@ def recorded(hidden: dict[str, dict[str, float]], gains: tuple[float, ...] = (2.
         time, position, goal = run.time[::8], run.position[::8], run.goal[::8]
         ones = np.ones(len(time))
         torque = drive.torque(goal, position, 0 * ones, ones, ones)
-        found.append(Recording(f"gain-{k}", time, position, torque, reference=goal, drive=drive))
+        found.append(Recording(time, position, torque, reference=goal, drive=drive, name=f"gain-{k}"))
     return found
 
 
@@ -161,7 +161,7 @@ def under_voltage(kp: float, seed: int, rubs: float = 0.0, pressed: float = 0.0,
     drive = ServoDrive(kp=kp, limit=0.95, supply=12.0, gain=0.3)
     torque = drive.torque(goal, position, 0 * goal, 12.0 + 0 * goal, on)
     known = {"enabled": on, "temperature": temperature} if warms else {}
-    return Recording(f"gain-{kp}", time, position, torque, reference=goal, drive=drive, **known)
+    return Recording(time, position, torque, reference=goal, drive=drive, **known, name=f"gain-{kp}")
 
 
 def test_what_a_motor_brakes_is_told_from_viscous_friction_where_the_gear_rubs_under_its_torque(rubbed):
@@ -278,7 +278,7 @@ def test_a_servo_that_is_told_to_go_at_once_starts_at_rest():
     rng, time = np.random.default_rng(0), np.arange(200) / 200.0
     position = 0.5 * (1.0 - np.cos(25.0 * time)) + 1e-5 * rng.standard_normal(len(time))
     told = {"reference": np.ones(len(time)), "drive": ServoDrive(output="torque", kp=3.0, rate=1000.0)}
-    (speed,) = Rollouts((Recording("jump", time, position, 3.0 * (1.0 - position), **told),)).servos.velocity
+    (speed,) = Rollouts((Recording(time, position, 3.0 * (1.0 - position), **told, name="jump"),)).servos.velocity
     assert abs(speed) < 0.1  # where a cubic over 80 ms has half a radian per second
 
 
@@ -391,7 +391,7 @@ def logged_slowly(is_held: bool, late: float, kp: float, seed: int) -> Recording
     position = np.round(np.array(path)[:: 1000 // rate] / 1.5e-3) * 1.5e-3
     drive = ServoDrive(output="torque", kp=kp, rate=1000.0)
     known, count = goals[: len(position)], len(position)
-    return Recording("slow", time[:count], position, kp * (known - position), reference=known, drive=drive)
+    return Recording(time[:count], position, kp * (known - position), reference=known, drive=drive, name="slow")
 
 
 def test_a_drive_without_any_torque_is_refused(plain):

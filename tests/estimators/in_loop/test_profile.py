@@ -34,7 +34,7 @@ def record_play(gap: float, stiffness: float, damping: float, link: float, rate:
     drive, found = ServoDrive(kp=4.0, supply=12.0, gain=0.25, rate=1000.0, goal="ramp"), []
     for k, run in enumerate(runs):
         time, position, goal = (series[:: 1000 // rate] for series in (run.time, run.position, run.goal))
-        found.append(Recording(f"{k}", time, position, 12.0 * (goal - position), reference=goal, drive=drive))
+        found.append(Recording(time, position, 12.0 * (goal - position), reference=goal, drive=drive, name=f"{k}"))
     return tuple(found)
 
 

@@ -119,7 +119,7 @@ def test_a_law_may_be_infinite_where_nothing_is_taken_from_it(paper_run):
     recording = paper_run.slice(0, 4000)
     estimator = OnlineEstimator(recording.rate, (*BASE, Singular()))
     with np.errstate(all="ignore"):
-        now = fed(estimator, Recording("late", recording.time + 1.0, recording.position, recording.torque))[-1]
+        now = fed(estimator, Recording(recording.time + 1.0, recording.position, recording.torque, name="late"))[-1]
     guarded = [s for s, scheme in enumerate(SCHEMES) if scheme.guard is not None]
     assert now.usable[0].any()
     assert np.isfinite(now.theta[0, guarded]).all()

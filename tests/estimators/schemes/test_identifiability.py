@@ -63,7 +63,7 @@ def moved_along(position: np.ndarray, gravity: float) -> Recording:
     time = np.arange(len(position)) / 500
     velocity = np.gradient(position, time)
     torque = 0.09 * np.gradient(velocity, time) + gravity * np.sin(position) + 0.36 * velocity + 0.1 * np.sign(velocity)
-    return Recording("moved", time, position, torque + 0.1 * np.random.default_rng(0).standard_normal(len(time)))
+    return Recording(time, position, torque + 0.1 * np.random.default_rng(0).standard_normal(len(time)), name="moved")
 
 
 @pytest.mark.slow
@@ -83,7 +83,7 @@ def test_a_scheme_that_cannot_tell_a_parameter_shows_none_though_another_can():
     speed = 12.0 * np.sign(np.sin(np.pi * time + 1e-9))
     noise = 0.02 * np.random.default_rng(0).standard_normal(len(time))
     position = np.cumsum(speed) / 500 - 6.0
-    found = identify([Recording("to and fro", time, position, 0.3 * speed + 0.5 * np.sign(speed) + noise)])
+    found = identify([Recording(time, position, 0.3 * speed + 0.5 * np.sign(speed) + noise, name="to and fro")])
     inertia = {id: (own.model.estimates["inertia"], "inertia" in own.withheld) for id, own in found.schemes.items()}
     assert all(withheld or one.std < abs(one.value) for one, withheld in inertia.values())
 
@@ -110,7 +110,7 @@ def test_an_effect_that_never_acts_is_named(paper_run):
 
 def test_a_joint_that_hardly_moves_is_refused():
     rng = np.random.default_rng(0)
-    still = Recording("still", TIME, 1e-5 * rng.normal(size=3000), 0.1 * np.sin(TIME))
+    still = Recording(TIME, 1e-5 * rng.normal(size=3000), 0.1 * np.sin(TIME), name="still")
     assert kinds(still) == [Kind.NO_MOTION]
     with pytest.raises(IdentificationError, match="too little of the motion"):
         identify([still])

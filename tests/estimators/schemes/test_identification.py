@@ -131,7 +131,7 @@ def test_torque_that_was_asked_of_an_open_motor_did_not_act():
     asked, enabled = 2 * np.sin(3 * time) + np.sin(7.3 * time), (time % 4.0 < 3.0).astype(float)
     theta = [0.02, 0.9, 0.05, 0.08]
     position = simulate(BASE, np.array(theta), 1 / 500.0, asked * enabled, 0.0, 0.0).position[: len(time), 0]
-    run = Recording("run", time, position, asked, enabled=enabled)
+    run = Recording(time, position, asked, enabled=enabled, name="run")
     assert not run.torque[enabled == 0].any() and run.torque[enabled == 1] == pytest.approx(asked[enabled == 1])
     assert identify(run)["dynamic"].model.theta == pytest.approx(theta, rel=0.01, abs=1e-3)
     assert describe_result(diagnose(run, only=["stribeck"])) == "Nothing is missing"

@@ -43,7 +43,7 @@ def test_power_is_torque_times_velocity_and_impulse_its_integral(term):
     q, v, a = 1.5 * np.sin(2 * fine - 2), 3 * np.cos(2 * fine - 2), -6 * np.sin(2 * fine - 2)
     tau = 2 + np.sin(9 * fine)
     period = 0.0005
-    m = measure(Recording("made", np.arange(500) * period, np.zeros(500), np.ones(500)), Smoothing(0))
+    m = measure(Recording(np.arange(500) * period, np.zeros(500), np.ones(500), name="made"), Smoothing(0))
 
     def made(part: slice, step: float) -> dataclasses.dataclass:
         held = np.convolve(tau[part], [0.5, 0.5])[: len(tau[part])]
@@ -124,7 +124,7 @@ def test_second_order_filter_keeps_encoder_noise_out_of_the_inertia(paper_run):
 def test_a_mass_that_jumps_does_no_work():
     payload = effects()["payload_change"](moment=0.5)
     time = np.arange(2000) / 1000
-    m = measure(Recording("wave", time, np.sin(5 * time), np.cos(time)), Smoothing(0))
+    m = measure(Recording(time, np.sin(5 * time), np.cos(time), name="wave"), Smoothing(0))
     inertia = payload.columns[0]
     energy = np.cumsum(compute_energy_view(m, inertia)) * m.period
     momentum = np.cumsum(compute_impulse_view(m, inertia)) * m.period

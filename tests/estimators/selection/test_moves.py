@@ -85,7 +85,7 @@ def test_a_long_lag_with_hardly_any_inertia_imitates_an_inertia_behind_a_short_l
     jerk = -np.sin(wave) @ (sizes * rates**2)
     torque = inertia * a + viscous * v + coulomb + lag * (inertia * jerk + viscous * a)
     torque += 1e-4 * np.random.default_rng(1).standard_normal(len(time))
-    evaluator = ModelEvaluator(*split_recordings([Recording("motor", time, position, torque)]))
+    evaluator = ModelEvaluator(*split_recordings([Recording(time, position, torque, name="motor")]))
     short, long = ((*BASE, effect("actuator_lag")(own)) for own in (lag, inertia / viscous))
     assert evaluator.model(short).estimates["inertia"].value == pytest.approx(inertia, rel=0.02)
     assert evaluator.model(long).estimates["inertia"].value == pytest.approx(viscous * lag, rel=0.3)
@@ -109,7 +109,7 @@ def test_two_periods_of_an_encoder_error_in_a_turn_are_named_and_no_cogging_besi
     library = {
         id: effect(id) for id in ("encoder_eccentricity", "cogging", "gravity_tilt", "position_dependent_friction")
     }
-    parts = split_recordings([Recording("tilted disc", run.time, reading, run.torque)])
+    parts = split_recordings([Recording(run.time, reading, run.torque, name="tilted disc")])
     found = search(ModelEvaluator(*parts, library=library))
     assert [step.added for step in found.steps] == [None, "encoder_eccentricity"]
     estimates = found.steps[-1].model.estimates

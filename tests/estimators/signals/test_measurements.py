@@ -21,14 +21,14 @@ def test_held_torque_matches_acceleration_and_steps_of_velocity_exactly(half_wid
     torque = rng.normal(size=1000)
     velocity = np.r_[0, np.cumsum(torque[:-1])] * period / inertia
     position = np.r_[0, np.cumsum(velocity[:-1] * period + 0.5 * torque[:-1] / inertia * period**2)]
-    m = measure(Recording("free", np.arange(1000) * period, position, torque), Smoothing(half_width))
+    m = measure(Recording(np.arange(1000) * period, position, torque, name="free"), Smoothing(half_width))
     np.testing.assert_allclose(inertia * m.acceleration, m.torque, atol=1e-9)
     np.testing.assert_allclose(inertia * np.diff(m.velocity) / period, m.held[1:], atol=1e-9)
 
 
 def test_smooth_motion_is_differentiated_without_delay():
     time = np.arange(2000) / 1000
-    m = measure(Recording("sine", time, np.sin(6 * time), np.sin(6 * time)), Smoothing(10))
+    m = measure(Recording(time, np.sin(6 * time), np.sin(6 * time), name="sine"), Smoothing(10))
     np.testing.assert_allclose(m.position, np.sin(6 * m.time), atol=1e-6)
     np.testing.assert_allclose(m.velocity, 6 * np.cos(6 * m.time), atol=3e-5)
     np.testing.assert_allclose(m.acceleration, -36 * np.sin(6 * m.time), atol=1e-4)
@@ -42,7 +42,7 @@ def test_coarse_encoders_are_smoothed_longer():
 
     def chosen(counts: int) -> int:
         count = 2 * np.pi / counts
-        return choose_smoothing(Recording("sine", time, np.round(motion / count) * count, motion)).half_width
+        return choose_smoothing(Recording(time, np.round(motion / count) * count, motion, name="sine")).half_width
 
     assert chosen(1_024_000) < chosen(65_536) < chosen(8192)
 
@@ -61,8 +61,8 @@ def test_guard_leaves_out_stick_and_reversals(exact):
 def test_too_short_a_recording_is_refused():
     time = np.arange(20) / 1000
     with pytest.raises(IdentificationError, match="20 samples are too few"):
-        measure(Recording("short", time, time**2, time))
+        measure(Recording(time, time**2, time, name="short"))
     time = np.arange(45) / 1000
     with pytest.raises(IdentificationError, match="at least 50 are needed"):
-        measure(Recording("short", time, time**2, time), Smoothing(10))
-    assert len(measure(Recording("short", time, time**2, time))) > 20
+        measure(Recording(time, time**2, time, name="short"), Smoothing(10))
+    assert len(measure(Recording(time, time**2, time, name="short"))) > 20

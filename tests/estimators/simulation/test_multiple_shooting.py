@@ -57,7 +57,9 @@ def test_a_link_is_watched_behind_a_command_that_is_late_and_in_a_short_part(loo
         > 2 * loose.with_link_states(true).errors(true).position_rms
     )
     (recording,) = (windows.recording for windows in loose.data.windows)
-    short = Recording("short", *(series[:900] for series in (recording.time, recording.position, recording.torque)))
+    short = Recording(
+        *(series[:900] for series in (recording.time, recording.position, recording.torque)), name="short"
+    )
     part = RegressionData.of([short], part=(0.7, 1.0)).with_link_states(true)
     assert np.isfinite(part.errors(true).torque_rms)
 

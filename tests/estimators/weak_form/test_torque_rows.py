@@ -109,7 +109,7 @@ def test_torque_behind_a_lag_is_predicted_with_its_lead(regression: TorqueRows):
 def test_a_lag_of_a_torque_that_is_none_leaves_what_the_joint_needs(regression: TorqueRows):
     """A free swing, held out: nothing is taken away, and nothing is blown up."""
     (w,) = regression.data.windows
-    free = Recording("free", w.recording.time, w.recording.position, np.zeros(len(w.recording)))
+    free = Recording(w.recording.time, w.recording.position, np.zeros(len(w.recording)), name="free")
     own = TorqueRows(prepare([free]))
     theta = np.array([0.09, 2.0, 0.36, 0.9])
     lagging, plain = (own.equations(terms).error(theta) for terms in ((*BASE, effects()["actuator_lag"](0.03)), BASE))

@@ -54,7 +54,7 @@ def drifting(rate: float, seconds: float, inertia: float, seed: int = 0) -> Reco
     a = torque / inertia
     v = 5 + np.r_[0, np.cumsum(a)[:-1]] * period
     q = np.r_[0, np.cumsum(v * period + 0.5 * a * period**2)[:-1]]
-    return Recording("drifting", period * np.arange(len(q)), q, torque)
+    return Recording(period * np.arange(len(q)), q, torque, name="drifting")
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0])
@@ -70,7 +70,7 @@ def test_equations_of_a_smooth_motion_with_friction_are_exact_to_the_order_of_th
     """I q'' + b q' = 0 has the solution q = 1 - exp(-b t / I)."""
     time = np.arange(2000) / 1000
     q = 1 - np.exp(-4 * time)
-    data = prepare([Recording("coasting", time, 3 * q, np.zeros(2000))], [0.01])
+    data = prepare([Recording(time, 3 * q, np.zeros(2000), name="coasting")], [0.01])
     equations = data.equations((Inertia(), Viscous()))
     error = equations.phi @ [0.1, 0.4]
     assert np.abs(error).max() < 2e-4 * np.abs(0.1 * equations.phi[:, 0]).max()
@@ -160,7 +160,7 @@ def test_a_velocity_that_was_computed_from_the_position_changes_nothing(coarse, 
 def test_a_recording_that_rests_is_refused_with_what_to_do():
     time = np.arange(2000) / 500
     with pytest.raises(IdentificationError, match=r"resting: only 0 stretches .* clear of stick .* record longer"):
-        prepare([Recording("resting", time, np.zeros(2000), 0.3 * np.sin(time))])
+        prepare([Recording(time, np.zeros(2000), 0.3 * np.sin(time), name="resting")])
 
 
 @pytest.mark.slow
@@ -223,7 +223,7 @@ def test_noise_of_the_rate_of_a_torque_is_that_of_white_encoder_noise():
     rng, time = np.random.default_rng(1), np.arange(0.0, 60.0, 0.002)
     q = np.sin(2.0 * time)
     clean, noisy = (
-        cut(Recording("", time, q + noise * rng.standard_normal(len(q)), np.cos(2.0 * time)), 0.03)
+        cut(Recording(time, q + noise * rng.standard_normal(len(q)), np.cos(2.0 * time), name=""), 0.03)
         for noise in (1e-9, 1e-4)
     )
     both = np.intersect1d(clean.centers, noisy.centers)

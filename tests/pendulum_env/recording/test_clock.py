@@ -51,7 +51,7 @@ def test_arrays_of_dates_and_of_durations_count_in_seconds(tmp_path: Path, unit:
     date = np.datetime64("2026-03-01T12:00:00.250", "ms")
     for time, start in ((passed, None), (date + passed, datetime(2026, 3, 1, 12, 0, 0, 250_000, UTC))):
         np.savez(tmp_path / "run.npz", **run | {"time": time})
-        own = Recording("run", time, run["position"], run["torque"])
+        own = Recording(time, run["position"], run["torque"], name="run")
         for recording in (own, read_recording(tmp_path / "run.npz")):
             np.testing.assert_allclose(recording.time, run["time"], rtol=0, atol=1e-9)
             assert recording.start_date == start

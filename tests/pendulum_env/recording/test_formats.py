@@ -13,7 +13,7 @@ import pytest
 
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import find_columns
-from pendulum_env.recording.formats import RECIPES, read_table
+from pendulum_env.recording.formats import read_table
 from pendulum_env.recording.preview import read_preview
 from tests.notes import noted
 
@@ -214,13 +214,6 @@ def test_bags_of_ros(tmp_path: Path, kind: str) -> None:
 
 
 # What is refused
-
-
-@pytest.mark.parametrize("suffix", RECIPES)
-def test_formats_that_are_not_read_come_with_a_recipe(tmp_path: Path, suffix: str) -> None:
-    with pytest.raises(RecordingError) as refusal:
-        read_recording(tmp_path / f"run{suffix}")
-    assert RECIPES[suffix] in str(refusal.value)
 
 
 @pytest.mark.parametrize("suffix", [".h5", ".xlsx", ".mcap"])

@@ -16,15 +16,7 @@ def gappy() -> Recording:
     time = np.arange(sum(LENGTHS)) / RATE + np.cumsum(np.diff(gaps, prepend=0.0))
     told = {"reference": np.sin(time + 0.01), "load": Load(0.02, 1.0), "notes": ("as it came",)}
     starts = tuple(np.cumsum((0, *LENGTHS[:-1])))
-    return Recording("gappy", time, np.sin(time), np.cos(3 * time), np.cos(time), starts=starts, **told)
-
-
-def test_a_recording_has_one_name_and_needs_none() -> None:
-    time = np.arange(10) / 100
-    assert Recording("monday", time, time).name == Recording(time, time, name="monday").name == "monday"
-    assert Recording(time, time, time).name == "recording"
-    with pytest.raises(TypeError, match="two names, 'monday' and 'tuesday'"):
-        Recording("monday", time, time, name="tuesday")
+    return Recording(time, np.sin(time), np.cos(3 * time), np.cos(time), starts=starts, **told, name="gappy")
 
 
 def test_segments_are_recordings_without_gaps_that_hold_every_sample(gappy: Recording) -> None:
@@ -101,7 +93,7 @@ TOLD = {"starts": (0, 100)}
 def test_record_refuses(time: np.ndarray, change: dict, match: str) -> None:
     good = dict.fromkeys(("time", "position", "torque"), time)
     with pytest.raises(RecordingError, match=match):
-        Recording("r", **(good | change))
+        Recording(**(good | change), name="r")
 
 
 @pytest.mark.parametrize(("inertia", "gravity"), [(-0.1, 0), (np.inf, 0), (0, np.nan)])
