@@ -48,13 +48,14 @@ def search(evaluator: ModelEvaluator) -> SearchResult:
     start = refit_nonlinear(evaluator, evaluator.base)
     state = grow(SearchState(evaluator, start, start))
     if not state.is_noise:
-        known, firsts = list_ids(state.terms), screen_effects(state.evaluator, start)
+        known, firsts = list_ids(state.terms), screen_effects(evaluator, start)  # as at first, without states of a link
+        rivals = [*firsts[:1], *((*start, effect) for effect in state.effects)]
         freed = state.evaluator.without_known(start)
         for first in firsts[: evaluator.criterion.beam]:
             if (
                 first[-1].id not in known
                 and state.evaluator.is_significant(first, freed)
-                and state.evaluator.is_tied(first, firsts[0])
+                and all(state.evaluator.is_tied(first, rival) for rival in rivals)
             ):
                 other = grow(state.refit(first))
                 if _is_better(other, state) and are_confirmed(other.evaluator, find_model_path(other)):

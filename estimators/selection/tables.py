@@ -12,7 +12,7 @@ from estimators.selection.residuals import Terms
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime, Table
 from pendulum_env.physics.term import list_loads
-from pendulum_env.physics.terms import count_parameters, list_ids
+from pendulum_env.physics.terms import count_parameters, count_term_parameters, list_ids
 
 
 def replace_by_table(state: SearchState) -> SearchState:
@@ -22,8 +22,6 @@ def replace_by_table(state: SearchState) -> SearchState:
     structure is left, and the table and the effects still needed predict significantly better and explain most of it.
     Of several tables, the one that best predicts held-out data is kept.
     """
-    if not state.effects and state.is_noise:
-        return state
     totals = {
         terms: total for terms in list_table_models(state) if (total := _compute_table_gain(state, terms)) is not None
     }
@@ -57,15 +55,20 @@ def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
 
 
 def list_table_models(state: SearchState) -> Iterator[Terms]:
-    """Yield models with each table: instead of all effects, or beside those still needed."""
+    """Yield models with each table: instead of all effects, or beside those still needed.
+
+    Where a state leaves only noise, only a table with fewer parameters than its effects may replace them.
+    """
     evaluator = state.evaluator
+    limit = sum(map(count_term_parameters, state.effects)) if state.is_noise else np.inf
     unexplained = {at for at in evaluator.residuals.joints if not evaluator.residuals.is_noise_at(at, state.terms)}
     joints = unexplained | {at for effect in state.effects for at in list_loads(effect.at)}
     for table in evaluator.tables:
         if table.at and table.at not in joints:
             continue
         for others in dict.fromkeys((state.start, state.terms)):
-            trial = find_best_variant(evaluator, others, table)
+            fewest = min(map(count_term_parameters, evaluator.train.grid(others, table)), default=np.inf)
+            trial = find_best_variant(evaluator, others, table) if fewest < limit else None
             if trial is not None:
                 yield drop_unneeded(state.with_terms(trial.terms)).terms
 

@@ -13,7 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from estimators.data.rows import ResidualStructure
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.signals.motion import HALF_WIDTHS
-from estimators.weak_form.windows import WHOLE, Part, WindowAverages, Windows, concatenate_samples, cut, trace_all
+from estimators.weak_form.windows import WHOLE, Part, WindowAverages, Windows, concatenate_memory, concatenate_samples, cut, trace_all
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.physics.actuation import TorqueOffset
@@ -138,9 +138,12 @@ class TorqueWindows:
         known = self.link_states.get(variants[0].id)
         if known:
             return [concatenate_samples(known)] * len(variants)
-        if not (kind := type(variants[0])).has_state():
-            return [self._unsmoothed if kind.has_impacts else self.averages.samples] * len(variants)
-        return [concatenate_samples(own) for own in zip(*trace_all(self.windows, variants), strict=True)]
+        first, kind = self.windows[0], type(variants[0])
+        driving = self.averages.samples if first.driving(kind) is first.samples else self._unsmoothed
+        if not kind.has_state():
+            return [driving] * len(variants)
+        traced = zip(*trace_all(self.windows, variants), strict=True)
+        return [replace(driving, memory=concatenate_memory(own)) for own in traced]
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
         """Return the linear columns (R, P) and the sum of the fixed columns (R,) of each variant of one effect.

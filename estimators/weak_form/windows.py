@@ -37,7 +37,7 @@ from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.arms.body import LinkLoad
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
 from pendulum_env.physics.simulation import StepPrograms
-from pendulum_env.physics.term import LOAD, trace_variants
+from pendulum_env.physics.term import LOAD, Memory, trace_variants
 from pendulum_env.recording import Recording
 
 Averages: TypeAlias = scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator
@@ -81,7 +81,7 @@ class WindowAverages:
         mass = column.mass(x)
         if np.ndim(mass) or mass:
             averages = averages + self.narrow @ (mass * self.acceleration)
-        return np.nan_to_num(averages, nan=0.0, posinf=0.0, neginf=0.0)  # a diverged state has no column
+        return np.where(np.isfinite(averages), averages, 0.0)  # a diverged state has no column
 
     def columns(self, variants: Sequence[Term], traced: Sequence[Samples]) -> list[tuple[Array, Array]]:
         """Return the linear columns (R, P) and the sum of the fixed columns (R,) of each variant of one effect.
@@ -96,7 +96,7 @@ class WindowAverages:
             linear = [self.column(c, x) for c in variant.columns]
             # fixed columns are torques that hold like the command, and already averages over the triangle
             fixed = sum((_average_series(self.narrow, c.force(x)) for c in variant.fixed), none)
-            fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
+            fixed = np.where(np.isfinite(fixed), fixed, 0.0)
             parts.append((np.column_stack(linear) if linear else np.empty((len(none), 0)), fixed))
         return parts
 
@@ -133,19 +133,23 @@ def concatenate_samples(parts: Sequence[Samples]) -> Samples:
         np.concatenate([np.broadcast_to(own, x.time.shape) for own, x in zip(of_each, parts, strict=True)])
         for of_each in zip(*(x.load for x in parts), strict=True)
     ]
-    memory = {
-        id: tuple(np.concatenate(series) for series in zip(*(x.memory[id] for x in parts), strict=True))
-        for id in parts[0].memory
-    }
     return Samples(
         np.concatenate([x.time for x in parts]),
         np.concatenate([x.position for x in parts]),
         np.concatenate([x.velocity for x in parts]),
         np.concatenate([x.torque for x in parts]),
-        memory,
+        concatenate_memory(parts),
         KnownLoad(*loads),
         np.concatenate([np.broadcast_to(x.temperature, x.time.shape) for x in parts]),
     )
+
+
+def concatenate_memory(parts: Sequence[Samples]) -> dict[str, Memory]:
+    """Concatenate the states of terms along several recordings."""
+    return {
+        id: tuple(np.concatenate(series) for series in zip(*(x.memory[id] for x in parts), strict=True))
+        for id in parts[0].memory
+    }
 
 
 @dataclass(frozen=True)

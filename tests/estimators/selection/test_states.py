@@ -42,6 +42,7 @@ class ScoredEvaluator(ModelEvaluator):
             trial=lambda terms: ScoredTerms(tuple(terms), 0.0),
             ranked=lambda terms, kind: [ScoredTerms((*terms, kind()), 0.0)],
             variants=lambda terms, kind: [ScoredTerms((*terms, kind()), 0.0)],
+            grid=lambda terms, kind: [kind()],
             n_tried=lambda terms, kind: 1,
         )
         self.residuals = SimpleNamespace(
