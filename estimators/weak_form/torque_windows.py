@@ -13,7 +13,16 @@ from numpy.lib.stride_tricks import sliding_window_view
 from estimators.data.rows import ResidualStructure
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.signals.motion import HALF_WIDTHS
-from estimators.weak_form.windows import WHOLE, Part, WindowAverages, Windows, concatenate_memory, concatenate_samples, cut, trace_all
+from estimators.weak_form.windows import (
+    WHOLE,
+    Part,
+    WindowAverages,
+    Windows,
+    concatenate_memory,
+    concatenate_samples,
+    cut,
+    trace_all,
+)
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.physics.actuation import TorqueOffset
