@@ -54,10 +54,6 @@ def select_recordings(
         empty: whether there may be none.
         body: that they are of.
         log_format: of a model, by which files and tables are read; recordings stay as they are.
-
-    Raises:
-        TypeError: if it is something else, or a recording of other joints.
-        ValueError: if there is none, or one cannot be read.
     """
     one = isinstance(given, Recording) or is_readable(given)
     sources = (given,) if one else convert_to_tuple(given)
@@ -103,10 +99,6 @@ def select_terms(given: Terms | Model | None) -> tuple[Term, ...]:
     """Return terms by object, or by id with default nonlinear parameters; None for the four of the paper.
 
     Behind the links of an arm are those at its joints, by id as in `stribeck@elbow`.
-
-    Raises:
-        ValueError: if there is no term of a name, no term at all, or one at no joint of the arm.
-        TypeError: if something is no term, such as a model.
     """
     if given is None:
         return BASE
@@ -138,9 +130,6 @@ def select_effects(
     """Select effects from a library, by default all known ones: only some, or all except some.
 
     Of an arm, `stribeck` is at every joint where it makes sense, `stribeck@elbow` at that one.
-
-    Raises:
-        ValueError: if an id is unknown, or none is left.
     """
     kinds = list_effects(body) if library is None else library
     known = {kind.id: kind for kind in place_effects(kinds.values(), body)}
@@ -162,11 +151,7 @@ def _list_ids(given: object) -> tuple[str, ...]:
 
 
 def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> dict[str, type[Term]]:
-    """Select effects that recordings can show: without missing quantities, torque, or whole turns.
-
-    Raises:
-        IdentificationError: if there are some, and all need such a quantity.
-    """
+    """Select effects that recordings can show: without missing quantities, torque, or whole turns."""
     if any(own.units.slides for own in recordings):
         sliding = {id: kind for id, kind in kinds.items() if id not in OF_A_TURN}
         if kinds and not sliding:
@@ -195,12 +180,7 @@ def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence
 def apply_limits(
     terms: Sequence[Term], library: Mapping[str, type[Term]], fixed: Mapping[str, float] | None, bounds: Bounds | None
 ) -> tuple[tuple[Term, ...], dict[str, type[Term]]]:
-    """Fix or bound parameters of terms and effects by name, such as `gravity` or `cogging.order`.
-
-    Raises:
-        LimitsError: if no term has such a parameter, or its bounds leave nothing.
-        ValueError: if the terms are of an arm.
-    """
+    """Fix or bound parameters of terms and effects by name, such as `gravity` or `cogging.order`."""
     limits = make_limits(fixed or {}, bounds or {})
     if not limits:
         return tuple(terms), dict(library)
@@ -214,11 +194,7 @@ def apply_limits(
 
 
 def check_horizon(horizon: float | None, is_simulated: bool) -> None:
-    """Refuse a horizon [s] that makes no sense.
-
-    Raises:
-        ValueError: if it is not above zero, or no motion is simulated from the recorded torque.
-    """
+    """Refuse a horizon [s] that makes no sense."""
     if horizon is not None and not 0 < horizon < math.inf:
         raise UserError(f"the horizon cannot be {horizon:g} s: give a number above zero")
     if horizon is not None and not is_simulated:
@@ -237,12 +213,7 @@ class HasModel(Protocol):
 
 
 def check_model(given: Model | HasModel) -> Model:
-    """Return a model, or the model of a result, and check that it has inertia or is of an arm.
-
-    Raises:
-        TypeError: if it is no model, such as a file's name.
-        ModelError: if it lacks inertia.
-    """
+    """Return a model, or the model of a result, and check that it has inertia or is of an arm."""
     if not isinstance(given := getattr(given, "model", given), Model):
         result = "one scheme of it" if isinstance(given, Mapping) else "a result"
         raise TypeError(

@@ -200,16 +200,7 @@ def before_and_after(
 ) -> Figure:
     """Plot a measured and a modelled quantity (N,) above their difference.
 
-    Args:
-        id: of the figure.
-        label: of the figure.
-        x: time (N,) [s].
-        measured: the measured quantity (N,).
-        models: name and colour of each model.
-        modelled: the quantity under each model (N,).
-        differences: what each model leaves of it (N,).
-        names: of the quantity, of the difference, and of their unit.
-        worst_first: whether the stretch of the largest difference is shown at first.
+    Each model has a name and a colour; `names` are those of the quantity, of the difference, and of their unit.
     """
     quantity, difference, unit = names
     data = [line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": DRAWING.broad})]

@@ -202,7 +202,6 @@ def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: st
     report_held(body, recordings, terminal)
     model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
     fitted = tuple(source for source in sources if source.role == "fit")
-    print_limits(model, path, terminal)
     return Inputs(model, fitted, [*recordings[: len(fitted)]], [*recordings[len(fitted) :]], robot.read)
 
 

@@ -66,17 +66,7 @@ def follow(
 ) -> ArmRecording:
     """Record a simulated arm that follows a motion.
 
-    Args:
-        arm: with the joints of the motion.
-        motion: to follow.
-        samples: number of samples.
-        max_torque: of every joint [N m]; the limit of the file applies, too.
-        rng: of the noise.
-        name: of the recording.
-        progress: called with the progress.
-
-    Raises:
-        RecordingError: if the motion is not finite.
+    The torque keeps to `max_torque` [N m] and to the limits of the file.
     """
     limits = np.minimum(motion.body.torque_limits, np.inf if max_torque is None else max_torque)
     (position,), (velocity,), _ = motion(np.zeros(1))

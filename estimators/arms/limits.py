@@ -44,11 +44,7 @@ def find_limits(
     max_torque: float | None = None,
     max_acceleration: float | None = None,
 ) -> Limits:
-    """Combine the limits of the file, the arguments of `design_excitation` and the defaults.
-
-    Raises:
-        IdentificationError: if a bound is not positive, or the limits leave a joint no room.
-    """
+    """Combine the limits of the file, the arguments of `design_excitation` and the defaults."""
     bounds = {"angle": max_angle, "speed": max_speed, "torque": max_torque, "acceleration": max_acceleration}
     for name, bound in bounds.items():
         if bound is not None and not bound > 0:

@@ -118,14 +118,7 @@ def find_carried(
 
     Each recording is first fitted with a payload of its own. Recordings with masses of about one size then share one.
     Those with the least are without a payload.
-
-    Args:
-        parts: windows of recordings, numbered in a row.
-        terms: of the model.
-        joint: in front of the link that carries it, the last one by default.
-
-    Returns:
-        Payloads that stand out, with the numbers of the recordings that carry each.
+    Returns the payloads that stand out, with the numbers of the recordings that carry each.
     """
     count = sum(len({w.run for w in own.windows}) for own in parts)
     rows = PayloadRows.of(parts, terms, joint or find_links(terms).joints[-1])
@@ -223,12 +216,7 @@ class PayloadRows(NamedTuple):
     def fit(self, group: Sequence[int], model: Model | None = None) -> list[Payload]:
         """Fit the payload of each group of recordings from 1, beside those of group 0.
 
-        Args:
-            group: of each recording.
-            model: of the arm without payload; by default its parameters are fitted.
-
-        Raises:
-            IdentificationError: if there is too little motion.
+        Without a model of the empty arm, its parameters are fitted, too.
         """
         known, carried, y = self._columns(group, model)
         if not all(own.any() for own in carried):

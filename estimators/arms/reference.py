@@ -45,13 +45,7 @@ def limit_speeds(body: Body, limits: Limits, q: Array, v: Array, share: Array) -
 
     A joint can always stop before the end of its range with half its acceleration. This has priority over the limit of
     the torque, which is computed from the file without friction.
-
-    Args:
-        body: the arm.
-        limits: of its joints, (n,) or (N, n) each.
-        q: positions at the last knot (N, n) [rad or m].
-        v: speeds at the last knot (N, n).
-        share: requested shares of the largest speeds, in [-1, 1] (N, n).
+    Positions q and speeds v are those at the last knot (N, n), `share` is in [-1, 1].
     """
     h, most = KNOT_PERIOD, limits.acceleration * KNOT_PERIOD
     slowing = np.minimum(0.5 * limits.acceleration, (limits.high - limits.low) / h**2)

@@ -43,12 +43,6 @@ def compute_history(equations: Equations, mask: Mask, points: Index, prior: floa
     R'R = 1 / P, follows from orthogonal triangularisation (QR), which loses half as many digits as sums of squares do:
     each stretch between points is reduced to a triangle, then added to the one before.
 
-    Args:
-        equations: R equations in P unknowns.
-        mask: equations that are used (R,).
-        points: increasing indices of equations (K,) after which theta and P are wanted.
-        prior: P(0) on the diagonal.
-
     Source: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, chapter IV.
     """
     parameters = equations.phi.shape[1]

@@ -58,11 +58,7 @@ OF_LINKS: dict[
 
 
 def adapt_to_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
-    """Adapt schemes to arms: energy schemes have no guard, since one of many joints is always near a reversal.
-
-    Raises:
-        TypeError: if one is none of the six, nor one of them with other options.
-    """
+    """Adapt schemes to arms: energy schemes have no guard, since one of many joints is always near a reversal."""
     chosen = []
     for one in schemes:
         if not isinstance(one, Scheme):

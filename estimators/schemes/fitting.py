@@ -263,12 +263,7 @@ def fit_schemes(
     terms: Sequence[Term],
     recordings: Sequence[Recording],
 ) -> dict[str, Identified]:
-    """Fit each scheme to the segments of recordings.
-
-    Raises:
-        IdentificationError: if too little of the motion is clear of stick.
-        ValueError: if a scheme borrows from one that was not used before.
-    """
+    """Fit each scheme to the segments of recordings."""
     joints, names, of = terms[0].mechanism.joints, join_names(recordings), make_regressions(terms)
     results: dict[str, Identified] = {}
     for scheme in schemes:
@@ -294,11 +289,7 @@ def fit_schemes(
 def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model | None = None) -> Identified:
     """Fit the equations: batch estimate with standard errors under correlated residuals, and the recursion.
 
-    Args:
-        scheme: that made the equations.
-        data: the equations.
-        terms: of the model, in the order of the columns.
-        lender: model whose inertia is given, or all that makes the momentum of an arm; None estimates it.
+    The inertia, or all that makes the momentum of an arm, is that of the lender; without one it is estimated.
     """
     columns = [column for term in terms for column in term.columns]
     loans = {j: lender.estimates[columns[j].name] for j in _find_momentum_columns(terms)} if lender is not None else {}

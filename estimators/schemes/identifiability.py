@@ -127,11 +127,7 @@ def withhold_estimates(
 
 
 def refuse_idle_joints(recordings: Sequence[Recording], segments: Segments, terms: Sequence[Term]) -> None:
-    """Refuse recordings in which a joint of an arm never moves, or torque never moves a pendulum.
-
-    Raises:
-        IdentificationError: with the joint, or the column of the torque.
-    """
+    """Refuse recordings in which a joint of an arm never moves, or torque never moves a pendulum."""
     measured = [joints for own in segments for joints in own]
     body = terms[0].mechanism
     for k, joint in enumerate(body.joints if isinstance(body, Body) else ()):

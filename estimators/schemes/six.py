@@ -137,9 +137,6 @@ def apply_low_pass(series: Array, cutoff: float, period: float, order: int = 1) 
 
     F[k] = a F[k-1] + (1 - a) x[k] with a = (2 - lambda T) / (2 + lambda T): the bilinear rule, applied to the running
     sum of x and differentiated.
-
-    Raises:
-        ValueError: if lambda is beyond the Nyquist frequency.
     """
     a = compute_decay(cutoff, period)
     for _ in range(order):
@@ -301,12 +298,7 @@ PAPER: tuple[Scheme, ...] = (
 
 
 def select_schemes(given: str | Sequence[str | Regressor]) -> tuple[Regressor, ...]:
-    """Return schemes by object or id; "all" for the six.
-
-    Raises:
-        ValueError: if there is no scheme of a name, one is named twice, or there is none at all.
-        TypeError: if something is no scheme.
-    """
+    """Return schemes by object or id; "all" for the six."""
     if isinstance(given, str) and given == "all":
         return SCHEMES
     chosen = tuple(scheme(item) if isinstance(item, str) else item for item in convert_to_tuple(given))

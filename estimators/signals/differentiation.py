@@ -22,10 +22,7 @@ def estimate_scatter(series: Array, where: Mask | slice = np.s_[:]) -> float:
     The estimate is the smaller of two: the median of fourth differences, which rare jumps of the signal do not change,
     and their root mean square. Of a slow signal that an encoder rounds, differences are one or three steps: the median
     is up to 2.5 times too large, the root mean square at most 1.7 times. `find_rounding` gives a lower bound.
-
-    Args:
-        series: the signal (N,).
-        where: differences of four steps (N - 4,) that are looked at.
+    `where` selects among the differences (N - 4,).
     """
     differences = np.abs(np.diff(series, 4))[where]
     return float(min(np.median(differences) / 0.6745, np.sqrt(np.mean(differences**2))) / np.sqrt(comb(8, 4)))

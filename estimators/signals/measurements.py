@@ -173,10 +173,6 @@ def compute_encoder_noise(counts: int) -> float:
 def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measurements:
     """Filter a recording; its velocity is not used, since its delay is unknown.
 
-    Args:
-        recording: at least 30 samples longer than the window.
-        smoothing: chosen by `choose_smoothing` if it is not given.
-
     Raises:
         IdentificationError: if the recording is too short.
     """
@@ -220,9 +216,6 @@ def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]
     """Filter n joints in each segment of their recordings; segments too short to differentiate are left out.
 
     All pass the longest of the windows that the joints ask for: their rows of the balance share all motion.
-
-    Raises:
-        IdentificationError: if all segments are too short.
     """
     segments = list(zip(*(joint.segments for joint in joints), strict=True))
     longest = max(segments, key=lambda segment: len(segment[0]))

@@ -127,11 +127,7 @@ class Body(Mechanism):
         return f"no body has the inertia that the file gives behind joint {links}" if links else ""
 
     def refuse_impossible_links(self) -> None:
-        """Refuse to simulate links with an impossible inertia.
-
-        Raises:
-            BodyError: with all of them.
-        """
+        """Refuse to simulate links with an impossible inertia."""
         if self.impossible_links:
             raise BodyError(f"{self.name}: {self.impossible_text}: mend mass, centre or inertia to simulate the arm")
 

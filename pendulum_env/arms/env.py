@@ -66,11 +66,7 @@ class SimulatedArm(gym.Env[Observation, Action]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin at rest, all joints at zero, or at `position` [rad] and `velocity` [rad/s] of `options`, (n,) each.
-
-        Raises:
-            ValueError: if an option is unknown, or not n numbers.
-        """
+        """Begin at rest, all joints at zero, or at `position` [rad] and `velocity` [rad/s] of `options`, (n,) each."""
         super().reset(seed=seed)
         given = dict(options or {})
         for name in given:
@@ -88,11 +84,7 @@ class SimulatedArm(gym.Env[Observation, Action]):
         return observation, info
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Hold torques for one period.
-
-        Raises:
-            ValueError: if the action is not n numbers.
-        """
+        """Hold torques for one period."""
         if not self._running:
             raise gym.error.ResetNeeded("the arm has not been started: call reset before step")
         asked = self._numbers("action", action)
@@ -167,9 +159,6 @@ class PlanarArm(SimulatedArm):
             torque_noise: standard deviation of the white noise on the measured torques [N m].
             velocity: "difference", the backward difference of the encoder, or "ideal".
             render_mode: "rgb_array" or "human".
-
-        Raises:
-            ValueError: if an argument is unknown or out of its range.
         """
         check_positive("an arm", rate=rate, substeps=substeps, max_torque=max_torque)
         self._renderer = Renderer(render_mode)
@@ -219,12 +208,7 @@ class SpatialArm(SimulatedArm):
         counts: int = COUNTS,
         torque_noise: float = 0.0,
     ) -> None:
-        """Make the arm of a body; the other arguments are those of `PlanarArm`, velocities are ideal.
-
-        Raises:
-            BodyError: without MuJoCo, or if a link has an inertia that no body has.
-            ValueError: if an argument is unknown or out of its range.
-        """
+        """Make the arm of a body; the other arguments are those of `PlanarArm`, velocities are ideal."""
         body.refuse_impossible_links()
         (mass,) = body.mass_matrix(np.zeros((1, len(body.joints))), body.values)
         light = np.minimum(1.0, np.diag(mass) / PAPER["inertia"])

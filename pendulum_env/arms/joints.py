@@ -43,9 +43,6 @@ def place_effect(effect: type[Term], joint: str, slides: bool = False) -> type[T
     """Place an effect at one of several joints: the same law, with `@joint` behind its id and its parameters.
 
     Where the joint slides, the units are those of m and N. Nothing changes at the joint of a pendulum, without a name.
-
-    Raises:
-        ValueError: if it is at a joint already.
     """
     if not joint:
         return effect
@@ -135,11 +132,7 @@ def place_term(term: Term, joint: str, slides: bool = False) -> Term:
 
 
 def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
-    """Refuse terms that are at none of the joints.
-
-    Raises:
-        ValueError: with the term, and the joints that there are.
-    """
+    """Refuse terms that are at none of the joints."""
     for term in terms:
         if not isinstance(term, Links) and not set(list_loads(term.at)) <= set(joints):
             if not any(joints):
@@ -231,13 +224,7 @@ def find_kinds(
 ) -> list[type[Term]]:
     """Find effects by name: `stribeck` at each joint where it is possible, `stribeck@elbow` at that one.
 
-    Args:
-        names: of effects.
-        body: whose joints they are at.
-        known: effects by id; by default those of the library.
-
-    Raises:
-        ValueError: if there is no such effect or joint; the message names the nearest.
+    `known` are effects by id, by default those of the library.
     """
     names, known = list(names), list_effects(body) if known is None else known
     what = "effect of joints" if isinstance(body, Body) else "effect"
@@ -251,12 +238,7 @@ def parse_effect(
     known: Mapping[str, type[Term]] | None = None,
     sliding: Collection[str] = (),
 ) -> tuple[type[Term], str]:
-    """Parse effect and joint of `stribeck@elbow`, by default of all effects that can be at a joint.
-
-    Raises:
-        ValueError: if there is no such effect or joint, the message names the nearest; or if that joint slides and the
-            effect is of those that turn.
-    """
+    """Parse effect and joint of `stribeck@elbow`, by default of all effects that can be at a joint."""
     id, at, joint = text.partition("@")
     if known is None and id in (Coupling.id, *MEASURED):
         raise UserError(f"{id} is nothing that the simulator here has: leave it out")

@@ -14,7 +14,6 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links, can_sit, find_links, get_coupling, place_effect
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics import Model, ModelError, Term, library
-from pendulum_env.physics.limits import collect_limits, limit_term, read_limits, write_limits
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.model import ARM_SCHEMA, read_estimate, read_log_format
 from pendulum_env.physics.table import Table, read_table
@@ -55,7 +54,6 @@ class ArmModel(Model):
             ],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
             **({"log_format": dict(self.log_format)} if self.log_format else {}),
-            **({"limits": write_limits(limits)} if (limits := collect_limits(self.terms[1:])) else {}),
         }
 
     @classmethod
@@ -83,8 +81,7 @@ class ArmModel(Model):
                 "is of other links than this robot has: give the file that it was made with, and "
                 f"{format_setting('rotors', True)} as then"
             )
-        limits = read_limits(data.limits or {})
-        terms = [limit_term(_build_term(k, data, body), limits) for k in range(len(data.terms))]
+        terms = [_build_term(k, data, body) for k in range(len(data.terms))]
         for k, term in enumerate(terms):
             if term.id in {other.id for other in terms[:k]}:
                 raise ModelError(f"'terms[{k}]' is {term.id} again: each term may appear once")
@@ -122,7 +119,6 @@ class _ArmModelFile(_ArmFile, kw_only=True):
     base: dict[str, Any]
     terms: list[_ArmTerm]
     theta: dict[str, Any]
-    limits: dict[str, tuple[Number | None, Number | None]] | None = None
 
 
 def make_arm_model(model: Model) -> Model:

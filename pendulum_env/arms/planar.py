@@ -68,14 +68,7 @@ def make_joint_models(
 ) -> tuple[Model, ...]:
     """Make the friction of each joint, with the effects hidden there.
 
-    Args:
-        friction: viscous [N m s/rad] and dry [N m], of each joint.
-        names: of the joints.
-        effects: `stribeck@elbow=0.4`, with parameters as for a pendulum.
-        sliding: joints that slide.
-
-    Raises:
-        ValueError: if an effect, joint or parameter is unknown.
+    An effect is named as in `stribeck@elbow=0.4`.
     """
     models = [Model.build(FRICTION, np.array(pair)) for pair in friction]
     for text in list_effects(effects):

@@ -185,9 +185,6 @@ def find_logged_joints(
     """Find the joints with columns in a file or table; all joints if columns bear numbers.
 
     A joint without a column of torque whose position stays within `STILL` is no such joint either.
-
-    Raises:
-        RecordingError: if the file cannot be read.
     """
     look = read_preview(source, most=500)
     named = {name: text for name, text in (columns or {}).items() if text.strip() != NONE}
@@ -278,11 +275,7 @@ def _replace_joint_names(joint: str, text: str) -> str:
 
 
 def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str] = ()) -> ArmRecording:
-    """Read a recording of an arm as a study asks for.
-
-    Raises:
-        RecordingError: as `read_arm_recording`, if there is too little within the range, or if a load is given.
-    """
+    """Read a recording of an arm as a study asks for."""
     if source.load is not None:
         raise RecordingError(
             f"{source.file}: `load` is of one joint: leave it out; what an arm carries is identified as its payload"

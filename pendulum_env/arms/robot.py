@@ -169,11 +169,7 @@ def _bound(tree: ElementTree.Element) -> None:
 
 
 def import_pinocchio() -> ModuleType:
-    """Import Pinocchio where it is needed.
-
-    Raises:
-        BodyError: if it is not installed.
-    """
+    """Import Pinocchio where it is needed."""
     try:
         import pinocchio
     except ImportError:

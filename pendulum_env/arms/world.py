@@ -25,13 +25,7 @@ TIED = (0.999, 0.9999, 1e-4, 0.5, 2.0)  # impedance of what ties a follower to i
 def build_specification(body: Body, standard: Array, friction: Mapping[str, tuple[float, float]]) -> Any:
     """Build an arm as MuJoCo's `MjSpec`.
 
-    Args:
-        body: its links.
-        standard: their standard parameters (S,), in the order of `body.standard`.
-        friction: viscous [N m s/rad] and dry [N m] friction by joint; in N s/m and N where it slides.
-
-    Raises:
-        BodyError: without MuJoCo.
+    Friction is viscous and dry, by joint.
     """
     mujoco, pin, model = import_mujoco(), import_pinocchio(), body.model
     spec = mujoco.MjSpec()
@@ -81,11 +75,7 @@ class SpatialBodies:
     longest_step = 2.5e-4  # [s]
 
     def __init__(self, body: Body, models: Sequence[Model], period: float) -> None:
-        """Take links, what acts at their joints, and the time between samples [s].
-
-        Raises:
-            BodyError: without MuJoCo.
-        """
+        """Take links, what acts at their joints, and the time between samples [s]."""
         self._steps = int(np.ceil(period / self.longest_step))
         self._h = period / self._steps
         viscous = {at: model.estimates["viscous"].value for at, model in zip(body.joints, models, strict=True)}
@@ -134,11 +124,7 @@ class SpatialBodies:
 
 
 def import_mujoco() -> Any:
-    """Import MuJoCo where it is needed.
-
-    Raises:
-        BodyError: if it is not installed.
-    """
+    """Import MuJoCo where it is needed."""
     try:
         import mujoco
     except ModuleNotFoundError:
