@@ -97,15 +97,14 @@ def kept(name: str) -> Callable[[Path], bytes]:
 
 
 def arm_model(_: Path) -> bytes:
-    """A model of an arm with an effect that has whole numbers, a table, limits and a log's format."""
+    """A model of an arm with an effect that has whole numbers, a table and a log's format."""
     terms = [
         *arm_base(body()),
         *(kind() for kind in (place_effect(Cogging, "elbow"), place_effect(Stribeck, "shoulder"))),
     ]
     terms.append(place_effect(TABLES["torque_by_angle"], "elbow").with_extent(Extent(-1.0, 2.0, 4))())
     model = ArmModel.build(terms, 0.5, 0.01)
-    limits = {"viscous@elbow": [0.1, 0.6], "coulomb@elbow": [None, 2.0]}
-    return json.dumps(model.json() | {"limits": limits, "log_format": LOG_FORMAT}).encode()
+    return json.dumps(model.json() | {"log_format": LOG_FORMAT}).encode()
 
 
 def read_training(path: Path) -> Config:

@@ -198,8 +198,10 @@ def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Ter
     return [*placed, *(list_couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
 
 
-def find_kind(text: str, body: Mechanism) -> type[Term]:
+def find_kind(text: str, body: Mechanism, known: Mapping[str, type[Term]] | None = None) -> type[Term]:
     """Find the effect or table of `stribeck`, at an arm `stribeck@elbow` or `coupling@elbow,-wrist`.
+
+    `known` are kinds at joints by id, by default all effects and tables.
 
     Raises:
         ValueError: if there is no such effect or joint; the message names the nearest.
@@ -208,7 +210,7 @@ def find_kind(text: str, body: Mechanism) -> type[Term]:
         return find_addition(text)
     joints, (id, _, at) = body.joints, text.partition("@")
     if id != Coupling.id:
-        kind, joint = parse_effect(text, joints, joint_effects() | TABLES, body.sliding)
+        kind, joint = parse_effect(text, joints, known or joint_effects() | TABLES, body.sliding)
         return place_effect(kind, joint, body.slides[joints.index(joint)])
     pair = [find("joint", joint, {name: name for name in joints}) for joint in list_loads(at)]
     _refuse_sliding(id, pair, body.sliding)

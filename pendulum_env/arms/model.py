@@ -11,14 +11,13 @@ from msgspec import Struct
 
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling, Links, can_sit, find_links, get_coupling, place_effect
+from pendulum_env.arms.joints import FRICTION, Links, find_kind, find_links, joint_effects
 from pendulum_env.errors import FileError, UserError
-from pendulum_env.physics import Model, ModelError, Term, library
+from pendulum_env.physics import Model, ModelError, Term
 from pendulum_env.physics.mechanism import Mechanism
-from pendulum_env.physics.model import ARM_SCHEMA, read_estimate, read_log_format
-from pendulum_env.physics.table import Table, read_table
-from pendulum_env.physics.term import list_loads
-from pendulum_env.reading import Number, Text, convert, quote_value, read_json
+from pendulum_env.physics.model import ARM_SCHEMA, check_value, read_estimate, read_log_format
+from pendulum_env.physics.table import TABLES, Table, read_table
+from pendulum_env.reading import Number, Text, convert, read_json
 from pendulum_env.settings import format_setting
 
 HINT = "identify or diagnose the arm to have one"
@@ -156,35 +155,21 @@ class ModelOptions:
 
 def _build_term(k: int, data: _ArmModelFile, body: Body) -> Term:
     """Build term k of a model file."""
-    item = data.terms[k]
-    places = list(list_loads(item.joint)) if item.id == Coupling.id else [item.joint]
-    for place in places:
-        if place not in body.joints:
-            raise ModelError(f"'terms[{k}].joint' is '{place}': the robot has {', '.join(body.joints)}")
-    if item.id == Coupling.id:
-        if len(places) != 2:
-            raise ModelError(f"'terms[{k}].joint' is {quote_value(item.joint)}: expected two joints, such as A,-B")
-        return get_coupling(item.joint, f"coupling.inertia@{item.joint}" in data.theta)()
+    item, place = data.terms[k], f"terms[{k}]"
+    known = joint_effects() | TABLES | {term.id: type(term) for term in FRICTION}
     try:
-        kind = library.find_term(item.id)
-    except ValueError as error:
-        raise ModelError(f"'terms[{k}].id': {error}") from None
-    slides = body.slides[body.joints.index(item.joint)]
-    if not can_sit(item.id, slides):
-        raise ModelError(f"'terms[{k}].id' is {item.id}: no joint of an arm{' that slides' * slides} can have it")
+        kind = find_kind(f"{item.id}@{item.joint}", body, known)
+    except UserError as error:
+        raise ModelError(f"'{place}': {error}") from None
+    if issubclass(kind, Table):
+        return read_table(kind, item.extent, f"{place}.extent")
     values = {}
     for parameter in kind.nonlinear_parameters:
         if parameter.name not in item.shape:
-            raise ModelError(f"'terms[{k}].shape' lacks '{parameter.name}'")
-        place = f"terms[{k}].shape.{parameter.name}"
-        values[parameter.name] = value = convert(item.shape[parameter.name], float, place)
-        if not (parameter.low <= value <= parameter.high and (value.is_integer() or not parameter.integer)):
-            what = "a whole number" if parameter.integer else "a number"
-            raise ModelError(f"'{place}' is {value:g}: expected {what} from {parameter.low:g} to {parameter.high:g}")
-    there = place_effect(kind, item.joint, slides)
-    if issubclass(there, Table):
-        return read_table(there, item.extent, f"terms[{k}].extent")
-    term = there(**values)
+            raise ModelError(f"'{place}.shape' lacks '{parameter.name}'")
+        at = f"{place}.shape.{parameter.name}"
+        values[parameter.name] = check_value(parameter, convert(item.shape[parameter.name], float, at), at)
+    term = kind(**values)
     if term.fault:
-        raise ModelError(f"'terms[{k}]' makes no sense: {term.fault}")
+        raise ModelError(f"'{place}' makes no sense: {term.fault}")
     return term

@@ -24,7 +24,7 @@ from pendulum_env.physics.limits import collect_limits, limit_term, read_limits,
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.table import Table, TableCurve, read_table, refuse_held
-from pendulum_env.physics.term import Column, Samples, Term
+from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term
 from pendulum_env.physics.terms import set_nonlinear_values
 from pendulum_env.reading import Number, Text, convert, quote_value, read_json
 from pendulum_env.settings import Blank, format_setting
@@ -562,16 +562,21 @@ def _build_term(id: str, data: _ModelFile) -> Term:
         name = kind.get_full_name(parameter.name)
         if parameter.nominal is not None and data.theta.get(name) is None:
             continue
-        values[parameter.name] = number = read_estimate(data.theta, name, parameter.unit).value
-        if not (parameter.low <= number <= parameter.high and (number.is_integer() or not parameter.integer)):
-            what = "a whole number" if parameter.integer else "a number"
-            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-            expected = f"{what} from {parameter.low:g} to {parameter.high:g}{unit}"
-            raise ModelError(f"'theta.{name}.value' is {number:g}: expected {expected}")
+        number = read_estimate(data.theta, name, parameter.unit).value
+        values[parameter.name] = check_value(parameter, number, f"theta.{name}.value")
     term = kind(**values)
     if term.fault:
         raise ModelError(f"'{kind.id}' makes no sense: {term.fault}")
     return term
+
+
+def check_value(parameter: NonlinearParameter, number: float, place: str) -> float:
+    """Return the value of a nonlinear parameter in a model file; refuse one out of its range, by its place."""
+    if not (parameter.low <= number <= parameter.high and (number.is_integer() or not parameter.integer)):
+        what = "a whole number" if parameter.integer else "a number"
+        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+        raise ModelError(f"'{place}' is {number:g}: expected {what} from {parameter.low:g} to {parameter.high:g}{unit}")
+    return number
 
 
 def _read_covariance(data: _Covariance, known: Sequence[str]) -> tuple[list[str], Array]:

@@ -32,14 +32,14 @@ def test_a_model_reads_back(body, content, tmp_path):
 @pytest.mark.parametrize(
     ("k", "changes", "match"),
     [
-        (0, {"id": "x"}, r"'terms\[0\].id': unknown effect 'x'; known: "),
-        (0, {"id": "backlash"}, r"'terms\[0\].id' is backlash: no joint of an arm"),
-        (0, {"joint": "hip"}, r"'terms\[0\].joint' is 'hip': the robot has shoulder, elbow"),
-        (0, {"joint": "shoulder,elbow"}, r"'terms\[0\].joint' is 'shoulder,elbow': the robot has shoulder"),
+        (0, {"id": "x"}, r"'terms\[0\]': unknown effect 'x'; known: "),
+        (0, {"id": "backlash"}, r"'terms\[0\]': backlash is no effect of one joint's motion"),
+        (0, {"joint": "hip"}, r"'terms\[0\]': unknown joint 'hip'"),
+        (0, {"joint": "shoulder,elbow"}, r"'terms\[0\]': unknown joint 'shoulder,elbow'"),
         (2, {"joint": "shoulder"}, r"'terms\[2\]' is viscous@shoulder again"),
         (4, {"shape": {"lower": 2.0, "upper": 1.0, "width": 0.1}}, r"'terms\[4\].*"),
         (5, {"shape": {"order": 3.5}}, r"'terms\[5\].shape.order' is 3.5: expected a whole number"),
-        (6, {"joint": "elbow"}, r"'terms\[6\].joint' is 'elbow': expected two joints"),
+        (6, {"joint": "elbow"}, r"'terms\[6\]': .*should name two joints"),
     ],
 )
 def test_a_term_that_makes_no_sense_is_refused_with_its_key(body, content, tmp_path, k, changes, match):
@@ -48,8 +48,3 @@ def test_a_term_that_makes_no_sense_is_refused_with_its_key(body, content, tmp_p
     with pytest.raises(ModelError, match=rf"model\.json: {match}"):
         ArmModel.load(tmp_path / "model.json", body)
 
-
-def test_limits_that_leave_no_value_are_refused_with_the_file(body, content, tmp_path):
-    (tmp_path / "model.json").write_text(json.dumps(content | {"limits": {"viscous@elbow": [2.0, 1.0]}}))
-    with pytest.raises(ModelError, match=r"model\.json: viscous@elbow cannot lie from 2 to 1"):
-        ArmModel.load(tmp_path / "model.json", body)
