@@ -47,4 +47,3 @@ def test_a_term_that_makes_no_sense_is_refused_with_its_key(body, content, tmp_p
     (tmp_path / "model.json").write_text(json.dumps(content))
     with pytest.raises(ModelError, match=rf"model\.json: {match}"):
         ArmModel.load(tmp_path / "model.json", body)
-
