@@ -27,11 +27,7 @@ def check_output(path: str | Path) -> Path:
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
-    """Write a file so that a reader sees the old one or the new one, never half of it.
-
-    Raises:
-        OSError: as `replace_file`.
-    """
+    """Write a file so that a reader sees the old one or the new one, never half of it."""
     with replace_file(path) as file:
         file.write(content.encode() if isinstance(content, str) else content)
 
@@ -42,9 +38,6 @@ def replace_file(path: str | Path) -> Iterator[BinaryIO]:
 
     Until then it lies beside its place under a hidden name. Links are followed. A device or pipe, such as /dev/null,
     is written to rather than replaced. A file that is replaced keeps its permissions.
-
-    Raises:
-        OSError: if it cannot be written; it names the file.
     """
     place = Path(os.path.realpath(path))
     is_special = place.exists() and not place.is_file()
@@ -71,11 +64,7 @@ def open_nonblocking(path: str, flags: int) -> int:
 
 
 def sync_file(file: BinaryIO | FileIO) -> None:
-    """Wait until the content is on the disk: some disks report only then that they are full.
-
-    Raises:
-        OSError: if it does not get there.
-    """
+    """Wait until the content is on the disk: some disks report only then that they are full."""
     try:
         os.fsync(file.fileno())
     except OSError as error:

@@ -34,11 +34,7 @@ def find(kind: str, name: str, known: Mapping[str, T]) -> T:
 
 
 def refuse_unknown_arguments(function: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a function so that it refuses an unknown keyword with the nearest that it takes.
-
-    Raises:
-        UserError: when it is called with one.
-    """
+    """Decorate a function so that it refuses an unknown keyword with the nearest that it takes."""
     known = dict(inspect.signature(function).parameters)
     known.pop("self", None)
 

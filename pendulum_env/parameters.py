@@ -33,11 +33,7 @@ class PlantParameters:
     def __init__(
         self, model: Model, rate: float, schedule: Schedule | None = None, batch: tuple[int, ...] = ()
     ) -> None:
-        """Take the plant, samples per second [Hz], the schedule of every episode, and () or (B,).
-
-        Raises:
-            UserError: if the schedule is wrong.
-        """
+        """Take the plant, samples per second [Hz], the schedule of every episode, and () or (B,)."""
         self.model, self._rate, self._batch = model, rate, batch
         self._linear = [column.name for column in model.columns]
         self._nonlinear = {
@@ -72,11 +68,7 @@ class PlantParameters:
         self.now = {name: np.where(which, self._start[name], value) for name, value in self.now.items()}
 
     def change(self, values: Values | Sequence[float] | Array, which: Mask | None = None) -> None:
-        """Change some parameters until the next reset, of all plants or of some (B,).
-
-        Raises:
-            UserError: if a parameter is unknown or impossible.
-        """
+        """Change some parameters until the next reset, of all plants or of some (B,)."""
         self._apply(self._check_values(values), which)
 
     def follow_schedule(self, steps: Any) -> bool:

@@ -112,9 +112,6 @@ def rollout(
         watch: called with each step's `info`.
         until: called with each step's `info`, too; the run ends with the step for which it returns True.
 
-    Raises:
-        ValueError: if the policy is laid out for another rate than the environment's.
-
     Returns:
         One sample for each step; its torque acts from its time on.
     """

@@ -45,11 +45,7 @@ def quote_value(value: object, most: int = SHOWN) -> str:
 
 
 def check_size(path: str | os.PathLike[str]) -> None:
-    """Refuse a path that is no file, or a file of more than `LARGEST` bytes.
-
-    Raises:
-        FileError: if there is none of that name, it is a folder, a device or a pipe, or too large.
-    """
+    """Refuse a path that is no file, or a file of more than `LARGEST` bytes."""
     try:
         status = os.stat(path)
     except (OSError, ValueError) as error:
@@ -61,11 +57,7 @@ def check_size(path: str | os.PathLike[str]) -> None:
 
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:
-    """Read a file.
-
-    Raises:
-        FileError: as `check_size`, or if it cannot be read.
-    """
+    """Read a file."""
     check_size(path)
     try:
         return Path(path).read_bytes()
@@ -74,11 +66,7 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """Read a text file; each line ends with a line feed.
-
-    Raises:
-        FileError: as `read_bytes`, or if it is not UTF-8.
-    """
+    """Read a text file; each line ends with a line feed."""
     try:
         return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError:
@@ -98,9 +86,6 @@ def read_json(path: str | os.PathLike[str], hint: str) -> Any:
     Args:
         path: of the file.
         hint: which file is meant, such as `a model is what identify -o writes`.
-
-    Raises:
-        FileError: if it cannot be read, or is no JSON.
     """
     data = read_bytes(path)
     try:
@@ -110,11 +95,7 @@ def read_json(path: str | os.PathLike[str], hint: str) -> Any:
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises:
-        FileError: as `read_json`.
-    """
+    """Read a TOML file."""
     text = read_text(path)
     try:
         return tomllib.loads(text)
@@ -196,9 +177,6 @@ def read_arrays(path: str | os.PathLike[str], hint: str) -> dict[str, NDArray[An
     Args:
         path: of the file.
         hint: which file is meant, as in `read_json`.
-
-    Raises:
-        FileError: as `check_size`, or if it is damaged, or no NPZ file.
     """
     check_size(path)
     try:

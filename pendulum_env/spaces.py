@@ -32,11 +32,7 @@ def is_beyond(torque: Any, most: float) -> Any:
 
 
 def check_positive(of: str, **values: float) -> None:
-    """Refuse numbers that are not positive, or not whole where they count something.
-
-    Raises:
-        ValueError: naming the number and what it is of.
-    """
+    """Refuse numbers that are not positive, or not whole where they count something."""
     for what, value in values.items():
         is_number = isinstance(value, Real)
         if not is_number or not 0 < value < np.inf or (what in WHOLE and value != int(value)):
@@ -45,11 +41,7 @@ def check_positive(of: str, **values: float) -> None:
 
 
 def read_start(options: Mapping[str, Any], shape: tuple[int, ...]) -> list[Array]:
-    """Read `position` [rad] and `velocity` [rad/s] from the options of a reset, 0 by default, of that shape each.
-
-    Raises:
-        ValueError: if one is no finite number, or has another shape.
-    """
+    """Read `position` [rad] and `velocity` [rad/s] from the options of a reset, 0 by default, of that shape each."""
     start = []
     for name in ("position", "velocity"):
         try:

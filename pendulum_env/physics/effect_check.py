@@ -55,11 +55,7 @@ def check_effect(kind: type[Term]) -> None:
 
 
 def check_variants(of: str, variants: Callable[[Samples], Iterable[Term]]) -> None:
-    """Evaluate the laws of the variants of an effect that a function makes of a motion, on made-up motions.
-
-    Raises:
-        UserError: naming `of`, or the law that is wrong.
-    """
+    """Evaluate the laws of the variants of an effect that a function makes of a motion, on made-up motions."""
 
     def listed(x: Samples) -> list[Term]:
         return [*variants(x)]
@@ -148,11 +144,7 @@ def _check_all(values: object, kind: type, of: str) -> None:
 
 
 def _call_user_function(of: str, function: Callable[[], T]) -> T:
-    """Call a function of the user's; any error becomes a UserError.
-
-    Raises:
-        UserError: with what the function raises, and where it is.
-    """
+    """Call a function of the user's; any error becomes a UserError."""
     try:
         with np.errstate(all="ignore"):
             return function()

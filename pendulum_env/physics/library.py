@@ -108,11 +108,7 @@ def list_addable() -> dict[str, type[Term]]:
 
 
 def effect(id: str) -> type[Term]:
-    """Find the effect of an id.
-
-    Raises:
-        ValueError: if there is none; the message names the nearest and all that exist.
-    """
+    """Find the effect of an id."""
     return find("effect", id, effects())
 
 

@@ -110,11 +110,7 @@ def write_limits(limits: Limits) -> dict[str, list[float | None]]:
 
 
 def read_limits(content: Mapping[str, tuple[float | None, float | None]]) -> dict[str, tuple[float, float]]:
-    """Read limits as `write_limits` wrote them.
-
-    Raises:
-        LimitsError: if they leave no value.
-    """
+    """Read limits as `write_limits` wrote them."""
     return make_limits({}, content)
 
 

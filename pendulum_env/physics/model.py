@@ -243,12 +243,7 @@ class Model(Mapping[str, Estimate]):
         return _derive_all(self)
 
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Model:
-        """Return the model with one more term, its linear parameters at `theta`; fit it to recordings next.
-
-        Raises:
-            ModelError: if the model has a term of that id already.
-            UserError: if it has a table that may be all that the term is.
-        """
+        """Return the model with one more term, its linear parameters at `theta`; fit it to recordings next."""
         if term.id in {old.id for old in self.terms}:
             raise ModelError(f"the model has '{term.id}' already: each effect can be added once")
         refuse_held(self.terms, term)
@@ -262,11 +257,7 @@ class Model(Mapping[str, Estimate]):
         return self.terms[0].mechanism if self.terms else PENDULUM
 
     def with_values(self, values: Mapping[str, float]) -> Model:
-        """Return the model with some parameters, by name, at other values.
-
-        Raises:
-            ModelError: if a parameter is unknown, or a value is none that it can have.
-        """
+        """Return the model with some parameters, by name, at other values."""
         for name, value in values.items():
             find("parameter of the model", name, self.estimates)
             if not np.isfinite(value) or (name == "inertia" and value <= 0):
@@ -328,11 +319,7 @@ class Model(Mapping[str, Estimate]):
         return not own.is_unknown and own.value > 0
 
     def refuse_unknown_inertia(self) -> None:
-        """Refuse to simulate a model whose inertia is missing or unknown.
-
-        Raises:
-            ModelError: if it is.
-        """
+        """Refuse to simulate a model whose inertia is missing or unknown."""
         if self.has_known_inertia:
             return
         if "inertia" not in self.estimates:
@@ -346,11 +333,7 @@ class Model(Mapping[str, Estimate]):
     def simulate(
         self, period: float, torque: Array, position: ArrayLike, velocity: ArrayLike, start: ArrayLike = 0.0
     ) -> Trajectory:
-        """Simulate free motion under a held torque command; see `pendulum_env.physics.simulation.simulate`.
-
-        Raises:
-            ModelError: if the model lacks inertia, or its inertia is unknown.
-        """
+        """Simulate free motion under a held torque command; see `pendulum_env.physics.simulation.simulate`."""
         self.refuse_unknown_inertia()
         return simulate(self.terms, self.theta, period, torque, position, velocity, start)
 
@@ -453,11 +436,7 @@ class _ModelFile(Struct):
 
 
 def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
-    """Read a parameter of a model file, in its unit.
-
-    Raises:
-        FileError: if the file lacks it, or it is no number.
-    """
+    """Read a parameter of a model file, in its unit."""
     if theta.get(name) is None:
         raise FileError(f"'theta' lacks '{name}'")
     return convert(theta[name], ParameterFile, f"theta.{name}").estimate(unit)
@@ -473,11 +452,7 @@ class _LogFormat(Struct):
 
 
 def read_log_format(content: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """Read the log format of a model file; empty if the file has none.
-
-    Raises:
-        FileError: if a value is of another type, or no number of a pendulum.
-    """
+    """Read the log format of a model file; empty if the file has none."""
     convert(content or {}, _LogFormat, "log_format")
     return content or {}
 

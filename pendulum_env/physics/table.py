@@ -62,11 +62,7 @@ class _Extent(Struct):
 
 
 def read_table(kind: type[Table], data: Any, key: str) -> Table:
-    """Make a table over the extent under a key of a model file.
-
-    Raises:
-        FileError: if it makes no sense.
-    """
+    """Make a table over the extent under a key of a model file."""
     extent = Extent(*astuple(convert(data, _Extent, key)))
     least = 0.0 if kind.axis == "velocity" else -FARTHEST
     is_wide = extent.high - extent.low > NARROWEST * max(1.0, abs(extent.low))

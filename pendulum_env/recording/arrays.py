@@ -36,21 +36,13 @@ DESCRIPTIONS = ("dimensions", "name")  # fields of MATLAB structures that hold n
 
 
 def read_npz(path: Path, find: ColumnFinder) -> RawTable:
-    """Read arrays, without unpickling.
-
-    Raises:
-        RecordingError: if an array is missing, does not hold real numbers, is no vector, or if the lengths differ.
-    """
+    """Read arrays, without unpickling."""
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         return _build_table({name: np.asarray(archive[name]) for name in archive.files}, find)
 
 
 def read_mat(path: Path, find: ColumnFinder) -> RawTable:
-    """Read MATLAB files: up to v7 by SciPy, v7.3 as HDF5; fields of structures are named `run.position`.
-
-    Raises:
-        RecordingError: as `read_npz`.
-    """
+    """Read MATLAB files: up to v7 by SciPy, v7.3 as HDF5; fields of structures are named `run.position`."""
     with path.open("rb") as file:
         if file.read(128).startswith(b"MATLAB 7.3"):
             return read_hdf5(path, find)
@@ -85,10 +77,6 @@ def read_data(data: Any, find: ColumnFinder) -> RawTable:
     """Read the columns in need of a mapping of arrays, a structured array, or a table that Arrow understands.
 
     Entries of a mapping that are None are left out.
-
-    Raises:
-        TypeError: if it is something else.
-        RecordingError: as `read_npz` and `read_parquet`.
     """
     if isinstance(data, Mapping):
         given = {str(name): value for name, value in data.items() if value is not None}
@@ -134,9 +122,6 @@ def read_hdf5(path: Path, find: ColumnFinder) -> RawTable:
 
     Of MATLAB 7.3, structures and their arrays are named as in older files: `run.position`, `out.signals[0].values[1]`.
     Texts, names and sizes are no columns.
-
-    Raises:
-        RecordingError: as `read_npz`, or if h5py is not installed.
     """
     require_module("h5py")
     import h5py
@@ -247,11 +232,7 @@ def _make_cells(values: NDArray[Any]) -> pa.ChunkedArray:
 
 
 def read_parquet(path: Path, find: ColumnFinder) -> RawTable:
-    """Read the columns in need of a Parquet file.
-
-    Raises:
-        RecordingError: if a column is missing or does not hold numbers.
-    """
+    """Read the columns in need of a Parquet file."""
     import pyarrow.parquet as pq  # takes a while to import
 
     with pq.ParquetFile(path, pre_buffer=False) as file:

@@ -25,11 +25,7 @@ JOINT = ("position", "velocity", "effort")  # fields of a joint state, one eleme
 
 
 def read_bag(path: Path, find: ColumnFinder) -> RawTable:
-    """Read the numbers in need from a bag, a folder that is one, or MCAP.
-
-    Raises:
-        RecordingError: if a number is missing, or if rosbags is not installed.
-    """
+    """Read the numbers in need from a bag, a folder that is one, or MCAP."""
     require_module("rosbags")
     with closing(_open_reader(path)) as reader:
         samples: dict[str, dict[str, float]] = {}

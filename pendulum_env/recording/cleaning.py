@@ -134,9 +134,6 @@ def drop_invalid_rows(log: Log, fewest: int) -> None:
     """Leave out rows with empty cells, NaN, or numbers that nothing measures.
 
     An optional column that lacks more than half of its cells is left out instead.
-
-    Raises:
-        RecordingError: if fewer rows than `fewest` are left.
     """
     count = len(log.values["time"])
     good, kept = np.ones(count, dtype=np.bool_), {}
@@ -183,11 +180,7 @@ def shift_restarted_runs(log: Log) -> None:
 
 
 def drop_repeated_times(log: Log) -> None:
-    """Leave out rows whose time repeats that of the row before.
-
-    Raises:
-        RecordingError: if time runs backwards.
-    """
+    """Leave out rows whose time repeats that of the row before."""
     time = log.values["time"]
     steps = np.diff(time)
     if steps.min() < 0:

@@ -152,9 +152,6 @@ def find_columns(
         output: of a known controller that followed the reference: then the reference is needed, and torque is what
             the user names, or else a column of that output.
         wordy: places of columns that hold no numbers; they give way to others.
-
-    Raises:
-        ColumnError: if one is missing, if two fit the same quantity, or if one needs a gain that is not given.
     """
     told = {quantity: text.strip() for quantity, text in (named or {}).items()}
     unused = {q for q, text in told.items() if text == NONE and q in (*OPTIONAL, "torque") and NONE not in headers}
@@ -431,11 +428,7 @@ def refuse_unknown_quantity(quantity: str) -> None:
 
 
 def check_named(columns: object) -> None:
-    """Refuse columns that are no mapping of quantities to texts or None; None is of no columns.
-
-    Raises:
-        TypeError: if they are not.
-    """
+    """Refuse columns that are no mapping of quantities to texts or None; None is of no columns."""
     is_mapping = isinstance(columns, Mapping) and all(isinstance(text, str | None) for text in columns.values())
     if columns is not None and not is_mapping:
         raise TypeError(

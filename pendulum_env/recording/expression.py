@@ -73,9 +73,6 @@ def parse_expression(text: str, headers: Sequence[str], units: Collection[str]) 
         text: what the user wrote.
         headers: names of the columns that there are; the longest that fits is meant.
         units: what may stand behind a colon, as `normalise_name` makes it.
-
-    Raises:
-        ColumnError: if no column is meant, or what follows its name is none of the above.
     """
     text = text.strip()
     if text in headers:

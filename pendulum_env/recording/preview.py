@@ -45,11 +45,7 @@ class Preview:
 
 
 def read_preview(source: Readable, most: int = WIDEST) -> Preview:
-    """Read the first columns of a file or table as `read_recording` reads those in need.
-
-    Raises:
-        RecordingError: if the file cannot be read at all.
-    """
+    """Read the first columns of a file or table as `read_recording` reads those in need."""
     try:
         return _look(source, most)
     except RecordingError as error:

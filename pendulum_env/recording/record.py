@@ -306,9 +306,6 @@ class Recording:
         """Return samples start to stop - 1, indices as in Python slicing; time is not shifted.
 
         A single sample that is left of the first or of the last segment is dropped.
-
-        Raises:
-            RecordingError: if fewer than two samples of one segment are left.
         """
         first, last, _ = slice(start, stop).indices(len(self))
         if first + 1 in self.starts:
@@ -324,11 +321,7 @@ class Recording:
         )
 
     def split(self, fraction: float) -> tuple[Self, Self]:
-        """Return the first `fraction` of the samples, and the rest: `train, holdout = recording.split(0.7)`.
-
-        Raises:
-            RecordingError: if either part would hold fewer than two samples.
-        """
+        """Return the first `fraction` of the samples, and the rest: `train, holdout = recording.split(0.7)`."""
         cut = round(fraction * len(self))
         if not 2 <= cut <= len(self) - 2:
             raise RecordingError(

@@ -66,11 +66,7 @@ def cut_at_gaps(log: Log, position: Array) -> None:
 
 
 def drop_short_segments(log: Log) -> None:
-    """Leave out segments too short for any estimate.
-
-    Raises:
-        RecordingError: if all are.
-    """
+    """Leave out segments too short for any estimate."""
     time = log.values["time"]
     parts = list(pairwise((*log.starts, len(time))))
     fits = [b - a >= SAMPLING.fewest and time[b - 1] - time[a] >= SAMPLING.shortest for a, b in parts]
@@ -154,9 +150,6 @@ def resample_uniformly(log: Log) -> None:
     digits, leaves the signals as they are. Else position and velocity are interpolated by cubic splines,
     and torque, held from sample to sample, becomes its mean over each new step: the impulse it gives is kept, and
     jitter never shifts it by a whole sample.
-
-    Raises:
-        RecordingError: if uniform time had many more samples than there are.
     """
     time, clock = log.values["time"], log.clock
     if is_uniform(time, log.starts):

@@ -72,11 +72,7 @@ class Source:
     said_by: str = ""  # the model file that supplies missing options
 
     def read(self) -> Recording:
-        """Read the recording.
-
-        Raises:
-            RecordingError: if it cannot be read, holds too little within the range, or is of an arm.
-        """
+        """Read the recording."""
         if self.joints is not None:
             raise RecordingError(
                 f"{self.file}: its study names joints of an arm: give its links, {format_setting('robot', 'ARM.urdf')}"
@@ -96,11 +92,7 @@ class Source:
         return {key: said[key] for key in FORMAT if said.get(key)}
 
     def read_range(self, read: Callable[..., Sliced], *arguments: Hashable) -> Sliced:
-        """Return the requested range of `read(source, *arguments)`, which has the whole file.
-
-        Raises:
-            RecordingError: as `read` does, or if the part holds too little.
-        """
+        """Return the requested range of `read(source, *arguments)`, which has the whole file."""
         if self.range is None:
             return read(self, *arguments)
         recording = read(replace(self, range=None), *arguments)
@@ -140,11 +132,7 @@ def parse_log_format(log_format: Mapping[str, Any]) -> Source:
 
 
 def apply_log_format(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
-    """Return a source with the log format of a model file where neither user nor study gave one.
-
-    Raises:
-        StudyError: if that makes no sense.
-    """
+    """Return a source with the log format of a model file where neither user nor study gave one."""
     unsaid = [key for key in FORMAT if key in format and key not in source.format]
     if source.of_study or not unsaid:
         return source
@@ -198,11 +186,7 @@ def read_study(path: str | os.PathLike[str]) -> Study:
 
 
 def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
-    """Read the sources of a study without reading the recordings.
-
-    Raises:
-        StudyError: if the study makes no sense: with the number of the recording.
-    """
+    """Read the sources of a study without reading the recordings."""
     path, where, sources = Path(path), "", []
     try:
         content = read_toml(path)

@@ -86,10 +86,6 @@ def find_first_date(column: pa.ChunkedArray) -> datetime | None:
 
 
 def require_module(module: str) -> None:
-    """Refuse a file whose library is not installed.
-
-    Raises:
-        RecordingError: with the command that installs it.
-    """
+    """Refuse a file whose library is not installed."""
     if find_spec(module) is None:
         raise RecordingError("it needs the extra formats: pip install 'pendulum-ident[formats]', or export it as CSV")

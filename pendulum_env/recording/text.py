@@ -71,20 +71,13 @@ def read_csv(path: Path, find: ColumnFinder) -> RawTable:
     be it, as written by `numpy.savetxt`. A row of units may stand below the header. Delimiters are comma, semicolon,
     tab or a single space; with a delimiter other than comma, numbers may have a decimal comma. Time may be ISO 8601:
     then it is counted from the first row.
-
-    Raises:
-        RecordingError: if there is no header, a column is missing, or a cell is not a number.
     """
     packed = "gzip" if path.name.lower().endswith(".gz") else None
     return read_text_table(lambda: pa.input_stream(str(path), compression=packed), find)
 
 
 def read_excel(path: Path, find: ColumnFinder) -> RawTable:
-    """Read the first non-empty sheet of a workbook as the text of its cells.
-
-    Raises:
-        RecordingError: as `read_csv`, or if python-calamine is not installed.
-    """
+    """Read the first non-empty sheet of a workbook as the text of its cells."""
     require_module("python_calamine")
     from python_calamine import CalamineWorkbook
 

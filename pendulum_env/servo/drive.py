@@ -108,11 +108,7 @@ class ServoDrive:
 
     @classmethod
     def from_settings(cls, given: Mapping[str, Any]) -> Self:
-        """Make a drive from the settings of a study: a preset with gains in its units, or plain numbers.
-
-        Raises:
-            DriveError: if the preset is unknown, or numbers are out of their range.
-        """
+        """Make a drive from the settings of a study: a preset with gains in its units, or plain numbers."""
         known = find("preset", str(given["preset"]), PRESETS) if "preset" in given else Preset({})
         values: dict[str, Any] = dict(known.base)
         for name, value in given.items():
