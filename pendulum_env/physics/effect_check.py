@@ -12,12 +12,10 @@ from pendulum_env._typing import Array
 from pendulum_env.errors import UserError, format_error
 from pendulum_env.lookup import find
 from pendulum_env.physics.base import BASE
-from pendulum_env.physics.description import Description
 from pendulum_env.physics.term import ROOM, Column, Kind, NonlinearParameter, Samples, Term, zero
 from pendulum_env.reading import quote_value
 
 T = TypeVar("T")
-TEXTS = ("title", "signature", "informative_experiment", "omission")  # of a description
 LAWS = ("mass", "force", "dry", "potential", "loss")
 STEP, CLOSE = 1e-5, 1e-4  # of the angle, to differentiate a potential [rad], and share by which a force may differ
 
@@ -32,11 +30,8 @@ def check_effect(kind: type[Term]) -> None:
     if not (isinstance(kind, type) and issubclass(kind, Term)):
         raise UserError(f"{quote_value(kind)} is no effect: register a subclass of Term")
     name = kind.__name__
-    if not isinstance(described := kind.description, Description):
-        raise UserError(f"description of {name} is {quote_value(described)}: give a Description")
-    texts = [(text, getattr(kind, text, None)) for text in ("id", "law", "kind", "typical_size")]
-    for text, value in (*texts, *((text, getattr(described, text)) for text in TEXTS)):
-        if not isinstance(value, str):
+    for text in ("id", "law", "kind"):
+        if not isinstance(value := getattr(kind, text, None), str):
             raise UserError(f"{text} of {name} is {quote_value(value)}: it has to be a text")
     if not re.fullmatch(r"[\w-]+", kind.id):
         raise UserError(f"id of {name} is {quote_value(kind.id)}: use letters, digits and underscores")

@@ -31,14 +31,9 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
     """
     file = Path(path).resolve()
     if file not in _loaded:
-        before, deep = set(library.effects().values()), sys.getrecursionlimit()
+        before = set(library.effects().values())
         with _translate_errors(file, path):
-            try:
-                _run(file, path)
-            finally:
-                sys.setrecursionlimit(deep)
-            if sys.stdout is not None and sys.stdout.closed:
-                raise PluginError(f"{path}: closes standard output: take that out")
+            _run(file, path)
             kinds = tuple(kind for kind in library.effects().values() if kind not in before)
         if not kinds:
             raise PluginError(f"{path}: registers no effect: put @register from pendulum_env.physics above its class")

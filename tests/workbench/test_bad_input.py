@@ -172,21 +172,13 @@ def test_a_joint_that_only_sticks_and_angles_that_are_wrapped_are_told(refused, 
     assert "unwrapped" in done("identify", "--unwrap", "run.csv", "--scheme", "filtered_power")
 
 
-@pytest.mark.parametrize(
-    ("column", "value", "reason"),
-    [
-        ("torque", 1e308, "torque is 1e+308 at data row 151 (header not counted), of which 1e+09 is the most"),
-        ("time", 1e300, "time is"),
-        ("velocity", 1e308, "velocity is 1e+308 at data row 151 "),
-    ],
-)
-def test_numbers_that_nothing_measures_are_refused_with_their_row(refused, column, value, reason):
+@pytest.mark.parametrize(("column", "value"), [("torque", 1e308), ("time", 1e300), ("velocity", 1e308)])
+def test_numbers_that_nothing_measures_are_left_out_with_their_row(done, column, value):
     time = np.arange(300) / 100
     columns = {"time": time, "position": np.sin(3 * time), "torque": 2 + np.cos(time), "velocity": 3 * np.cos(3 * time)}
     columns[column][150] = value
     write(**columns)
-    error = refused("identify", "run.csv")
-    assert "run.csv" in error and reason in error
+    assert f"{column} is infinite in data row 151: left out" in done("identify", "run.csv")
 
 
 def test_time_that_would_become_billions_of_samples_is_refused(refused):
