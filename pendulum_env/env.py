@@ -66,7 +66,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         backend: str = "pymunk",
         *,
         effects: Effects = (),
-        theta: Mapping[str, float] | Sequence[float] | None = None,
+        theta: Mapping[str, float] | None = None,
         model: Model | str | Path | None = None,
         schedule: Schedule | None = None,
         rate: float = 1000.0,
@@ -85,7 +85,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             backend: "pymunk", "mujoco" (extra `export`), "replay" or "dm1015b", the rig.
             effects: hidden in the simulated plant, as `stribeck=0.4` or `{"stribeck": 0.4}`; `pendulum-ident effects`
                 lists them.
-            theta: parameters of the plant that differ from the paper's, by name, or all four in order.
+            theta: parameters of the plant that differ from the paper's, by name.
             model: an identified model or its file, as the plant.
             schedule: changes of the plant's parameters in every episode, by the time after the reset [s], as
                 `{5.0: {"viscous": 0.3, "stribeck": 0.4}}`. An effect that begins later is made with size 0.

@@ -38,7 +38,9 @@ def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
     Raises:
         ValueError: if a parameter is unknown or impossible.
     """
-    theta = theta or {}
+    theta = {} if theta is None else theta
+    if not isinstance(theta, Mapping):
+        raise TypeError(f"theta is {quote_value(theta)}: give parameters by name, such as {{'gravity': 2.0}}")
     for name, value in theta.items():
         find("parameter", name, PAPER)
         if not 0 <= value <= LARGE or (name == "inertia" and value == 0):
@@ -190,15 +192,14 @@ def _write_effect(id: str, size: object) -> str:
 
 
 def make_plant(
-    theta: Mapping[str, float] | Sequence[float] | None = None,
+    theta: Mapping[str, float] | None = None,
     effects: Effects = (),
     model: Model | str | Path | None = None,
 ) -> Model:
     """Make the plant of an environment.
 
     Args:
-        theta: parameters that differ from the paper's, by name, or all four in the order inertia, gravity, viscous,
-            coulomb.
+        theta: parameters that differ from the paper's, by name.
         effects: hidden in it, as `stribeck=0.4` or `{"stribeck": 0.4}`, see `list_effects`.
         model: an identified model or its file, instead of the paper's plant.
 
@@ -213,20 +214,7 @@ def make_plant(
         plant = model if isinstance(model, Model) else Model.load(model)
         plant.refuse_unknown_inertia()
     else:
-        plant = paper_plant(theta if theta is None or isinstance(theta, Mapping) else _name_values(theta))
+        plant = paper_plant(theta)
     for text in list_effects(effects):
         plant = hide(plant, text)
     return plant
-
-
-def _name_values(theta: Sequence[float]) -> dict[str, float]:
-    """Name the four parameters, in order."""
-    try:
-        values = [float(value) for value in theta]
-    except (TypeError, ValueError):
-        raise TypeError(
-            f"theta is given by name or as {len(PAPER)} numbers ({', '.join(PAPER)}), got {theta!r}"
-        ) from None
-    if len(values) != len(PAPER):
-        raise ValueError(f"theta has {len(values)} values, it needs {len(PAPER)}: {', '.join(PAPER)}")
-    return dict(zip(PAPER, values, strict=True))

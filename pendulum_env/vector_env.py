@@ -1,6 +1,6 @@
 """Many pendulums at once, in NumPy: the same physics as the pymunk backend, for training and for statistics."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         num_envs: int = 1,
         *,
         effects: Effects = (),
-        theta: Mapping[str, float] | Sequence[float] | None = None,
+        theta: Mapping[str, float] | None = None,
         model: Model | str | Path | None = None,
         schedule: Schedule | None = None,
         rate: float = 1000.0,

@@ -188,7 +188,7 @@ def test_many_pendulums_are_estimated_like_one():
     assert observation.shape == (2, 3 + 2 * 2 * 4) and env.observation_space.contains(observation)
     assert truncated.all() and (total > 20).all()
     np.testing.assert_allclose(info["estimates"]["filtered_dynamic"]["theta"], plants, rtol=0.02)
-    alone = gym.make(PENDULUM, counts=0, theta=plants[1].tolist())
+    alone = gym.make(PENDULUM, counts=0, theta=dict(zip(PAPER, plants[1].tolist(), strict=True)))
     alone = InformationReward(EstimateParameters(alone, schemes="dynamic"))
     alone.reset()
     rewards = [alone.step(POLICY.predict(np.zeros(3), (k,))[0])[1] for k in range(1500)]
