@@ -13,7 +13,7 @@ from pendulum_env.backends import BACKENDS, Sample, Sensor, Setup, Start, Status
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulator import Simulator
 from pendulum_env.lookup import find, refuse_unknown_arguments
-from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, Values
+from pendulum_env.parameters import PlantParameters, PlantProperties, Schedule, Values
 from pendulum_env.physics import Model
 from pendulum_env.plant import Effects, make_plant
 from pendulum_env.rendering import MODES, Renderer
@@ -34,7 +34,7 @@ Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
 
 
-class DirectDrivePendulum(gym.Env[Observation, Action]):
+class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
     """Direct-drive pendulum with a torque input, seen through its encoder: a plant, no task.
 
     Its reward is always 0, and an episode ends only with a recording that is replayed (truncated) or a fault of a rig's
@@ -56,9 +56,6 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
     """
 
     metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
-    model = PlantAttribute(lambda plant: plant.current_model)
-    theta = PlantAttribute(lambda plant: plant.theta)
-    effects = PlantAttribute(lambda plant: plant.effects)
 
     @refuse_unknown_arguments
     def __init__(

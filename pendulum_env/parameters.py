@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Generic, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +16,6 @@ from pendulum_env.plant import check_linear, check_nonlinear
 
 Values = Mapping[str, ArrayLike]  # parameters by name; of a batch also one for each plant (B,)
 Schedule = Mapping[float, Values]  # changes by the time since the reset [s]
-
-T = TypeVar("T")
 
 
 class PlantParameters:
@@ -90,11 +88,6 @@ class PlantParameters:
         return np.array([self.now[name] for name in self._linear])
 
     @property
-    def effects(self) -> tuple[str, ...]:
-        """Return the ids of the terms beyond the base."""
-        return self.model.effects
-
-    @property
     def current_model(self) -> Model:
         """Return the current plant; of a batch, the model that the environment was made with."""
         if self._batch:
@@ -135,7 +128,7 @@ class PlantParameters:
         checked = {}
         for name, value in values.items():
             id = name.partition(".")[0]
-            if name not in self.now and id in effects() and id not in self.effects:
+            if name not in self.now and id in effects() and id not in self.model.effects:
                 raise UserError(f"the plant has no effect '{id}' to change: make it with effects=['{id}=0']")
             find("parameter of the plant", name, self.now)
             try:
@@ -173,21 +166,22 @@ class PlantParameters:
                     raise UserError(f"{term.id} of a plant cannot be so: {term.fault}")
 
 
-class PlantAttribute(Generic[T]):
-    """Read-only attribute of an environment with a property of its plant."""
+class PlantProperties:
+    """Properties of the plant of an environment."""
 
-    def __init__(self, read: Callable[[PlantParameters], T]) -> None:
-        """Take what reads it."""
-        self._read = read
+    plant: PlantParameters
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
+    @property
+    def model(self) -> Model:
+        """Return the current plant; of a batch, the model that the environment was made with."""
+        return self.plant.current_model
 
-    def __get__(self, env: Any, owner: type | None = None) -> T:
-        return self if env is None else self._read(env.plant)  # type: ignore[return-value]  # for documentation
+    @property
+    def theta(self) -> Array:
+        """Return the current linear parameters (P,) or (P, B)."""
+        return self.plant.theta
 
-    def __set__(self, env: Any, value: object) -> None:
-        raise AttributeError(
-            f"'{self._name}' of an environment cannot be assigned: change parameters by reset(options={{'theta': "
-            "{...}}), a schedule or set_parameters, and make another environment for other effects or another model"
-        )
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Return the ids of the terms beyond the base."""
+        return self.plant.model.effects

@@ -15,7 +15,7 @@ from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.backends.simulator import begin
 from pendulum_env.lookup import find, refuse_unknown_arguments
-from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, Values
+from pendulum_env.parameters import PlantParameters, PlantProperties, Schedule, Values
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import CommandLine, TorqueBalance, step
 from pendulum_env.physics.term import Memory
@@ -36,7 +36,7 @@ Bools = NDArray[np.bool_]
 AT_REST = np.array([1.0, 0.0, 0.0], dtype=np.float32)  # observed, hanging down
 
 
-class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
+class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array]):
     """Batch of B direct-drive pendulums that advance together; made by `gymnasium.make_vec`.
 
     Actions (B, 1) and observations (B, 3) are those of `DirectDrivePendulum`. `info` is in the layout of Gymnasium's
@@ -44,10 +44,6 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
     pendulums start at rest, hanging down, and each is truncated after max_episode_steps. They are plants, too: their
     rewards are 0 unless `InformationRewardVector` pays, and they draw no pictures.
     """
-
-    model = PlantAttribute(lambda plant: plant.current_model)
-    theta = PlantAttribute(lambda plant: plant.theta)  # (P, B)
-    effects = PlantAttribute(lambda plant: plant.effects)
 
     @refuse_unknown_arguments
     def __init__(

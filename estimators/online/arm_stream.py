@@ -29,13 +29,7 @@ class ArmStream:
     """
 
     def __init__(self, terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float) -> None:
-        """Create a stream.
-
-        Args:
-            terms: of the model, the links first.
-            schemes: whose equations are wanted.
-            smoothing: of the measurement.
-            period: between samples [s].
+        """Create a stream of samples with a period between them [s]; the links are the first term.
 
         Raises:
             ValueError: if a scheme borrows its inertia or sums from the start, which needs a whole recording.

@@ -77,14 +77,7 @@ class Binner:
     """
 
     def __init__(self, rate: float, terms: Sequence[Term], smoothing: Smoothing, batch: int = 1) -> None:
-        """Create a binner.
-
-        Args:
-            rate: sampling rate [Hz].
-            terms: whose rows are averaged.
-            smoothing: of the measurement.
-            batch: number B of plants.
-        """
+        """Create a binner of the rows of terms for B plants at a sampling rate [Hz]."""
         self.every = max(1, round(BIN * rate))
         self._stream = make_stream(terms, [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
         self.joints = self._stream.joints
@@ -121,14 +114,9 @@ class ModelRows(NamedTuple):
 
 
 def linearise(phi: Array, y: Array, slope: Array, theta: Array, error: Array) -> tuple[Array, Array]:
-    """Linearise the errors of the predicted torque at parameters (..., P), see the module.
+    """Linearise the errors of the predicted torque at parameters (..., P), see `competitors`.
 
-    Args:
-        phi: rows (..., P).
-        y: left-hand sides (...).
-        slope: derivatives of phi by the torque (..., P).
-        theta: parameters (..., P).
-        error: of the predicted torque (...).
+    `slope` is the derivative of the rows phi by the torque (..., P).
     """
     return phi - error[..., None] * slope, y - error * np.einsum("...p,...p->...", slope, theta)
 
@@ -155,14 +143,7 @@ class Bins:
 
     @classmethod
     def of(cls, bins: Sequence[Bin], period: float, joints: Sequence[str], scale: Array) -> Bins:
-        """Stack bins.
-
-        Args:
-            bins: of any joints.
-            period: between samples [s].
-            joints: names.
-            scale: of the errors of each joint (J,).
-        """
+        """Stack bins of joints with names and error scales (J,), and a period between samples [s]."""
         joint = [one.joint for one in bins]
         series, own = np.stack([one.series for one in bins], axis=1), scale[joint]
         y, given = np.array([one.y for one in bins]) / own, np.array([one.phi for one in bins])

@@ -8,9 +8,9 @@ an effect are regressed on its rows phi, and then the residual of y on the resid
     S <- S + r r' / (1 + phi' P phi)    t <- t + r e / (1 + phi' P phi)    r = c - G' phi,  e = y - phi' a
 
 which equals recursive least squares in phi and c with parameters a - G delta and delta = S^-1 t. A variant costs only
-its own columns. Parameters of these effects stay within their bounds: a parameter beyond a bound is held there, and the
-others are solved beside it. Each a-priori error has a Student t density. An effect predicts by the mixture of its
-variants, weighted by their past likelihoods; the weights include the penalty for the choice among variants.
+its own columns. Parameters of these effects stay within their bounds. Each a-priori error has a Student t density. An
+effect predicts by the mixture of its variants, weighted by their past likelihoods; the weights include the penalty for
+the choice among variants.
 
 A column may depend on the torque that the equations explain, as friction that grows with the load. Least squares would
 then explain torque by torque. The error of the predicted torque, e = (y - phi' theta) / (dy - dphi' theta) with
@@ -35,7 +35,7 @@ from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE
 from estimators.regression.recursive import PRIOR
 from estimators.selection.score import log_student, weigh_squares
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Term
 
 
@@ -103,13 +103,9 @@ class CompetingModels:
         effects: Sequence[Sequence[Term]] = (),
         memories: Sequence[float] = (),
     ) -> None:
-        """Fit all models to bins; all variants have the same weight.
+        """Fit the running model, with variants of each effect and memories of forgetting [bins], to bins.
 
-        Args:
-            terms: of the running model.
-            bins: to fit.
-            effects: variants of each effect.
-            memories: of models with forgetting [bins].
+        All variants have the same weight.
         """
         self.terms, self.families = tuple(terms), ((), *map(tuple, effects))
         self._stacked = [[_stack_variants(variants)] if variants else [] for variants in self.families]
@@ -174,27 +170,9 @@ class CompetingModels:
         return self._solve(models)[0]
 
     def _solve(self, models: slice = slice(None)) -> tuple[Array, Array]:
-        """Solve for parameters within their bounds (V, P + K), and the information without those at a bound.
-
-        A parameter at a bound has the information of one, beside no other (V, K, K).
-        """
-        least, most, information, moment = (
-            self._least[models],
-            self._most[models],
-            self.information[models],
-            self.moment[models],
-        )
-        delta = np.linalg.solve(information, moment[..., None])[..., 0]
-        bounded = np.clip(delta, least, most)
-        out = np.flatnonzero((bounded != delta).any(axis=1))
-        if len(out):
-            free = bounded[out] == delta[out]
-            known, whole = np.where(free, 0.0, bounded[out]), information[out]
-            information = information.copy()
-            information[out] = np.where(free[:, :, None] & free[:, None], whole, np.eye(free.shape[1]))
-            given = moment[out] - np.einsum("vkl,vl->vk", whole, known)
-            beside = np.linalg.solve(information[out], np.where(free, given, known)[..., None])[..., 0]
-            delta[out] = np.clip(beside, least[out], most[out])
+        """Solve for parameters within their bounds (V, P + K), and the information of those within (V, K, K)."""
+        bounds = self._least[models], self._most[models]
+        delta, information = solve_within_bounds(self.information[models], self.moment[models], *bounds)
         base = self.of_y[models] - np.einsum("vk,vkp->vp", delta, self.of_own[models])
         return np.concatenate([base, delta], axis=1), information
 
@@ -269,11 +247,7 @@ class CompetingModels:
     def refine(self, bins: Bins, fresh: Mapping[str, Sequence[Term]]) -> CompetingModels:
         """Return a copy with finer grids of continuous nonlinear parameters around the best variants.
 
-        Families with unchanged variants keep their state.
-
-        Args:
-            bins: all bins so far.
-            fresh: new grids by effect.
+        Families with unchanged variants keep their state. `bins` are all bins so far, `fresh` new grids by effect.
         """
         grids = list(self.families[1:])
         for family, ((best,), _) in enumerate(self.leaders()[1:], 1):
@@ -310,22 +284,35 @@ class CompetingModels:
         return tuple(dict.fromkeys([*kept, best, *near, *thin_variants(fresh)]))
 
 
+def solve_within_bounds(information: Array, moment: Array, least: Array, most: Array) -> tuple[Array, Array]:
+    """Solve V least-squares problems for K parameters within bounds, information (V, K, K) and moment (V, K).
+
+    The parameter that is farthest beyond a bound is held there, and the others are solved again, until all are within.
+
+    Returns:
+        Parameters, and information of those within the bounds; a parameter at a bound has unit information.
+    """
+    free, given, scale = information, moment, np.sqrt(np.einsum("vkk->vk", information))
+    held: Mask = np.zeros(moment.shape, dtype=bool)
+    while True:
+        theta = np.linalg.solve(free, given[..., None])[..., 0]
+        excess = np.where(held, 0.0, np.maximum(least - theta, theta - most) * scale)
+        beyond = np.flatnonzero((excess > 0).any(axis=1))
+        if not len(beyond):
+            return theta, free
+        held[beyond, np.argmax(excess[beyond], axis=1)] = True
+        known = np.where(held, np.clip(theta, least, most), 0.0)
+        free = np.where(held[:, :, None] | held[:, None], np.eye(held.shape[1]), information)
+        given = np.where(held, known, moment - np.einsum("vkl,vl->vk", information, known))
+
+
 def _predict(
     theta: Array, phi: Array, slope: Array, own: Array, y: Array, own_slope: Array, y_slope: Array
 ) -> tuple[Array, Array]:
-    """Compute the errors of the torque that V models predict.
+    """Compute the errors of the torque that V models predict, and derivatives of the equations by the torque (..., V).
 
-    Args:
-        theta: parameters (V, P + K).
-        phi: columns of the running model (..., P).
-        slope: their derivatives by the torque.
-        own: columns of the effects (..., V, K).
-        y: left-hand sides (..., V).
-        own_slope: derivatives of `own` by the torque.
-        y_slope: derivatives of y by the torque.
-
-    Returns:
-        Errors, and derivatives of the equations by the torque (..., V).
+    The columns phi (..., P) are those of the running model, and own (..., V, K) those of the effects; the slopes are
+    derivatives by the torque.
     """
     base, delta = theta[:, : phi.shape[-1]], theta[:, phi.shape[-1] :]
     left = y - phi @ base.T - np.einsum("...vk,vk->...v", own, delta)

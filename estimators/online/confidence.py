@@ -37,14 +37,7 @@ class ClusterCovariance:
     """Sums over clusters for (B, S) regressions with P parameters each."""
 
     def __init__(self, batch: tuple[int, int], parameters: int, period: float, forgetting: float) -> None:
-        """Create the sums.
-
-        Args:
-            batch: shape (B, S).
-            parameters: number P of parameters.
-            period: between equations [s].
-            forgetting: factor of the recursion.
-        """
+        """Create the sums for a period between equations [s] and the forgetting factor of the recursion."""
         self._forgetting = forgetting
         self._longest = COVARIANCE.max_memory_share / (1.0 - forgetting) if forgetting < 1 else np.inf
         self._shortest = max(2, round(min(COVARIANCE.cluster_time / period, self._longest)))

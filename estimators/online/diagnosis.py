@@ -196,15 +196,7 @@ class EffectMonitor:
         blank: OnlineDiagnosis,
         given: Fit | None = None,
     ) -> None:
-        """Create the monitor.
-
-        Args:
-            terms: of the running model.
-            library: effects by id.
-            plant: joints and length of bins.
-            blank: first diagnosis.
-            given: parameters to compare the plant with.
-        """
+        """Create the monitor with its first diagnosis, and parameters to compare the plant with."""
         self._base, self._library, self._plant, self._blank = tuple(terms), library, plant, blank
         self._given = given
         self.reset()

@@ -86,7 +86,7 @@ class OnlineEstimator:
         if joint is not None:
             if self._stream.joints != ("",):
                 raise ValueError(f"{joint.id} is a scheme of one joint: use the six schemes for an arm")
-            self._joint = JointFilters(joint.torque_noise, terms, period, batch, noise, forgetting)
+            self._joint = JointFilters(terms, period, batch, noise, forgetting)
         self._now = self._initial_estimates()
 
     @property

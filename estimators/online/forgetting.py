@@ -32,13 +32,9 @@ class ForgettingMixture:
     """Recursions with forgetting, one per memory."""
 
     def __init__(self, theta: Array, root: Array, square: float, memories: Sequence[float]) -> None:
-        """Start from a fit.
+        """Start from a fit theta (P,) with a root of its unit covariance (P, P) and the squared scale of its errors.
 
-        Args:
-            theta: parameters (P,).
-            root: factor of their covariance for unit noise (P, P).
-            square: squared scale of the errors.
-            memories: time constants of forgetting [rows].
+        The memories are time constants of forgetting [rows].
         """
         self._models = [
             SquareRootLeastSquares((1, 1), len(theta), forgetting=1.0 - 1.0 / max(rows, 2.0)) for rows in memories
@@ -51,17 +47,14 @@ class ForgettingMixture:
         self._weight[0] = 0.0
 
     def take(self, phi: Array, slope: Array, y_slope: float, y: float, density: float) -> float:
-        """Predict a row y = phi' theta, then learn from it.
+        """Predict a row y = phi' theta, then learn from it; return its log density under the mixture.
 
         Args:
             phi: row (P,).
-            slope: of phi by the torque (P,).
-            y_slope: slope of y by the torque.
+            slope: derivative of phi by the torque (P,).
+            y_slope: derivative of y by the torque.
             y: left-hand side.
             density: log density of the row under the running model.
-
-        Returns:
-            Log density of the row under the mixture.
         """
         theta = np.array([model.theta[0, 0] for model in self._models])
         for model in self._models:

@@ -55,18 +55,10 @@ class JointState:
     """Scheme with position, velocity and parameters in one state of an unscented Kalman filter; errors are in radians.
 
     It runs online only, together with any of the six schemes.
-
-    Attributes:
-        torque_noise: standard deviation of the white torque noise [N m]; None estimates it.
     """
 
-    torque_noise: float | None = None
     id: ClassVar[str] = "joint_state_ukf"
     unit: ClassVar[str] = "rad"
-
-    def __post_init__(self) -> None:
-        if self.torque_noise is not None and not 0 < self.torque_noise < np.inf:
-            raise ValueError(f"torque_noise is {self.torque_noise}: give a positive number, or None to estimate it")
 
 
 class JointFilters:
@@ -79,16 +71,10 @@ class JointFilters:
     """
 
     def __init__(
-        self,
-        torque_noise: float | None,
-        terms: Sequence[Term],
-        period: float,
-        batch: int,
-        position_noise: float,
-        forgetting: float,
+        self, terms: Sequence[Term], period: float, batch: int, position_noise: float, forgetting: float
     ) -> None:
         """Create the filters of a batch of B pendulums; the other arguments are those of `OnlineEstimator`."""
-        self._make_filter = functools.partial(_Filter, torque_noise, tuple(terms), period, forgetting)
+        self._make_filter = functools.partial(_Filter, tuple(terms), period, forgetting)
         self._period, self.position_noise = period, position_noise
         columns = [column for term in terms for column in term.columns]
         self._inertia = next((k for k, column in enumerate(columns) if column.mass is not zero), None)
@@ -148,20 +134,12 @@ class _Filter:
     """Filter of one pendulum with state [q, q', theta]."""
 
     def __init__(
-        self,
-        torque_noise: float | None,
-        terms: Sequence[Term],
-        period: float,
-        forgetting: float,
-        position_noise: float,
-        theta: Array,
-        P: Array,
+        self, terms: Sequence[Term], period: float, forgetting: float, position_noise: float, theta: Array, P: Array
     ) -> None:
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # loads scipy.stats, which is slow
 
         self._terms, self._period = terms, period
-        self._estimates_noise = torque_noise is None
-        self.log_variance = 2 * np.log(FILTER.torque_std if torque_noise is None else torque_noise)
+        self.log_variance = 2 * np.log(FILTER.torque_std)  # of the torque noise
         known = 2 + int(sum(term.delay for term in terms) / period)  # number of commands that act within a period
         self._commands = deque(known * [0.0], maxlen=known)
         self._memory: Mapping[str, Memory] | None = None
@@ -196,19 +174,25 @@ class _Filter:
             ukf.P[0, 0], ukf.P[1, 1] = ukf.R[0, 0], FILTER.velocity_std**2
             self.is_lost, self._memory = False, None
             return 0.0
-        fade = self._fade if abs(ukf.x[1]) > SLOWEST else np.ones_like(self._fade)  # at rest, nothing is forgotten
-        ukf.P *= np.outer(fade, fade)
+        is_moving = abs(ukf.x[1]) > SLOWEST
+        if is_moving:  # at rest, nothing is forgotten or learned of the noise
+            ukf.P *= np.outer(self._fade, self._fade)
         self._predict(time - self._period)
         ukf.update(position)
-        gain, relative = float(ukf.K[0, 0]), float(ukf.y[0] / np.sqrt(ukf.S[0, 0]))
-        if self._estimates_noise:
-            bounded = min(max(relative, -FILTER.outlier_limit), FILTER.outlier_limit)
-            # the gain weights the innovation by the share of the torque noise in its variance
-            gradient = gain * (bounded**2 - 1.0 + 2.0 * bounded * self._last)
-            self.log_variance += self._period / FILTER.learning_time * gradient
-            decay = 1.0 - gain
-            self._last = decay * self._last + np.sqrt(max(1.0 - decay**2, 0.0)) * bounded
+        if is_moving:
+            self._learn_noise(float(ukf.K[0, 0]), float(ukf.y[0] / np.sqrt(ukf.S[0, 0])))
         return float(ukf.y[0])
+
+    def _learn_noise(self, gain: float, innovation: float) -> None:
+        """Update the torque noise by an innovation of unit variance.
+
+        The gain weights the innovation by the share of the torque noise in its variance.
+        """
+        bounded = min(max(innovation, -FILTER.outlier_limit), FILTER.outlier_limit)
+        gradient = gain * (bounded**2 - 1.0 + 2.0 * bounded * self._last)
+        self.log_variance += self._period / FILTER.learning_time * gradient
+        decay = 1.0 - gain
+        self._last = decay * self._last + np.sqrt(max(1.0 - decay**2, 0.0)) * bounded
 
     def _predict(self, time: float) -> None:
         """Predict the state one period after `time`; states of terms follow the mean."""

@@ -59,14 +59,9 @@ class ModelComparison:
         kept: Sequence[Bin] = (),
         reference: ReferenceDistribution | None = None,
     ) -> None:
-        """Begin a comparison.
+        """Begin a comparison of terms with effects of a library; all models are fitted to the kept bins.
 
-        Args:
-            terms: of the running model.
-            library: effects that are not in it.
-            plant: joints and length of bins.
-            kept: bins to which all models are fitted.
-            reference: distribution of the gain of forgetting, if it is known.
+        The reference is the distribution of the gain of forgetting, if it is known.
         """
         self.terms, self._library, self._plant, self.fit_bins = tuple(terms), library, plant, list(kept)
         count = len(plant.joints)

@@ -26,13 +26,7 @@ class SquareRootLeastSquares:
     """
 
     def __init__(self, batch: tuple[int, int], parameters: int, prior: float = PRIOR, forgetting: float = 1.0) -> None:
-        """Create the recursions.
-
-        Args:
-            batch: shape (B, S).
-            parameters: number P of parameters.
-            prior: P(0) on the diagonal.
-            forgetting: factor lambda.
+        """Create the recursions of a batch (B, S), with P(0) = prior on the diagonal and the factor lambda.
 
         Raises:
             ValueError: if prior or forgetting is out of its range.

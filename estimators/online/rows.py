@@ -82,7 +82,7 @@ def balance_rows(
         supplied: torque at the last but one instant, and over the sample before it (2,).
         memory: states of the terms by id.
         period: between instants [s].
-        history: states of the recurrence.
+        history: where values of earlier instants are kept.
 
     Returns:
         phi and, in the last column, y (3, P + 1); the velocity at that instant; and symbols of the laws that are no

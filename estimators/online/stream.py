@@ -86,14 +86,7 @@ class Stream:
     def __init__(
         self, terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float, batch: int
     ) -> None:
-        """Create a stream.
-
-        Args:
-            terms: of the model.
-            schemes: whose equations are wanted.
-            smoothing: of the measurement.
-            period: between samples [s].
-            batch: number B of pendulums.
+        """Create a stream of samples of B pendulums, with a period between them [s].
 
         Raises:
             ValueError: if a scheme borrows its inertia, which needs a whole recording, or a filter is too fast.

@@ -44,7 +44,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         self.path = check_output(path)
         if self.path.suffix.lower() != ".csv":
             raise ValueError(f"{path}: measurements are appended to a CSV file: let the name end in .csv")
-        self._overwrite, self._episode, self._copied = overwrite, 0, False
+        self._overwrite, self._episode = overwrite, 0
         self._joints: Sequence[str] | None = getattr(env.unwrapped, "joints", None)  # of an arm
         self._file: FileIO | None = None  # without a buffer: what was written stays even if this process is killed
         self._rows: list[str] = []
@@ -96,12 +96,10 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             self._finish()
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy goes on in the next file that is free: two must not write one."""
-        return {**self.__dict__, "_file": None, "_rows": [], "_copied": True}
+        """A copy opens the file of the next episode: two must not write one."""
+        return {**self.__dict__, "_file": None, "_rows": []}
 
     def _open(self) -> None:
-        while self._copied and self.get_file(self._episode + 1).exists():
-            self._episode += 1
         path = self.get_file(self._episode + 1)
         try:
             self._file = FileIO(path, "wb" if self._overwrite else "xb")

@@ -4,9 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from pendulum_env.backends import BACKENDS, Sensor, Setup, Start, Status
 from pendulum_env.excitation import excitation
-from pendulum_env.plant import paper_plant
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import read_recording, write_recording
 from pendulum_env.registration import PENDULUM
@@ -69,23 +67,3 @@ def test_an_environment_keeps_its_contract(settings, tmp_path):
     env.close()  # once more
     for name in ("run.csv", "run-2.csv"):
         assert read_recording(tmp_path / name).rate == pytest.approx(rate)
-
-
-def test_a_backend_keeps_its_contract(settings):
-    files = {name: str(value) for name, value in settings.items() if name != "backend"}
-    backend = BACKENDS[settings["backend"]](Setup(paper_plant(), 1000.0, 1, Sensor(), **files))
-    backend.close()  # at any time
-    backend.open()
-    for _ in range(2):
-        first = backend.enable(Start())
-        assert (first.time, first.torque, first.status) == (0.0, 0.0, Status.RUNNING)
-        samples = [backend.exchange(2.0) for _ in range(50)]
-        for sample in samples:
-            if sample.fault is not None:
-                raise Disturbed(sample.fault)
-        np.testing.assert_allclose([s.time for s in samples], np.arange(1, 51) / backend.traits.rate, atol=1e-9)
-        assert all(s.status is Status.RUNNING and np.isfinite([s.position, s.torque]).all() for s in samples)
-        backend.disable()
-        backend.disable()
-    backend.close()
-    backend.close()

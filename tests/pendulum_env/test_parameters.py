@@ -117,14 +117,6 @@ def test_a_refused_reset_changes_nothing_and_parameters_set_while_it_runs_last_u
     assert all(np.all(plant[name] == PAPER[name]) for name in ("viscous", "coulomb"))
 
 
-def test_the_plant_cannot_be_assigned_and_the_refusal_names_what_works(make):
-    env = make(effects=["stribeck"]).unwrapped
-    assert env.effects == ("stribeck",) and "stribeck" in env.model.estimates
-    for name in ("model", "theta", "effects"):
-        with pytest.raises(AttributeError, match=rf"'{name}'.*reset\(options=.*schedule.*set_parameters"):
-            setattr(env, name, None)
-
-
 @pytest.mark.parametrize(
     ("changes", "why"),
     [

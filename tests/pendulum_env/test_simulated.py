@@ -5,7 +5,6 @@ import pytest
 
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
-from pendulum_env.plant import PAPER, paper_plant
 
 
 @pytest.fixture
@@ -24,13 +23,6 @@ def test_a_recording_is_as_long_and_as_noisy_as_asked_for_and_repeats():
     assert (noisy.torque - clean.torque).std() == pytest.approx(0.1, rel=0.1)
     turns = noisy.position / (2 * np.pi) * 4096
     assert turns == pytest.approx(np.round(turns), abs=1e-6)
-
-
-def test_a_recording_is_of_the_motion_that_the_model_simulates_usually_the_paper_s(rng):
-    assert dict(zip(PAPER, paper_plant().theta, strict=True)) == PAPER
-    recording = run(rng, counts=0, torque_noise=0.0)
-    path = paper_plant().simulate(1e-3, recording.torque, 0.0, 0.0)
-    np.testing.assert_array_equal(recording.position, path.position[:-1, 0])
 
 
 @pytest.mark.parametrize(

@@ -16,15 +16,6 @@ def torques(steps: int, count: int) -> np.ndarray:
     return (3 * np.sin(12.07 * time[:, None] + phases) + 3 * np.sin(2.25 * time[:, None])).astype(np.float32)
 
 
-def test_spaces_and_infos_are_gymnasiums():
-    env = gym.make_vec(PENDULUM, num_envs=4)
-    observation, info = env.reset(seed=1)
-    assert env.observation_space.contains(observation)
-    observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
-    assert env.observation_space.contains(observation)
-    assert reward.shape == terminated.shape == truncated.shape == info["position"].shape == (4,)
-
-
 def test_next_step_starts_an_ended_pendulum_anew_and_same_step_keeps_its_last_observation():
     action = np.full((2, 1), 5.0, dtype=np.float32)
     env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=3)

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from estimators.online.binning import Bins
-from estimators.online.competitors import CompetingModels
+from estimators.online.competitors import CompetingModels, solve_within_bounds
 from estimators.regression.recursive import PRIOR
 from pendulum_env.physics import BASE
 from pendulum_env.physics.library import effect
@@ -57,6 +58,17 @@ def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():
     nu = 4.0
     expected = -0.5 * np.log(square * unsure) - (nu + 1) / 2 * np.log1p(error**2 / (nu * square * unsure))
     assert densities[1] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_parameters_within_bounds_are_those_of_bounded_least_squares(count):
+    rng = np.random.default_rng(count)
+    for _ in range(50):
+        rows, y = rng.normal(size=(12, count)) @ rng.normal(size=(count, count)), rng.normal(size=12)
+        least, most = np.zeros(count), np.where(rng.random(count) < 0.5, 0.1, np.inf)
+        theta, _ = solve_within_bounds((rows.T @ rows)[None], (rows.T @ y)[None], least[None], most[None])
+        expected = lsq_linear(rows, y, (least, most)).x
+        np.testing.assert_allclose(rows @ theta[0], rows @ expected, atol=1e-5)
 
 
 def bins_of_gear(first: int, last: int, output: float, share: float) -> Bins:

@@ -132,15 +132,6 @@ def test_an_effect_that_sets_in_is_named_and_no_parameter_is():
     assert last.ranking[0].theta["cogging.sin"] == pytest.approx(-0.2, rel=0.1)  # on the left-hand side
 
 
-def test_a_reset_forgets_a_change():
-    whole = diagnoser(library=FEW)
-    assert diagnose_run(sets_in(HEAVIER, 4.0), whole)[-1][1].kind == "changed"
-    whole.reset()
-    (said,) = whole.diagnoses
-    assert said.kind == "calibrating" and not said.changed and said.since is None
-    assert run(whole, recorded(""), last=6.0).kind == "nothing"
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("seconds", [5.0, 13.0])
 def test_a_second_change_is_reported_too(seconds):

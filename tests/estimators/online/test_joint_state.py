@@ -81,7 +81,7 @@ def test_a_joint_that_sticks_tells_nothing_and_costs_nothing():
     time = np.arange(0, 16, PERIOD)
     command = np.where((time < 4) | (time > 14), 3 * np.sin(12.07 * time) + 3 * np.sin(2.25 * time), 0.3)
     runs = simulate([(Plant(), Experiment(rate=1 / PERIOD, seconds=16.0, counts=65_536, torque_noise=0.05))], [command])
-    course = fed(estimator(1, schemes=[JointState(torque_noise=0.05)]), runs)
+    course = fed(estimator(1, schemes=[JointState()]), runs)
     assert course[int(3.9 / PERIOD)].usable[0, 0]
     before, after = (np.sqrt(np.diag(course[int(t / PERIOD)].P[0, 0])) for t in (7.0, 13.5))
     np.testing.assert_allclose(after, before, rtol=0.3)
@@ -123,8 +123,3 @@ def test_it_runs_beside_the_others_in_a_wrapper():
     several = EstimateParametersVector(gym.make_vec(PENDULUM, num_envs=2, rate=200), schemes=[*SCHEMES, JointState()])
     _, info = several.reset(seed=0)
     assert info["estimates"]["joint_state_ukf"]["covariance"].shape == (2, 4, 4)
-
-
-def test_a_negative_noise_is_refused():
-    with pytest.raises(ValueError, match="torque_noise is -1"):
-        JointState(torque_noise=-1)

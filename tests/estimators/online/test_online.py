@@ -1,7 +1,7 @@
 """Estimation sample by sample: equal to estimation from the whole recording, sure of itself as far as it may be."""
 
 import pickle
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,8 +17,7 @@ from estimators.schemes import six
 from estimators.schemes.six import PAPER, SCHEMES, Integral, LowPass
 from estimators.signals.measurements import choose_smoothing, measure, remember
 from pendulum_env.backends.sensing import COUNTS
-from pendulum_env.physics import BASE, Column, Term, effect
-from pendulum_env.recording import Recording
+from pendulum_env.physics import BASE, effect
 from tests import slow
 from tests.cases import TRUTH
 from tests.feeding import fed
@@ -102,28 +101,6 @@ def test_a_law_that_is_no_formula_is_estimated_as_the_formula_it_holds(paper_run
     )
     assert np.abs(tables.theta[0, :, 4]).max() > 1e-3
     np.testing.assert_allclose(tables.theta, formulas.theta, rtol=1e-9, atol=1e-12)
-
-
-@dataclass(frozen=True)
-class Singular(Term):
-    """Friction whose law has no value where nothing moves, nor at time zero."""
-
-    id, law, kind = "singular", "k ln|q'| sgn q'", "dissipative"
-
-    @property
-    def columns(self):
-        return (Column("singular", "N m", dry=lambda x: np.log(np.abs(x.velocity)) / np.sqrt(x.time)),)
-
-
-def test_a_law_may_be_infinite_where_nothing_is_taken_from_it(paper_run):
-    recording = paper_run.slice(0, 4000)
-    estimator = OnlineEstimator(recording.rate, (*BASE, Singular()))
-    with np.errstate(all="ignore"):
-        now = fed(estimator, Recording(recording.time + 1.0, recording.position, recording.torque, name="late"))[-1]
-    guarded = [s for s, scheme in enumerate(SCHEMES) if scheme.guard is not None]
-    assert now.usable[0].any()
-    assert np.isfinite(now.theta[0, guarded]).all()
-    assert np.isfinite(now.P[0, guarded]).all()
 
 
 @settings(max_examples=50)

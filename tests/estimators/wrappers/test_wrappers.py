@@ -159,26 +159,6 @@ def test_reward_is_the_growth_of_the_information():
     assert sum(env.step(np.zeros(1, dtype=np.float32))[1] for _ in range(200)) == 0  # at rest
 
 
-def test_estimates_are_shown_beside_the_pendulum_and_not_over_it():
-    env = EstimateParameters(gym.make(PENDULUM, render_mode="rgb_array", max_torque=1.0))
-    env.reset()
-    plain, table = env.unwrapped, env.unwrapped.overlay()
-    empty = tuple(" " for _ in table)
-
-    def picture(lines, angle):
-        plain.reset(options={"position": angle})
-        plain.step([1.0 if angle > 0 else -1.0])  # torques as large as they come
-        plain.overlay = lambda: lines
-        return plain.render().astype(int)
-
-    for angle in (-3.0, -1.5, 0.0, 3.0):
-        blank = picture(empty, angle)
-        text = np.abs(picture(table, angle) - blank).max(axis=2) > 0
-        arm = np.ptp(blank, axis=2) > 30  # and torque: paper and ink are grey
-        assert text.sum() > 500 and arm.sum() > 1000
-        assert np.flatnonzero(arm.any(axis=1)).max() < np.flatnonzero(text.any(axis=1)).min()
-
-
 def test_many_pendulums_are_estimated_like_one():
     env = RandomizePlantVector(gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=1500, counts=0), 0.2)
     schemes = ["dynamic", six.scheme("filtered_dynamic", operator=LowPass(order=2))]
@@ -205,21 +185,6 @@ def test_a_coarse_encoder_is_smoothed_as_it_needs_also_in_a_replay(tmp_path):
     for info in (live, last_info(replay, 10_000)):
         for told in info["estimates"].values():
             np.testing.assert_allclose(told["theta"], list(PAPER.values()), rtol=0.02)
-
-
-def test_same_step_reset_pays_for_the_last_sample_and_keeps_what_was_handed_out():
-    totals = []
-    for mode in ("NextStep", "SameStep"):
-        env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=400, autoreset_mode=mode)
-        env = InformationRewardVector(EstimateParametersVector(env, schemes="dynamic"))
-        total, _, (_, truncated), info = paid(env, 400)
-        assert truncated.all()
-        totals.append(total)
-    assert (totals[0] > 10).all()
-    np.testing.assert_allclose(*totals)
-    times = info["time"].copy()
-    env.reset()
-    np.testing.assert_array_equal(info["time"], times)
 
 
 def test_wrong_use_is_explained():

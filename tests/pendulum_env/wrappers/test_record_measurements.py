@@ -1,7 +1,5 @@
 """What is measured is kept, whatever happens to the process."""
 
-import pickle
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -46,16 +44,6 @@ def test_each_episode_has_its_file_and_none_is_replaced(tmp_path):
     with RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv", overwrite=True) as env:
         rollout(env, POLICY, 1100)
     assert len(read_recording(tmp_path / "run.csv")) == 1100
-
-
-def test_a_copy_writes_a_file_of_its_own(tmp_path):
-    env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv")
-    rollout(env, POLICY, 1200)
-    copy = pickle.loads(pickle.dumps(env))
-    for each in (env, copy):
-        rollout(each, POLICY, 1300)
-        each.close()
-    assert sorted(len(read_recording(path)) for path in tmp_path.iterdir()) == [1200, 1300, 1300]
 
 
 @pytest.mark.parametrize("size", [10, 50_000, 108_000])
