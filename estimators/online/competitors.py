@@ -299,7 +299,7 @@ def solve_within_bounds(information: Array, moment: Array, least: Array, most: A
         excess = np.where(held, 0.0, np.maximum(least - theta, theta - most) * scale)
         beyond = np.flatnonzero((excess > 0).any(axis=1))
         if not len(beyond):
-            return theta, free
+            return np.asarray(theta, dtype=float), free
         held[beyond, np.argmax(excess[beyond], axis=1)] = True
         known = np.where(held, np.clip(theta, least, most), 0.0)
         free = np.where(held[:, :, None] | held[:, None], np.eye(held.shape[1]), information)
