@@ -1,9 +1,9 @@
 """CPU seconds of `diagnose`, by case, and microseconds of a sample online, each in a process of its own.
 
-    python -m benchmarks.timing [--other PYTHON] [NAME ...]
+    python -m benchmarks.timing [--other FOLDER] [NAME ...]
 
 Cases are recordings of the independent plant, 20 s to fit and 20 s held out at 1 kHz, and of the arm of `six_joint`.
-`--other` is the interpreter of another release, whose seconds come beside.
+`--other` is a checkout of another version, as `git worktree add` makes it; its seconds come beside.
 """
 
 from __future__ import annotations
@@ -56,14 +56,20 @@ for sample in samples:
 print((time.process_time() - begin) / len(samples) * 1e6)
 """
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
+HERE = Path(__file__).resolve().parents[1]
 
 
-def measure_online(python: str, algorithm: str) -> float:
+def make_environment(version: Path) -> dict[str, str]:
+    """Return the environment of a process with one thread that imports the packages of a checkout, compiled once."""
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}  # as installed
+    return kept | ONE_THREAD | {"PYTHONPATH": str(version.resolve())}
+
+
+def measure_online(version: Path, algorithm: str) -> float:
     """Return the CPU time of a sample [us] of an online algorithm over 20 s, the least of three runs."""
-    line = [python, "-P", "-c", FEED.format(algorithm)]
-    runs = (
-        subprocess.run(line, capture_output=True, text=True, check=True, env=os.environ | ONE_THREAD) for _ in "abc"
-    )
+    line = [sys.executable, "-P", "-c", FEED.format(algorithm)]
+    environment = make_environment(version)
+    runs = (subprocess.run(line, capture_output=True, text=True, check=True, env=environment) for _ in "abc")
     return min(float(run.stdout) for run in runs)
 
 
@@ -84,11 +90,11 @@ def write_inputs(name: str, folder: Path) -> list[str]:
     return [str(files[0]), *others, "--robot", str(folder / "arm.urdf"), "--rotors"]
 
 
-def measure(python: str, arguments: Sequence[str]) -> float:
-    """Return the CPU seconds [s] of `diagnose` with one thread, by an interpreter."""
-    line = [python, "-c", "from workbench.entry import main; raise SystemExit(main())", "diagnose", *arguments]
-    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}  # as installed
-    run = subprocess.Popen(line, stdout=subprocess.DEVNULL, env=kept | ONE_THREAD)
+def measure(version: Path, arguments: Sequence[str]) -> float:
+    """Return the CPU seconds [s] of `diagnose` with one thread."""
+    code = "from workbench.entry import main; raise SystemExit(main())"
+    line = [sys.executable, "-P", "-c", code, "diagnose", *arguments]  # -P: no package of the working folder
+    run = subprocess.Popen(line, stdout=subprocess.DEVNULL, env=make_environment(version))
     _, status, usage = os.wait4(run.pid, 0)
     if status:
         raise SystemExit(f"diagnose ended with code {os.waitstatus_to_exitcode(status)}: run {' '.join(line)}")
@@ -99,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.timing", description=__doc__.splitlines()[0])
     names = [*(f"pendulum, {effect or 'nothing'}" for effect in PENDULUM), *ARM, *ONLINE]
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of the cases: {'; '.join(names)}")
-    parser.add_argument("--other", metavar="PYTHON", help="interpreter of another release, for the ratio")
+    parser.add_argument("--other", metavar="FOLDER", type=Path, help="checkout of another version, for the ratio")
     arguments = parser.parse_args(argv)
     if unknown := sorted({*arguments.names} - {*names}):
         parser.error(f"unknown case {unknown[0]!r}: choose from {'; '.join(names)}")
@@ -107,13 +113,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in arguments.names or names:
         if name in ONLINE:
             algorithm, limit = ONLINE[name]
-            times = [measure_online(python, algorithm) for python in filter(None, (sys.executable, arguments.other))]
+            times = [measure_online(version, algorithm) for version in filter(None, (HERE, arguments.other))]
             ratio = [f"{times[0] / times[1]:.2f}"] if arguments.other else []
             rows.append((name, *(f"{value:.0f} us" for value in times), *ratio, f"{limit:g} us"))
             continue
         with tempfile.TemporaryDirectory() as folder:
             inputs = write_inputs(name, Path(folder))
-            here = measure(sys.executable, inputs)
+            here = measure(HERE, inputs)
             other = measure(arguments.other, inputs) if arguments.other else np.nan
         beside = (f"{other:.1f}", f"{here / other:.2f}") if arguments.other else ()
         rows.append((name, f"{here:.1f}", *beside, f"{LIMITS[name]:g}" if name in LIMITS else ""))
