@@ -75,7 +75,9 @@ class WindowAverages:
 
     def column(self, column: Column, x: Samples) -> Array:
         """Average a column of the regressor (R,), along samples with the term's state variables."""
-        smooth = column.force(x) + column.dry(x) * np.sign(x.velocity) * self.moving
+        smooth, dry = column.force(x), column.dry(x)
+        if np.ndim(dry) or dry:
+            smooth = smooth + dry * np.sign(x.velocity) * self.moving
         # torque samples are averages over the triangle already
         averages = _average_series(self.narrow if column.of_torque else self.wider, smooth)
         mass = column.mass(x)
