@@ -248,6 +248,11 @@ class RegressionData:
         return tuple(w.recording for w in self.data.windows)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the recordings, each once."""
+        return tuple(dict.fromkeys(recording.name for recording in self.recordings))
+
+    @property
     def samples(self) -> Samples:
         """Samples at the windows' centres, (R,) each."""
         return self.data.samples

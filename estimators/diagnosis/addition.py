@@ -14,17 +14,17 @@ from estimators.arguments import (
     select_visible_effects,
 )
 from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.case import Trial
+from estimators.diagnosis.case import Setting, Trial
 from estimators.diagnosis.cases import choose_case
-from estimators.diagnosis.reasons import BY_CHANCE, explain_rejection
 from estimators.diagnosis.result import Addition
-from estimators.diagnosis.setting import Setting
+from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_parameters
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.gates import explain_rejection
 from estimators.selection.motion import refit_by_likelihood
 from estimators.selection.physical import make_confirmation_gates
 from estimators.selection.search import SearchResult
@@ -104,7 +104,7 @@ def add(
     after, is_gain = found.steps[-1], evaluator.is_significant(longer.model.terms, before.model.terms)
     objection = explain_rejection(make_confirmation_gates(after, refitted, evaluator.train.motions))
     if objection is None and not is_gain and not (is_hidden(more) and evaluator.train.segments):
-        objection = BY_CHANCE  # the motion shows hidden states
+        objection = Finding(Kind.BY_CHANCE)  # the motion shows hidden states
     trial, log_format = Trial(case, data, setting, found), collect_log_format(recordings)
     refitted, after = (case.present(trial, step).with_log_format(log_format) for step in (refitted, after))
     return Addition(refitted, after, evaluator.residuals.floors, objection, data.doubt)
@@ -129,8 +129,7 @@ def _search_effect(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, S
     evaluator.progress(f"searching {kind.id}", 0.3)
     trial = find_best_variant(evaluator, before.model.terms, kind)
     if trial is None:
-        names = ", ".join(dict.fromkeys(recording.name for recording in evaluator.train.recordings))
-        raise IdentificationError(f"{names}: nothing there shows {kind.id}", kind.id)
+        raise IdentificationError(f"{', '.join(evaluator.train.names)}: nothing there shows {kind.id}", kind.id)
     evaluator.progress(f"fitting with {kind.id}", 0.8)
     return before, evaluator.fit_with_std(
         kind.id, refit_nonlinear(evaluator, release_significant(evaluator, trial.terms))

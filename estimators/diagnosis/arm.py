@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.fit_data import FitData
-from estimators.diagnosis.case import Case, Trial
+from estimators.diagnosis.case import Case, Setting, Trial
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import align_with_effects, include_payload
-from estimators.diagnosis.unexplained import list_holdout_names
 from estimators.findings import Finding, Kind
 from estimators.schemes.identifiability import find_undetermined_links
 from estimators.selection.evaluator import ModelEvaluator
@@ -64,7 +62,7 @@ def find_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, f
     """
     sizes, regions, criterion = dict[str, float](), list[Region](), evaluator.criterion
     residuals = evaluator.train.residual(terms), evaluator.residuals.holdout_residual(terms)
-    parts = zip(evaluator.parts, residuals, ((), list_holdout_names(evaluator)), strict=True)
+    parts = zip(evaluator.parts, residuals, ((), evaluator.holdout.names), strict=True)
     for (part, residual, names), found in zip(parts, evaluator.residuals.structures(terms), strict=True):
         for at, own in found.items():
             floor = max(evaluator.residuals.noise_floor(part, at), part.data.negligible(at))
@@ -86,7 +84,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     tables = tuple(id for laws in by_law if (id := find_explaining_law(evaluator, terms, laws)) is not None)
     forbidden = Finding(Kind.NO_EFFECT_OPEN) if left else None
     if left and not joints:
-        forbidden = Finding(Kind.FIT_HELD_OUT, recordings=list_holdout_names(evaluator))
+        forbidden = Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names)
     elif found.ambiguous:
         forbidden = Finding(Kind.TIED, effects=found.ambiguous[0])
     elif tables:

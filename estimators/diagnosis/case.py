@@ -1,31 +1,83 @@
-"""Cases of a diagnosis, and trials: searches on data under some treatments.
+"""Options and cases of a diagnosis, and trials: searches on data under some treatments.
 
 A record for each of pendulum, arm and servos holds their differences; the driver has no other branches.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+
+import numpy as np
 
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.data.fit_data import FitData
-from estimators.data.regression_data import fit_within_laws
+from estimators.data.regression_data import RegressionData, fit_within_laws
+from estimators.diagnosis.experiment import Limits
 from estimators.diagnosis.result import Diagnosis, HorizonRefit
-from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding
+from estimators.progress import Progress, no_progress
+from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.residuals import Terms
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
 from estimators.weak_form.columns import NOT_NEGATIVE
+from pendulum_env.errors import UserError
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 
 Treatment = Callable[["Trial"], FitData | None]  # data after one more treatment; None if it does not apply
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Options of a diagnosis.
+
+    Attributes:
+        base: terms of the model to start from.
+        original: base of a pendulum as the user gave it.
+        library: effects to search, by id.
+        criterion: thresholds of the search.
+        rng: of the bootstrap.
+        progress: called with the current stage and the share that is done.
+        limits: of the rig, for the suggested experiment.
+        by_reference: whether the base model is fitted by instruments.
+        horizon: length of the free-running motion to which the final model is refitted [s]; None for no refit.
+    """
+
+    base: Sequence[Term]
+    library: Mapping[str, type[Term]]
+    criterion: Criterion = field(default_factory=Criterion)
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    progress: Progress = no_progress
+    limits: Limits = field(default_factory=Limits)
+    by_reference: bool = False
+    horizon: float | None = None
+    original: Sequence[Term] = ()
+
+    def refuse_experiment(self, machine: str) -> None:
+        """Refuse instruments and bounds of an experiment where neither is used, such as for `an arm`.
+
+        Raises:
+            UserError: if one is asked for.
+        """
+        if self.by_reference or self.limits != Limits():
+            raise UserError(
+                "instruments and bounds of an experiment are for pendulums under a known torque: leave them out for "
+                f"{machine}"
+            )
+
+    def evaluator(
+        self, prepared: tuple[RegressionData, RegressionData], tables: Sequence[type[Term]] = ()
+    ) -> ModelEvaluator:
+        """Return the evaluator of models on some data, with tables that compete with the effects."""
+        return ModelEvaluator(
+            *prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables
+        )
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from estimators.diagnosis.arm import ARM
 from estimators.diagnosis.case import Case
 from estimators.diagnosis.pendulum import PENDULUM
-from estimators.diagnosis.servo import SERVO
+from estimators.in_loop.case import SERVO
 from estimators.in_loop.rollouts import are_driven
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_body

@@ -8,12 +8,11 @@ from estimators.checks.remedies import find_remedies, find_turned_torque
 from estimators.checks.torque_constant import add_torque_constant, find_gain_doubts
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import fit_within_laws
-from estimators.diagnosis.case import Case, Trial
+from estimators.diagnosis.case import Case, Setting, Trial
 from estimators.diagnosis.experiment import list_questions, suggest_experiment
 from estimators.diagnosis.horizon import refit_to_horizon
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.sensitivity import find_detectable_effects
-from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import align_with_effects, exclude_outliers, include_contacts, narrow_windows
 from estimators.diagnosis.unexplained import find_holdout_structure, find_unexplained
 from estimators.findings import Finding, Kind, Quantity

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.reasons import explain_table
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import is_misfit
 from estimators.selection.physical import find_violations
 from estimators.selection.search import SearchResult
+from estimators.selection.tables import explain_table
 from estimators.signals.motion import SLOWEST
 from estimators.signals.residual import Region, find_regions, make_region_everywhere
 from pendulum_env._typing import Array
@@ -43,7 +43,7 @@ def find_unexplained(found: SearchResult) -> list[Region]:
     if not evaluator.residuals.is_noise_in(evaluator.holdout, unseen):
         beyond = find_regions(evaluator.holdout.samples, unseen, noise_floor(evaluator.holdout), units=units)
         beyond = beyond or _find_scattered_residual(evaluator, evaluator.holdout, unseen, units)
-        return [replace(region, held_out=list_holdout_names(evaluator)) for region in beyond]
+        return [replace(region, held_out=evaluator.holdout.names) for region in beyond]
     if not is_misfit(evaluator, last):
         return []
     error = last.errors["train"].position_rms
@@ -54,12 +54,7 @@ def find_unexplained(found: SearchResult) -> list[Region]:
 def find_holdout_structure(evaluator: ModelEvaluator, final: Sequence[Term]) -> Finding | None:
     """Return a finding where held-out data alone show more."""
     is_there = evaluator.residuals.is_noise_by_part(tuple(final)) == (True, False)
-    return Finding(Kind.FIT_HELD_OUT, recordings=list_holdout_names(evaluator)) if is_there else None
-
-
-def list_holdout_names(evaluator: ModelEvaluator) -> tuple[str, ...]:
-    """Names of the held-out recordings."""
-    return tuple(dict.fromkeys(recording.name for recording in evaluator.holdout.recordings))
+    return Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names) if is_there else None
 
 
 def _find_scattered_residual(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from estimators.findings import Finding, Kind, Quantity
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model
 from pendulum_env.physics.term import list_loads
@@ -69,13 +70,12 @@ class Errors:
 
     def at(self, joint: str) -> float:
         """Return the torque error at a joint [N m], or the error in the loop [rad]."""
-        return self.in_loop if self.is_in_loop else get_error_at(self.joints, joint, self.torque_rms)
+        return get_error_at(self.joints, joint, getattr(self, next(iter(self.kinds))))
 
     @property
     def _totals(self) -> dict[str, float]:
         """Return the known errors of all joints together, by name."""
-        names = ("torque_rms", "position_rms", "torque_fit", "position_fit", "in_loop", "in_loop_rms")
-        return {name: value for name in names if np.isfinite(value := getattr(self, name))}
+        return {name: size for name, size in vars(self).items() if isinstance(size, float) and np.isfinite(size)}
 
     def json(self) -> JSON:
         """Plain dictionary for JSON, without unknown errors."""
@@ -117,3 +117,14 @@ class Step:
             "theta": {name: estimate.json() for name, estimate in self.model.estimates.items()},
             "errors": {part: errors.json() for part, errors in self.errors.items()},
         }
+
+
+def compute_error_fall(before: Step, after: Step) -> Finding:
+    """Return the fall of the held-out errors from one step to the next."""
+    old, new = before.errors["holdout"], after.errors["holdout"]
+    numbers: dict[str, Quantity] = {}
+    for kind, unit in (old.kinds | new.kinds).items():
+        unit = after.model.units().unit(unit)
+        numbers |= {f"{kind}.before": Quantity(getattr(old, kind), unit=unit)}
+        numbers |= {f"{kind}.after": Quantity(getattr(new, kind), unit=unit)}
+    return Finding(Kind.ERRORS_FALL, numbers)

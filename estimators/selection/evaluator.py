@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -290,8 +291,7 @@ def compute_held_out_cost(step: Step) -> float:
     A model is better where one error falls by a larger factor than the other rises; the mean is geometric.
     """
     errors = step.errors["holdout"]
-    if errors.is_in_loop:
-        return errors.in_loop
-    joints = [*errors.joints.values()]
-    torque = float(np.exp(np.mean(np.log(np.maximum(joints, 1e-300))))) if len(joints) > 1 else errors.torque_rms
-    return torque * (1.0 if np.isnan(errors.position_rms) else errors.position_rms)
+    first, *others = (getattr(errors, kind) for kind in errors.kinds)
+    if len(errors.joints) > 1:
+        first = float(np.exp(np.mean(np.log(np.maximum([*errors.joints.values()], 1e-300)))))
+    return math.prod([first, *others])

@@ -1,9 +1,11 @@
 """Gates: tests that a candidate effect meets, with their values and limits."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.findings import Finding, Kind, Quantity
 from pendulum_env._typing import JSON
 from pendulum_env.units import to_shown_unit
 
@@ -41,3 +43,25 @@ class Gate:
         numbers = {"value": self.value, "limit": self.limit, "std": self.std}
         finite = {name: own if own is not None and np.isfinite(own) else None for name, own in numbers.items()}
         return {"name": self.name, **finite, "unit": self.unit, "passed": self.passed}
+
+
+def explain_rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Finding | None:
+    """Return the first gate that failed as a finding; None if all gates were passed.
+
+    A gain comes with its p-value, and a violated bound with all others. Limits are numbers named `limit.` and the gate.
+
+    Args:
+        gates: met by an effect, in order.
+        selected: effects beside which it was tried.
+    """
+    failed = [gate for gate in gates if not gate.passed]
+    if not failed:
+        return None
+    is_gain = failed[0].name in ("gain", "p_value")
+    told = [gate for gate in gates if gate.name in ("gain", "p_value")] if is_gain else failed
+    numbers: dict[str, Quantity] = {}
+    for gate in told:
+        unit = "" if gate.unit == "1" else gate.unit
+        numbers |= {gate.name: Quantity(gate.value, gate.std or 0.0, unit)}
+        numbers |= {f"limit.{gate.name}": Quantity(gate.limit, unit=unit)}
+    return Finding(Kind.GATE_FAILED, numbers, tuple(gate.name for gate in told), tuple(selected))

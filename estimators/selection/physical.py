@@ -180,7 +180,7 @@ def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Sam
     gates += make_base_gates(after.model, before.model)
     angle = after.model.units().unit("rad")
     errors = [("in_loop", new.in_loop, old.in_loop, angle), ("position", new.position_rms, old.position_rms, angle)]
-    for at in () if new.is_in_loop else [at for at in motions if at in changed]:
+    for at in (joint for joint in new.joints if joint in changed):
         unit = after.model.units(at).unit("N m")
         errors.append((f"torque@{at}" if at else "torque", new.at(at), old.at(at), unit))
     for name, error, limit, unit in errors:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, remove_term, sort_by_score
@@ -141,3 +142,9 @@ def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[
     ]
     best = max(found, key=lambda longer: float(np.sum(evaluator.density(longer)[evaluator.held_out])), default=None)
     return best[-1].id if best else None
+
+
+def explain_table(kind: Kind, table: Table) -> Finding:
+    """Return a finding about the law that a table stands for."""
+    numbers = {name: Quantity(value) for name, value in table.nonlinear_values.items()}
+    return Finding(kind, numbers, effects=(table.id,))

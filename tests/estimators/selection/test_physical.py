@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from estimators.diagnosis.reasons import explain_rejection
 from estimators.findings import Finding, Kind
 from estimators.selection.errors import Errors, Step
+from estimators.selection.gates import explain_rejection
 from estimators.selection.physical import (
     find_driving_friction,
     find_violations,
@@ -105,9 +105,9 @@ def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_
     ],
 )
 def test_a_step_meets_physical_bounds_and_held_out_errors_in_this_order(torque, position, inertia, failed):
-    before = Step(None, Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.01), {"holdout": Errors(1.0, 0.1)})
+    before = Step(None, Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.01), {"holdout": Errors(1.0, 0.1, joints={"": 1.0})})
     model = Model.build([*BASE, effect("torque_offset")()], [inertia, 2.0, 0.1, 0.1, 0.2], 0.01)
-    after = Step("torque_offset", model, {"holdout": Errors(torque, position)})
+    after = Step("torque_offset", model, {"holdout": Errors(torque, position, joints={"": torque})})
     gates = make_confirmation_gates(after, before, {"": X})
     assert [gate.name for gate in gates if not gate.passed][:1] == ([] if failed is None else [failed])
     assert all(gate.passed for gate in gates[:-1])

@@ -12,15 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.checks.drive import find_speed_rate, find_torque_scale
 from estimators.checks.remedies import find_remedies
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import HELD_OUT
-from estimators.diagnosis.case import Case, Trial
+from estimators.diagnosis.case import Case, Setting, Trial
 from estimators.diagnosis.pendulum import PENDULUM
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.goals import (
@@ -48,6 +46,7 @@ from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
+from pendulum_env.servo.torque import compute_asked_torque
 
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
@@ -86,8 +85,7 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     Raises:
         IdentificationError: if the recordings hold too little motion to begin with.
     """
-    first = fitted_part(data)
-    last = WHOLE if data.holdout else (1 - HELD_OUT, 1.0)
+    first, last = fitted_part(data), WHOLE if data.holdout else (1 - HELD_OUT, 1.0)
     fitted, unseen = data.recordings, data.holdout or data.recordings
     if data.has_treatment(Kind.BACK_EMF_INCLUDED):
         setting = replace(setting, base=(*setting.base, BackEmf()))
@@ -181,6 +179,31 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         by_torque = search(replace(PENDULUM.evaluator(data.with_timing(), alone), tables=()))
         found = replace(found, by_torque=tuple(sorted(list_ids(by_torque.terms) - list_ids(base))))
     return found
+
+
+def find_speed_rate(model: Model, recordings: Sequence[Recording]) -> Finding | None:
+    """Return a finding where a controller may see the speed so late that this passes for inertia."""
+    drives = [own.drive for own in recordings if own.drive is not None and own.drive.rate is None]
+    gains = [(drive.kp if drive.acts_on_speed else drive.kd) * (drive.gain or 1.0) for drive in drives]
+    off = max(gains, default=0.0) / (2 * LOOP.seldom)
+    if off <= model.estimates["inertia"].std:
+        return None
+    inertia = Quantity(off, unit=model.estimates["inertia"].unit)
+    return Finding(Kind.SPEED_RATE_UNKNOWN, {"rate": Quantity(LOOP.seldom, unit="Hz"), "inertia": inertia})
+
+
+def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
+    """Return a finding where the logged torque is not the torque that the drive asks for, but a multiple of it."""
+    told = [own for own in recordings if own.has_logged_torque and own.drive and own.torque_unit == own.drive.unit]
+    if not told:
+        return None
+    logged, asked = (
+        np.concatenate(every) for every in zip(*((own.torque, compute_asked_torque(own)) for own in told), strict=True)
+    )
+    share = float(logged @ asked / max(asked @ asked, np.finfo(float).tiny))
+    if abs(share - 1.0) < LOOP.scale:
+        return None
+    return Finding(Kind.TORQUE_SCALED, {"factor": Quantity(share)})
 
 
 def has_gear_friction(step: Step) -> bool:
