@@ -137,7 +137,6 @@ def add_search(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="do not look for these effects",
     )
-    add_instruments(parser)
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:

@@ -25,7 +25,6 @@ from estimators.selection.residuals import Terms
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
 from estimators.weak_form.columns import NOT_NEGATIVE
-from pendulum_env.errors import UserError
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
@@ -45,7 +44,6 @@ class Setting:
         rng: of the bootstrap.
         progress: called with the current stage and the share that is done.
         limits: of the rig, for the suggested experiment.
-        by_reference: whether the base model is fitted by instruments.
         horizon: length of the free-running motion to which the final model is refitted [s]; None for no refit.
     """
 
@@ -55,21 +53,8 @@ class Setting:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     progress: Progress = no_progress
     limits: Limits = field(default_factory=Limits)
-    by_reference: bool = False
     horizon: float | None = None
     original: Sequence[Term] = ()
-
-    def refuse_experiment(self, machine: str) -> None:
-        """Refuse instruments and bounds of an experiment where neither is used, such as for `an arm`.
-
-        Raises:
-            UserError: if one is asked for.
-        """
-        if self.by_reference or self.limits != Limits():
-            raise UserError(
-                "instruments and bounds of an experiment are for pendulums under a known torque: leave them out for "
-                f"{machine}"
-            )
 
     def evaluator(
         self, prepared: tuple[RegressionData, RegressionData], tables: Sequence[type[Term]] = ()

@@ -27,7 +27,6 @@ from estimators.selection.search import SearchResult, search
 from estimators.selection.tables import find_explaining_law
 from estimators.signals.measurements import measure_segments
 from estimators.signals.residual import Region
-from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import Model
 from pendulum_env.physics.table import COMPETING, TABLES
 from pendulum_env.physics.terms import find_untested_ends
@@ -64,16 +63,12 @@ def find_contradiction(evaluator: ModelEvaluator) -> Finding | None:
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
-    """Refit the result by likelihood, and the base model by instruments if the options ask for them."""
+    """Refit the result by likelihood, and withhold parameters that the data do not determine."""
     if find_contradiction(trial.evaluator) is not None:
         return trial.found, ()
     trial.setting.progress("refitting", 0.93)
     found = refit_by_likelihood(trial.found)
-    steps = found.steps
-    if trial.setting.by_reference:
-        base = fit_by_reference(trial.data.parts[0].data, trial.setting.base)
-        steps = [found.evaluator.make_step(None, base), *steps[1:]]
-    *others, last = steps
+    *others, last = found.steps
     measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
     doubts = find_undetermined(measured, last.model.terms, last.model.units())
     unknown = find_unidentifiable(last.model, measured, doubts)
@@ -152,7 +147,7 @@ def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
         findings += whole.with_timing([term for term in found.model.terms if term.id in found.selected]).find_timing(
             False
         )
-    return findings if trial.setting.by_reference else [*findings, *find_feedback(whole.recordings)]
+    return [*findings, *find_feedback(whole.recordings)]
 
 
 def _find_few_clusters(evaluator: ModelEvaluator) -> list[Finding]:

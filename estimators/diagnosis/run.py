@@ -24,6 +24,7 @@ from estimators.progress import Progress, forward, no_progress
 from estimators.selection.criterion import Criterion
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import find_body
+from pendulum_env.errors import UserError
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
@@ -47,7 +48,6 @@ def diagnose(
     bounds: Bounds | None = None,
     criterion: Criterion | None = None,
     rng: np.random.Generator | None = None,
-    by_reference: bool = False,
     horizon: float | None = None,
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
@@ -76,14 +76,13 @@ def diagnose(
         bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, None)}`; None is no limit.
         criterion: what effects have to achieve.
         rng: of the bootstrap; the same seed gives the same result, and so does none.
-        by_reference: fit the base model by instruments made of the reference; effects by least squares all the same.
         horizon: refit the final model to free-running motion over this time [s], under the recorded torque; verdicts on
             effects do not depend on it.
 
     Raises:
-        IdentificationError: if the recordings hold too little motion, or no reference that instruments need, or are
-            shorter than the horizon.
-        ValueError: if a name is unknown, or the horizon is not above zero, or is given for an arm or for servos.
+        IdentificationError: if the recordings hold too little motion, or are shorter than the horizon.
+        ValueError: if a name is unknown, or the horizon is not above zero, or if it or bounds of the experiment are
+            given for an arm or for servos.
         TypeError: if something else is given than recordings and terms.
     """
     kinds = (recordings, Recording), (holdout, Recording), (base, Term | Model)
@@ -94,9 +93,11 @@ def diagnose(
     fitted, unseen = select_recordings(recordings, body=body), select_recordings(holdout, empty=True, body=body)
     effects, limits = select_visible_effects(effects, fitted), Limits(max_torque, max_angle, max_speed)
     rng, progress = rng or np.random.default_rng(0), forward(progress)
-    setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, by_reference, horizon=horizon)
+    setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, horizon)
     case = choose_case(terms, (*fitted, *unseen))
     check_horizon(horizon, case.refit_to_horizon is not None)
+    if case.refit_to_horizon is None and limits != Limits():
+        raise UserError("bounds of an experiment are for pendulums under a known torque: leave them out")
     progress("reading the motion", 0.0)
     data, setting = case.prepare(fitted, unseen, setting)
     progress("timing the torque", 0.0)

@@ -75,7 +75,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             asked.model.terms,
             progress,
             criterion=Criterion(p_value=arguments.significance),
-            by_reference=arguments.instruments is not None,
             **{name: getattr(arguments, name) for name in ASKED},
         )
     has_signal = found.suggestion is not None and found.suggestion.signal is not None

@@ -391,9 +391,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.FEEDBACK: (
         ANSWERS + "Record the reference of the controller as well (column `reference`), or a torque that is planned."
     ),
-    Kind.FEEDBACK_WITH_REFERENCE: (
-        ANSWERS + "--instruments reference keeps them out of the base model of `identify` and `diagnose`."
-    ),
+    Kind.FEEDBACK_WITH_REFERENCE: (ANSWERS + "--instruments reference keeps them out of the model of `identify`."),
     Kind.OUTLIER_RECORDING: _describe_differences,
     Kind.SCALED_TORQUE: "{disagrees}: its torque is {factor.value:.3g} times what the same motion takes there.",
     Kind.SCALED_INERTIA: "{disagrees}: its inertia is {factor.value:.3g} times that there.",

@@ -25,7 +25,7 @@ from workbench.inputs import open_sources
 from workbench.terminal import Terminal
 
 ASKED = ("only", "without", "fixed", "bounds")  # of a diagnosis, as it is
-READING = ("columns", "unwrap", "drive", "joints", "rotors", "no_gravity", "instruments")
+READING = ("columns", "unwrap", "drive", "joints", "rotors", "no_gravity")
 NAMED = ("robot", "model")  # files
 
 
@@ -139,7 +139,6 @@ def _diagnose(source: Source, options: Namespace) -> SurveyResult:
         given.recordings,
         given.holdout,
         opened.model.terms,
-        by_reference=options.instruments is not None,
         **{name: getattr(options, name) for name in ASKED},
     )
     date = opened.recordings[0].start_date

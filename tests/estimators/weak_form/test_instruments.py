@@ -9,12 +9,11 @@ from benchmarks.excitation import smooth_reference
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import IdentificationError, RegressionData, fit_terms
 from estimators.arguments import apply_limits
-from estimators.data.split import split_recordings
 from estimators.weak_form.instruments import fit_by_reference
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
-from tests.cases import TRUTH, diagnosed, recorded
+from tests.cases import TRUTH, recorded
 
 
 @pytest.fixture(scope="module")
@@ -35,16 +34,6 @@ def test_instruments_are_unbiased_where_least_squares_finds_the_controller(distu
     std = np.array([estimate.std for estimate in model.estimates.values()])
     assert (off < 3 * std).all()
     assert (off < np.abs(least_squares - TRUTH))[:2].all()  # inertia and gravity
-
-
-@pytest.mark.slow
-def test_a_diagnosis_begins_from_the_base_model_that_instruments_find(disturbed):
-    some = disturbed[:2]
-    found = diagnosed(some, only=["quadratic_drag"], by_reference=True)
-    assert found.selected == ()
-    assert found.model.theta == pytest.approx(fit_by_reference(split_recordings(some)[0].data, BASE).theta)
-    std = np.array([estimate.std for estimate in found.model.estimates.values()])
-    assert (np.abs(found.model.theta - TRUTH) < 3 * std).all()
 
 
 def test_what_is_known_beforehand_stays_so_beside_instruments(disturbed):
