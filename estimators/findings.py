@@ -86,7 +86,7 @@ class Kind(StrEnum):
     SERVO_OFF = "servo_off"  # error, times, worst
 
     # verdicts on effects
-    ERRORS_FALL = "errors_fall"  # torque_rms, position_rms or in_loop, each `.before` and `.after`
+    ERRORS_FALL = "errors_fall"  # each kind of error `.before` and `.after`
     ERROR_FALLS_AT_JOINT = "error_falls_at_joint"  # share
     TIES = "ties"
     IMITATES = "imitates"

@@ -49,7 +49,7 @@ class Prediction:
             or reverses within the window, and near gaps.
         predicted_torque: torque that the model needs for the measured motion, averaged alike (N,) [N m].
         simulated_position: position of free-running simulations of one second, each from the measured state (N,) [rad].
-            A servo with a drive is simulated over the whole recording from its goal. An arm is not simulated.
+            A servo is simulated over the whole recording, from its goal. An arm is not simulated.
             `position_rms` leaves out seconds in which a small error grows tenfold.
         is_counted: samples at which `torque_rms` takes the residual, half a window apart (N,).
         is_held_out: samples that the model was not fitted to (N,); None in a comparison, which fits nothing.

@@ -74,7 +74,7 @@ def _convert_by_constant(
 
 
 def _convert_to_newton_metres(recording: Recording, constant: TorqueConstant) -> Recording:
-    """Return a recording in N m; the gain of its drive is the torque constant."""
+    """Return a recording in N m; the torque constant becomes the gain of its drive."""
     torque, drive = constant.value * recording.torque, recording.drive
     if drive is not None and drive.unit == constant.of:
         drive = replace(drive, gain=constant.value)

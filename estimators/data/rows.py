@@ -1,7 +1,7 @@
 """Rows of regressions y = phi(terms) theta: their layout and noise, and the interface of their makers.
 
-Windows of torque make rows (`weak_form.torque_rows`), of one joint or of the joints of an arm; rollouts of a servo make
-rows that are linearised at the fit of each set of terms (`in_loop.rollout_rows`).
+Windows of torque make rows (`TorqueRows`), of one joint or of the joints of an arm; rollouts of a servo make rows
+that are linearised at the fit of each set of terms (`RolloutRows`).
 """
 
 from __future__ import annotations

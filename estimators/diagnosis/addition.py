@@ -22,9 +22,8 @@ from estimators.free_swings import find_scaling_values
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_parameters
-from estimators.selection.errors import Step
+from estimators.selection.errors import Step, explain_rejection
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.gates import explain_rejection
 from estimators.selection.motion import refit_by_likelihood
 from estimators.selection.physical import make_confirmation_gates
 from estimators.selection.search import SearchResult

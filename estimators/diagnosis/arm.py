@@ -13,9 +13,9 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.treatments import align_with_effects, include_payload
 from estimators.findings import Finding, Kind
 from estimators.schemes.identifiability import find_undetermined_links
+from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import find_driving_friction
-from estimators.selection.residuals import Terms
 from estimators.selection.search import SearchResult, search
 from estimators.selection.tables import find_explaining_law
 from estimators.signals.residual import Region, make_region_everywhere

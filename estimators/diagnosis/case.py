@@ -19,9 +19,8 @@ from estimators.diagnosis.result import Diagnosis, HorizonRefit
 from estimators.findings import Finding
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Step
+from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.residuals import Terms
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
 from estimators.weak_form.columns import NOT_NEGATIVE

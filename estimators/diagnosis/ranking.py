@@ -9,12 +9,10 @@ import numpy as np
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import contains, needs_all_parts, screen_library, screen_replacements
-from estimators.selection.errors import Step, compute_error_fall, get_error_at
+from estimators.selection.errors import Gate, Step, Terms, compute_error_fall, explain_rejection, get_error_at
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.gates import Gate, explain_rejection
 from estimators.selection.moves import remove_term
 from estimators.selection.physical import make_confirmation_gates
-from estimators.selection.residuals import Terms
 from estimators.selection.score import Bootstrap, Gain
 from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table, remove_table

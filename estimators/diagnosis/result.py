@@ -14,10 +14,8 @@ from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding
 from estimators.prediction import Prediction, predict_recordings
 from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Step, get_single
+from estimators.selection.errors import Gate, Step, Terms, get_single
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.gates import Gate
-from estimators.selection.residuals import Terms
 from estimators.selection.score import Gain
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
@@ -343,7 +341,7 @@ class Addition:
         """Held-out error that is left, in noise floors."""
         error = self.after.errors["holdout"]
         if self.is_in_loop:  # where what is left counts as noise up to some times the encoder's
-            return error.in_loop / (Criterion().misfit * get_single(self.floors))
+            return error.at("") / (Criterion().misfit * get_single(self.floors))
         return max(error.joints[at] / max(floor, 1e-300) for at, floor in self.floors.items())
 
     @property

@@ -6,8 +6,8 @@ import numpy as np
 
 from estimators.diagnosis.experiment import make_typical_effect
 from estimators.diagnosis.result import Detectable
+from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.residuals import Terms
 from estimators.signals.residual import makes_whole_turns
 from pendulum_env.physics import Term
 

@@ -33,10 +33,9 @@ from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.progress import no_progress
 from estimators.regression.equations import IdentificationError
-from estimators.selection.errors import Step, get_single
+from estimators.selection.errors import Step, Terms, get_single
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import compute_significant_sign
-from estimators.selection.residuals import Terms
 from estimators.selection.search import SearchResult, search
 from estimators.signals.residual import Region, make_region_everywhere
 from estimators.simulation.output_error import Point

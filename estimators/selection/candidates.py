@@ -7,9 +7,8 @@ import numpy as np
 
 from estimators.data.rows import ScoredTerms
 from estimators.search_hints import find_hints, is_possible
+from estimators.selection.errors import Gate, Terms
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.gates import Gate
-from estimators.selection.residuals import Terms
 from estimators.weak_form.nonlinear import release
 from pendulum_env.physics import Term
 from pendulum_env.physics.terms import count_term_parameters, has_transmission, list_ids

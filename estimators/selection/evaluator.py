@@ -13,10 +13,9 @@ from estimators.data.rows import BLOCK
 from estimators.memoize import memoized
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Step
-from estimators.selection.gates import Gate
+from estimators.selection.errors import Gate, Step, Terms
 from estimators.selection.physical import find_violations, make_base_gates, make_confirmation_gates
-from estimators.selection.residuals import Residuals, Terms, set_time_grid
+from estimators.selection.residuals import Residuals, set_time_grid
 from estimators.selection.score import Blocks, Bootstrap, Gain, cross_validated, predict_density
 from estimators.simulation import output_error
 from estimators.simulation.output_error import Point

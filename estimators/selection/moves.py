@@ -14,8 +14,8 @@ from estimators.selection.candidates import (
     screen_effects,
     screen_replacements,
 )
+from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator, compute_held_out_cost
-from estimators.selection.residuals import Terms
 from estimators.simulation import multiple_shooting
 from estimators.weak_form.nonlinear import reset
 from pendulum_env.physics import Term

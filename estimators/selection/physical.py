@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.findings import Finding, Kind
-from estimators.selection.errors import Step
-from estimators.selection.gates import Gate
+from estimators.selection.errors import Gate, Step
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Term, effects

@@ -14,11 +14,10 @@ from estimators.memoize import memoized
 from estimators.regression.least_squares import compute_robust_covariance, invert_covariance, solve_least_squares
 from estimators.search_hints import make_grid
 from estimators.selection.criterion import Criterion
+from estimators.selection.errors import Terms
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime
-
-Terms = tuple[Term, ...]
 
 
 class Power(NamedTuple):

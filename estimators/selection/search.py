@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
 
 from estimators.selection.candidates import refit_nonlinear, screen_effects
-from estimators.selection.errors import Step
+from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, add_effect, remove_term, revise
-from estimators.selection.residuals import Terms
 from estimators.selection.tables import drop_unneeded, replace_by_table
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table

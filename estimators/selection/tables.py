@@ -7,9 +7,9 @@ import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects
+from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, remove_term, sort_by_score
-from estimators.selection.residuals import Terms
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime, Table
 from pendulum_env.physics.term import list_loads

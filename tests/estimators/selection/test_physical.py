@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from estimators.findings import Finding, Kind
-from estimators.selection.errors import Errors, Step
-from estimators.selection.gates import explain_rejection
+from estimators.selection.errors import Errors, Step, explain_rejection
 from estimators.selection.physical import (
     find_driving_friction,
     find_violations,
