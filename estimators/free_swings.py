@@ -61,10 +61,9 @@ def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) ->
     names = join_words([recording.name for recording in recordings])
     loads = list(dict.fromkeys(recording.load or NONE for recording in recordings))
     if len(loads) > 1:
-        advice = Blank(f"{_estimate_inertia_by_loads(recordings, loads):.4g}")
         raise IdentificationError(
             f"{names}: no torque is applied, and their known loads differ: fix the inertia of the joint without load, "
-            f"{format_setting('fixed', {'inertia': advice})} by these loads"
+            f"{format_setting('fixed', {'inertia': Blank('VALUE')})}"
         )
     if (name := _find_scaling_parameter(known)) is None:
         return None
@@ -83,17 +82,6 @@ def _find_scaling_parameter(known: Mapping[str, float]) -> str | None:
     if "inertia" in known:
         return None
     return next((term.id for term in BASE if known.get(term.id)), None)
-
-
-def _estimate_inertia_by_loads(recordings: Sequence[Recording], loads: Sequence[Load]) -> float:
-    """Return the inertia I [kg m^2] that known loads determine.
-
-    Under a load of inertia dI and gravity dmgl, gravity over inertia is g = (mgl + dmgl) / (I + dI).
-    """
-    groups = [[recording for recording in recordings if (recording.load or NONE) == load] for load in loads]
-    g = np.array([_compute_ratios(group)[1] for group in groups])
-    y = [load.gravity - ratio * load.inertia for load, ratio in zip(loads, g.tolist(), strict=True)]
-    return float(np.linalg.lstsq(np.column_stack([g, -np.ones(len(g))]), y, rcond=None)[0][0])
 
 
 def _compute_ratios(recordings: Sequence[Recording]) -> Array:

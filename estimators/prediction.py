@@ -29,7 +29,6 @@ from pendulum_env.thinning import thin
 from pendulum_env.units import JointUnits
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
     from plotly.graph_objects import Figure as PlotlyFigure
 
 QUANTITIES = ("position", "torque", "predicted_torque", "residual", "simulated_position")
@@ -81,18 +80,6 @@ class Prediction:
             for at, values in zip(self.units, getattr(self, quantity).reshape(len(self.time), -1).T, strict=True):
                 named[f"{quantity}_{at}" if at else quantity] = values
         return named
-
-    def to_frame(self) -> DataFrame:
-        """Return a pandas DataFrame of `columns`, a row a sample.
-
-        Raises:
-            ModuleNotFoundError: if pandas is not installed.
-        """
-        try:
-            import pandas  # here, as it is no requirement
-        except ModuleNotFoundError:
-            raise ModuleNotFoundError("to_frame needs pandas: pip install pandas, or use `columns`") from None
-        return pandas.DataFrame(self.columns)
 
     def figure(self, quantity: str | None = None, joint: str | None = None) -> PlotlyFigure:
         """Plot the measured and the predicted quantity over time, above their difference, as the report does.

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.checks.closed_loop import find_feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, find_disagreements, find_misfits, fit_each_recording
-from estimators.checks.remedies import find_far_zero, find_wrong_columns
+from estimators.checks.remedies import find_wrong_columns
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
@@ -49,16 +49,12 @@ def check_results(
             missing, results = _check_completeness(results, RegressionData.of_arm(given.recordings, terms), terms)
             found = [*found, *missing]
         return None, found, results
-    data, found = None, find_wrong_columns(first, given.recordings)
+    data, found = None, find_wrong_columns(first, given.recordings) or find_driving_friction(first)
     with suppress(IdentificationError):  # windows need more motion than some schemes
         data = prepare(given.recordings)
-        found = found or find_far_zero(data, terms, given.recordings)
-    found = found or find_driving_friction(first)
-    with suppress(IdentificationError):
-        if data is not None:
-            found = [*found, *_check_recordings(given, fit_each_recording([data], terms), terms)]
-            if not found:
-                found, results = _check_completeness(results, RegressionData(data), terms)
+        found = [*found, *_check_recordings(given, fit_each_recording([data], terms), terms)]
+        if not found:
+            found, results = _check_completeness(results, RegressionData(data), terms)
     return data, [*found, *find_feedback(given.recordings)], results
 
 
@@ -104,7 +100,7 @@ def _check_completeness(
 
 
 def _compute_scheme_differences(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
-    """Compute the largest difference of two schemes in a parameter, in standard errors, and its name."""
+    """Yield the difference of each two schemes in each parameter, in standard errors, with its name."""
     for one, other in combinations(results, 2):
         for name in one.model.estimates.keys() - one.withheld - other.withheld:
             first, second = (own.model.estimates[name] for own in (one, other))

@@ -4,14 +4,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.findings import Finding, Kind, Quantity, Remedy
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import solve
 from estimators.selection.physical import compute_significant_sign, find_driving_friction, is_significantly_negative
-from estimators.weak_form.torque_windows import TorqueWindows, prepare
-from pendulum_env.physics import BASE, Column, Model, Term
-from pendulum_env.physics.potential import GravityTilt
+from estimators.weak_form.torque_windows import prepare
+from pendulum_env.physics import BASE, Column, Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import NEWTON_METRE
@@ -23,7 +21,6 @@ TURNED_ERRORS = 5.0  # standard errors by which that parameter is less than -1
 TURNED_SHARE = 0.2  # of the square of the load beyond the other columns, the least that is no noise
 TURNED_BLOCK = 1.0  # [s] of residuals that may be correlated
 DEPENDENT = 1e5  # condition number of columns that are linearly dependent
-FAR = np.radians(10.0)  # [rad] off, from which a zero is found by a fit without a tilt
 UPRIGHT_TURNS = 3.0  # that a joint makes at most, if its zero may be upright
 UPRIGHT_SHARE = 0.05  # of the RMS torque, the least gravity of a joint whose zero may be upright
 
@@ -77,22 +74,6 @@ def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Fi
         options = _make_remedies(recordings, lambda origin: origin.shift_zero(np.pi, 0))
         return [Finding(Kind.ZERO_UPRIGHT, parameters=("gravity",), remedies=options)]
     return []
-
-
-def find_far_zero(data: TorqueWindows, terms: Sequence[Term], recordings: Sequence[Recording]) -> list[Finding]:
-    """Find a zero that is off, by a fit with gravity about another zero that leaves much less of the residual.
-
-    Under torque, an angle of more than `FAR` is asked for: a constant torque imitates a smaller one.
-    """
-    if {"gravity", "gravity_tilt"} & {term.id for term in terms} != {"gravity"}:
-        return []
-    prepared = RegressionData(data)
-    (_, level), (model, fit) = (fit_terms(prepared, own) for own in (terms, (*terms, GravityTilt())))
-    share, far = (0.8, 0.0) if all(recording.is_free for recording in recordings) else (0.5, FAR)
-    if np.linalg.norm(fit.residual) > share * np.linalg.norm(level.residual):
-        return []
-    found = find_wrong_columns(model, recordings)
-    return [own for own in found if own.kind is Kind.ZERO_SHIFTED and abs(own.numbers["angle"].value) > far]
 
 
 def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> bool:

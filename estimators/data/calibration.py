@@ -24,53 +24,53 @@ def calibrate(
 
     Torque of a controller with an integral part stays in the unit of the log: the state of the integral is unknown.
     """
-    fitted, unseen = tuple(recordings), tuple(holdout)
-    every = (*fitted, *unseen)
+    every, count = (*recordings, *holdout), len(recordings)
+    driven, doubt = [own for own in every if not own.is_free], None
     if any(own.drive is not None and own.drive.ki and own.torque_unit != NEWTON_METRE for own in every):
-        return fitted, unseen, explain_unknown_constant(Kind.INTEGRAL_CONTROLLER, fitted[0].torque_unit)
-    driven = [own for own in every if not own.is_free]
-    if len(driven) == len(every):
-        return _convert_by_constant(fitted, unseen, constant)
-    if all(own.is_free for own in fitted):
-        return _scale_by_known_value(fitted, unseen, driven, known)
-    fitted, unseen = (_scale_swings(part, 0.0, find_torque_unit(driven)) for part in (fitted, unseen))
-    fitted, unseen, doubt = _convert_by_constant(fitted, unseen, constant)
-    inertia = known.get("inertia") or fit_inertia([own for own in fitted if not own.is_free])
-    unit = fitted[0].torque_unit
-    return _scale_swings(fitted, inertia, unit), _scale_swings(unseen, inertia, unit), doubt
+        doubt = explain_unknown_constant(Kind.INTEGRAL_CONTROLLER, every[0].torque_unit)
+    elif len(driven) == len(every):
+        every, doubt = _convert_by_constant(every, count, constant)
+    elif all(own.is_free for own in recordings):
+        every, doubt = _scale_by_known_value(every, count, driven, known)
+    else:
+        every, doubt = _convert_by_constant(_scale_swings(every, 0.0, find_torque_unit(driven)), count, constant)
+        inertia = known.get("inertia") or fit_inertia([own for own in every[:count] if not own.is_free])
+        every = _scale_swings(every, inertia, every[0].torque_unit)
+    return every[:count], every[count:], doubt
 
 
 def _scale_by_known_value(
-    fitted: Recordings, unseen: Recordings, driven: Sequence[Recording], known: Mapping[str, float]
-) -> tuple[Recordings, Recordings, Finding | None]:
-    """Scale free swings by a known parameter, else by an inertia of 1; some held-out recordings may be driven."""
-    inertia = scale_swings(fitted, known)
+    every: Recordings, count: int, driven: Sequence[Recording], known: Mapping[str, float]
+) -> tuple[Recordings, Finding | None]:
+    """Scale free swings by a known parameter, else by an inertia of 1; some held-out recordings may be driven.
+
+    The first recordings, by their count, are fitted.
+    """
+    inertia = scale_swings(every[:count], known)
     unit = PER_INERTIA if inertia is None else NEWTON_METRE
     if driven and find_torque_unit(driven) != unit:
         raise IdentificationError(
             f"{driven[0].name}: has torque, but no recording that is fitted has any: fit one with torque, or give "
             f"the inertia, {format_setting('fixed', {'inertia': Blank('VALUE')})}, and torque in N m"
         )
-    loaded = tuple(own.name for own in fitted if own.load is not None)
+    loaded = tuple(own.name for own in every[:count] if own.load is not None)
     doubt = Finding(Kind.RELATIVE_TO_INERTIA, recordings=loaded) if inertia is None else None
-    fitted, unseen = (_scale_swings(part, inertia or 1.0, unit) for part in (fitted, unseen))
-    return fitted, unseen, doubt
+    return _scale_swings(every, inertia or 1.0, unit), doubt
 
 
 def _convert_by_constant(
-    fitted: Recordings, unseen: Recordings, constant: TorqueConstant | None
-) -> tuple[Recordings, Recordings, Finding | None]:
-    """Convert logged currents into torque, by a torque constant that is known or that known loads determine."""
-    unit = find_torque_unit((*fitted, *unseen))
+    every: Recordings, count: int, constant: TorqueConstant | None
+) -> tuple[Recordings, Finding | None]:
+    """Convert logged currents into torque, by a constant that is known or that loads of the first ones determine."""
+    unit = find_torque_unit(every)
     if unit == NEWTON_METRE:
-        return fitted, unseen, None
+        return every, None
     if constant is not None and constant.of != unit:
         raise IdentificationError(f"torque is in {unit}, but the torque constant is of {constant.of}: convert the log")
-    found = constant or estimate_torque_constant(fitted)
+    found = constant or estimate_torque_constant(every[:count])
     if isinstance(found, Finding):
-        return fitted, unseen, found
-    fitted, unseen = (tuple(_convert_to_newton_metres(own, found) for own in part) for part in (fitted, unseen))
-    return fitted, unseen, None
+        return every, found
+    return tuple(_convert_to_newton_metres(own, found) for own in every), None
 
 
 def _convert_to_newton_metres(recording: Recording, constant: TorqueConstant) -> Recording:

@@ -20,7 +20,6 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.split import Parts, split_arm, split_recordings, with_contacts
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import find_known_values
-from estimators.selection.criterion import Criterion
 from pendulum_env.arms.body import Body, LinkLoad
 from pendulum_env.arms.joints import find_body
 from pendulum_env.arms.recording import add_payload
@@ -154,10 +153,6 @@ class FitData:
 
         untimed = None if self.untimed is None else replace(self.untimed, **parts(self.untimed))
         return self.with_treatment(treatment, **parts(self), untimed=untimed)
-
-    def with_narrower_windows(self, share: float = Criterion.shorter_window) -> Self:
-        """Return the data in windows of a share of their length."""
-        return self.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), window_share=share)
 
     def with_contacts(self, terms: Sequence[Term]) -> Self:
         """Return the data with windows in contact with a stop, by the residual of some terms; the same if few."""

@@ -97,7 +97,7 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
         reason = Finding(Kind.ERROR_FALLS_AT_JOINT, {"share": Quantity(less / more)}, joints=(term.at,))
     gates = (
         *([] if is_hidden(term) else evaluator.gates(final, others)),
-        *_make_confirmation_gates(evaluator, after, before),
+        *make_confirmation_gates(after, before, evaluator.train.motions),
     )
     gained: tuple[Gain | None, int] = (None, 1) if is_hidden(term) else _compute_gain(evaluator, final, others)
     ratio, total = less / more, score * sum(odds[id] for id in (term.id, *tied))
@@ -132,16 +132,13 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
     else:
         verdict, gates = Verdict.REJECTED, [excited, *gates]
         if all(gate.passed for gate in gates):
-            gates += _make_confirmation_gates(evaluator, evaluator.fit_with_std(term.id, longer), found.steps[-1])
+            step = evaluator.fit_with_std(term.id, longer)
+            gates += make_confirmation_gates(step, found.steps[-1], evaluator.train.motions)
         selected = [step.added for step in found.steps if step.added is not None]
         reason = explain_rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)
         if found.table is not None and term.kind == found.table.kind:
             reason = explain_table(Kind.IMITATES_TABLE, found.table)
     return Candidate(term.id, 0.5 * (1 - gain.p_value), verdict, ratio, reason, gain, variants, tuple(gates), longer)
-
-
-def _make_confirmation_gates(evaluator: ModelEvaluator, after: Step, before: Step) -> list[Gate]:
-    return make_confirmation_gates(after, before, evaluator.train.motions)
 
 
 def _compute_gain(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tuple[Gain, int]:

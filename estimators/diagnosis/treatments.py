@@ -76,7 +76,8 @@ def narrow_windows(trial: Trial) -> FitData | None:
         return None
     if not evaluator.residuals.is_noise_by_part(found.terms)[0] or not is_misfit(evaluator, found.steps[-1]):
         return None
-    return trial.data.with_narrower_windows(evaluator.criterion.shorter_window)
+    share = evaluator.criterion.shorter_window
+    return trial.data.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), window_share=share)
 
 
 def include_contacts(trial: Trial) -> FitData | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -245,8 +244,6 @@ def test_loads_of_known_size_are_beside_the_inertia():
     loaded = replace(swinging(2.3, inertia=0.02, gravity=1.1), load=Load(0.01, 0.6), name="loaded")
     found = identify([swinging(), loaded], fixed={"inertia": INERTIA})
     assert_recovered(found.windows, TRUTH)
-    with pytest.raises(IdentificationError, match="their known loads differ: fix the inertia") as refusal:
+    with pytest.raises(IdentificationError, match="their known loads differ: fix the inertia"):
         identify([swinging(), loaded])
-    by_loads = float(re.search(r"'inertia': ([^}]+)", str(refusal.value))[1])  # type: ignore[index]
-    assert by_loads == pytest.approx(INERTIA, rel=0.02)
     assert identify(loaded).torque_unit == "rad/s^2"  # of the joint with its load
