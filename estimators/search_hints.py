@@ -117,10 +117,7 @@ def find_hints(kind: type[Term]) -> SearchHints:
 def make_grid(kind: type[Term], x: Samples, residual: Array) -> list[Term]:
     """List the variants of an effect from which a search starts, within the bounds of its parameters.
 
-    Args:
-        kind: class of the effect.
-        x: N samples of the motion.
-        residual: torque that the model leaves unexplained there (N,) [N m].
+    `residual` is the torque that the model leaves unexplained in the samples (N,) [N m].
     """
     return list(dict.fromkeys(clip_term(variant) for variant in find_hints(kind).grid(kind, x, residual)))
 

@@ -33,15 +33,8 @@ def check_results(
 ) -> tuple[TorqueWindows | None, list[Finding], Results]:
     """Check columns, then agreement of recordings, then the model, then feedback; of an arm the model alone.
 
-    Args:
-        first: model of the first scheme, in the unit of the recorded torque, with all estimates.
-        results: by scheme.
-        given: the recordings.
-        terms: of the model.
-
-    Returns:
-        Windows of a pendulum, None of an arm and without enough motion; findings; and the results with estimates
-        marked that a missing effect biases.
+    `first` is the model of the first scheme, in the unit of the recorded torque. Windows are None of an arm, and if there
+    are too few; results are returned with estimates marked that a missing effect biases.
     """
     if isinstance(terms[0].mechanism, Body):
         found = find_driving_friction(next(iter(results.values())).model)
@@ -76,10 +69,7 @@ def _check_completeness(
 
     Schemes share the noise, so that their estimates differ by less than independent ones. A missing effect biases each
     of them differently.
-
-    Returns:
-        A finding where an effect is missing, and the results, with the estimates marked on which the schemes disagree;
-        of a single scheme, all estimates.
+    Estimates on which the schemes disagree are marked in the results; of a single scheme, all estimates.
     """
     data, floors = prepared.data, prepared.floors
     left = prepared.joint_errors(prepared.residual(terms))

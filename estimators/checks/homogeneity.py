@@ -184,10 +184,8 @@ class Own:
 def find_disagreements(fits: Sequence[Own], *, only_if_all_fit: bool = False) -> tuple[Disagreement, ...]:
     """Find the recordings that disagree with the largest group that agrees; of two, the later one.
 
-    Args:
-        fits: of recordings alone, see `fit_each_recording`.
-        only_if_all_fit: whether to say nothing unless the terms explain every single recording down to its noise, so
-            that a missing effect is not taken for another plant; a negative inertia is no missing effect, and is said.
+    With `only_if_all_fit`, nothing is found unless the terms explain each recording down to its noise, so that a
+    missing effect is not taken for another plant; a negative inertia is no missing effect.
     """
     agreeing = [fit for fit in fits if not fit.is_turned] or list(fits)
     turned_only = only_if_all_fit and not all(fit.is_explained for fit in fits)

@@ -28,13 +28,10 @@ UPRIGHT_SHARE = 0.05  # of the RMS torque, the least gravity of a joint whose ze
 def find_remedies(
     model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = (), is_complete: bool = True
 ) -> list[Finding]:
-    """Find wrong columns by a fit, or else impossible friction.
+    """Find wrong columns by the model fitted to recordings, or else impossible friction.
 
-    Args:
-        model: that was fitted.
-        recordings: to which.
-        ambiguous: groups of effects that these data cannot tell apart.
-        is_complete: whether the model explains the residual; a missing effect may imitate another zero of the position.
+    No zero of the position is found for an incomplete model, whose missing effect may imitate one, and no column
+    where a tilt is ambiguous.
     """
     columns = [] if any("gravity_tilt" in group for group in ambiguous) else find_wrong_columns(model, recordings)
     if not is_complete:

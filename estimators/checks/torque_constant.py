@@ -52,11 +52,7 @@ def add_torque_constant(
 ) -> Model:
     """Return a model fitted to data, in the unit of their torque, with the torque constant and its standard error.
 
-    Args:
-        model: in which nothing is said of either.
-        data: what it was fitted to.
-        fit: finds parameters of the same names in data, by which it is seen what another constant makes of them; if not
-            given, the model's terms are fitted as they are.
+    `fit` finds the parameters in data under another constant; by default it fits the model's terms as they are.
     """
     recording = data.windows[0].recording
     constant = recording.torque_constant
@@ -121,13 +117,7 @@ def explain_unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Find
 
 
 def find_gain_doubts(model: Model, constant: TorqueConstant, data: TorqueWindows) -> list[Finding]:
-    """Find what a torque constant leaves open.
-
-    Args:
-        model: in N m, by it.
-        constant: that was found.
-        data: what it was fitted to.
-    """
+    """Find what the torque constant of a model in N m leaves open in the data that it was fitted to."""
     found, share = [], compute_driven_share(data, data.torque())
     if share > DRIVEN or is_brake(data):
         kind = Kind.LOAD_BRAKES if is_brake(data) else Kind.GEAR_LOSS_UNKNOWN

@@ -98,15 +98,7 @@ class RegressionData:
 
     @classmethod
     def of_arm(cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> RegressionData:
-        """Prepare recordings of an arm, with the columns of terms that joints share.
-
-        Args:
-            recordings: of the arm.
-            terms: that may be fitted to it, the links first.
-
-        Raises:
-            IdentificationError: if a joint moves too little clear of stick.
-        """
+        """Prepare recordings of an arm for terms, the links first; see `prepare_arm` for what it raises."""
         links, *others = terms
         assert isinstance(links, Links)
         kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in others)
@@ -402,15 +394,9 @@ def _std_of_edge(
 
     Twice the logarithm of the likelihood ratio of an edge at its true value is the larger of two independent
     exponential variables of mean 2, which is below -2 ln(1 - sqrt(P)) with probability P. As under all standard errors,
-    residuals may be correlated: the ratio is divided by the factor by which that raises the variance of the term.
+    residuals may be correlated: the ratio is divided by the factor by which that raises the variance of the term. `own`
+    is the place of the linear parameters of the term.
     Source: Hansen, Sample splitting and threshold estimation, Econometrica 68(3), 2000.
-
-    Args:
-        data: rows.
-        balance: equations of the fitted terms.
-        fit: of these.
-        term: with the parameter.
-        own: place of the linear parameters of the term.
     """
     value, here = term.nonlinear_values[parameter.name], data.where(term.at)
     unit = 1.0 if parameter.instant else get_step_unit(parameter, value)

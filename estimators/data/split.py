@@ -38,10 +38,7 @@ def split_arm(
 def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0) -> Parts:
     """Prepare fitted and held-out data; without held-out recordings, the end of each recording is held out.
 
-    Args:
-        recordings: to fit.
-        holdout: to check on.
-        shorter: factor on the lengths of the windows; it is reduced further if they are too few.
+    `shorter` is a factor on the lengths of the windows; it is reduced further if they are too few.
 
     Raises:
         IdentificationError: if a part holds too little motion, or torque is never applied.
@@ -116,9 +113,7 @@ def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | Non
 
     At least half of the motion is fitted, and as nearly as possible 70 % of the contacts, before or after some instant.
 
-    Args:
-        motion: instants of motion, as shares of a recording (R,).
-        contacts: the same of contacts (C,).
+    Instants of motion (R,) and of contacts (C,) are shares of a recording.
     """
     instants, count = np.sort(contacts), len(contacts)
     options: list[tuple[float, tuple[Part, Part]]] = []

@@ -189,18 +189,11 @@ def suggest_experiment(
     limits: Limits,
     left: Sequence[Region] = (),
 ) -> tuple[Suggestion | None, list[Aim], Finding | None]:
-    """The experiment that settles most of what is open, and goes to the angle where most is left unexplained.
-
-    Args:
-        evaluator: what the diagnosis worked with.
-        model: that foretells the motion.
-        asked: what is open.
-        limits: of the rig.
-        left: what no effect explains, the most telling first.
+    """Choose the experiment that settles most questions, and that reaches the angle of the largest region left.
 
     Returns:
-        It, if there is one; what no torque up to the usual settles, whatever the limits; and what only the limits keep
-        from being settled.
+        The experiment, if there is one; aims that no torque up to the usual settles, whatever the limits; and a finding
+        on the questions that only the limits keep open.
     """
     if not asked:
         return None, [], None

@@ -31,7 +31,7 @@ def rank_effects(
     group, the selected effect comes first.
 
     Args:
-        found: result of the search, with the steps as the user sees them: the last perhaps refitted.
+        found: result of the search; its last step may be refitted.
         final: terms of the final model, as they were searched for.
         doubts: parameters that the data do not determine: an effect that imitates a term of the model is not rejected.
         has_contacts: whether the recordings show contacts with a stop, so that an end of the range was tested.

@@ -172,10 +172,7 @@ def explain_rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Fi
     """Return the first gate that failed as a finding; None if all gates were passed.
 
     A gain comes with its p-value, and a violated bound with all others. Limits are numbers named `limit.` and the gate.
-
-    Args:
-        gates: met by an effect, in order.
-        selected: effects beside which it was tried.
+    `selected` are effects beside which it was tried.
     """
     failed = [gate for gate in gates if not gate.passed]
     if not failed:

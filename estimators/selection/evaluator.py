@@ -175,12 +175,8 @@ class ModelEvaluator:
         """Return the gates of a larger model: its gain with p-value and, if significant, its explained share.
 
         An effect beside known parameters also has to predict significantly better than the smaller model with these
-        free: else what it explains is another value of them, and belongs to whatever shares their columns.
-
-        Args:
-            after: the larger model.
-            before: the smaller model.
-            least_share: limit of the explained share; `criterion.explained_share` by default.
+        free: else what it explains is another value of them, and belongs to whatever shares their columns. The
+        explained share is above `criterion.explained_share` unless another limit is given.
         """
         gain, penalty, criterion = self.gain(after, before), self.penalty(after, before), self.criterion
         least_share = criterion.explained_share if least_share is None else least_share

@@ -23,11 +23,8 @@ CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry fric
 def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
     """Return a failed gate for each physical bound that a fitted model violates; empty if there is none.
 
-    One kind of friction alone may come out negative where the others outweigh it at every recorded speed.
-
-    Args:
-        model: with parameters.
-        motions: samples of each joint, by its name.
+    One kind of friction alone may come out negative where the others outweigh it at every recorded speed. `motions` are
+    samples of each joint, by its name.
     """
     here = replace(
         model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(list_loads(term.at)))
@@ -161,12 +158,7 @@ def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Sam
     """Return the gates that a larger model meets beside a smaller one, up to the first that it fails.
 
     Physical bounds come first, then the base parameters, then the held-out errors, which have to fall. Violated bounds
-    are listed together.
-
-    Args:
-        after: the step with an effect.
-        before: the step without it.
-        motions: samples of each joint of the training data.
+    are listed together. `motions` are samples of each joint of the training data.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
     common = list_forms(after.model.terms) & list_forms(before.model.terms)
