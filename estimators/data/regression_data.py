@@ -263,7 +263,7 @@ class RegressionData:
         """Return the inertia at each joint under a base model, by the joint's name [kg m^2]."""
         first, data = base[0], self.data
         if first.id not in data.shared_columns:
-            return {at: get_base_inertia(self.torque.at(at)) for at in data.joints}
+            return {at: self.torque.at(at).base_inertia for at in data.joints}
         theta = self.torque.solve(base)[: len(first.columns)]
         return dict(zip(data.joints, np.abs(data.shared_columns[first.id].inertia @ theta).tolist(), strict=True))
 
@@ -328,7 +328,9 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     edges = {term: find_edges(term, data.data.part(term.at).samples) if is_torque else [] for term in terms}
     scanned = {term.get_full_name(parameter.name) for term in terms for parameter in edges[term]}
     is_smooth = np.array([name not in scanned for name in names], dtype=bool)
-    fit = balance.fit(data.layout.clusters, _with_payload(data, jacobian[:, is_smooth]), theta)
+    payload = data.data.payload  # its parameters are identified from the same rows, so their columns are fitted as well
+    more = [jacobian[:, is_smooth], *([] if payload is None or not payload.columns.any() else [payload.columns])]
+    fit = balance.fit(data.layout.clusters, np.column_stack(more) if sum(own.size for own in more) else None, theta)
     count = len(theta)
     kept = np.flatnonzero(np.append(np.ones(count, dtype=bool), is_smooth))
     covariance = np.zeros((count + len(names),) * 2)  # an edge converges so fast that the others have theirs beside it
@@ -367,23 +369,6 @@ def fit_within_laws(data: RegressionData, terms: Terms) -> Model:
     """
     fit = data.equations(terms).within(*bounds_of_laws(terms)).fit(data.layout.clusters)
     return Model.build(terms, fit.theta, fit.std)
-
-
-def _with_payload(data: RegressionData, jacobian: Array) -> Array | None:
-    """Return further columns of a fit (R, S): those of payloads, identified from the same rows, come last."""
-    if data.data.payload is not None and data.data.payload.columns.any():
-        jacobian = np.column_stack([jacobian, data.data.payload.columns])
-    return jacobian if jacobian.size else None
-
-
-def get_base_inertia(rows: TorqueRows) -> float:
-    """Return the inertia of the joint by the base model, clear of contacts [kg m^2], which scales the noise."""
-    data = rows.data
-    if all(known := [w.recording.known_inertia for w in data.windows]):
-        return max(known)
-    rows = TorqueRows(data.without_contacts) if data.contacts else rows
-    theta = rows.solve_within_laws(BASE)  # negative where torque is logged turned round
-    return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
 
 def _std_of_edge(

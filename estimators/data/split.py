@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.data.regression_data import RegressionData, fit_terms, get_base_inertia
+from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.simulation.free_running import choose_segments
@@ -83,7 +83,7 @@ def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) 
         return data
     fit = fit_terms(data[0], terms)[1]
     count = len(fit.theta)
-    known = terms, fit.theta, fit.covariance[:count, :count], get_base_inertia(data[0].torque)
+    known = terms, fit.theta, fit.covariance[:count, :count], data[0].torque.base_inertia
     lows, highs = zip(*(part.data.free_range(*known) for part in data), strict=True)
     free = min(lows), max(highs)
 

@@ -47,7 +47,8 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     before = _step(last, last.model, data)
     if not errs_by_more_than_noise(data[0].segments, before, trial.evaluator.criterion):
         return HorizonRefit(seconds, before)
-    horizons = [*_doubled(seconds), *[seconds] * REWEIGHTED]
+    doubled = [HORIZON * 2**k for k in range(max(0, int(np.ceil(np.log2(seconds / HORIZON)))))]
+    horizons = [*doubled, *[seconds] * REWEIGHTED]
     point, is_interrupted, (low, high) = Point.of(last.model), False, PROGRESS
     try:
         for number, length in enumerate(horizons):
@@ -73,11 +74,6 @@ def _step(last: Step, model: Model, data: Sequence[RegressionData]) -> Step:
     return Step(
         last.added, model, {name: own.errors(model) for name, own in zip(("train", "holdout"), data, strict=True)}
     )
-
-
-def _doubled(seconds: float) -> list[float]:
-    """Return horizons below a horizon [s], each twice the one before."""
-    return [HORIZON * 2**k for k in range(max(0, int(np.ceil(np.log2(seconds / HORIZON)))))]
 
 
 def _steady(part: RegressionData, model: Model) -> RegressionData:

@@ -37,7 +37,7 @@ from estimators.weak_form.nonlinear import (
 )
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
-from pendulum_env.physics import Term
+from pendulum_env.physics import BASE, Term
 
 RECENT = 4  # sets of terms whose equations are kept
 PERTURBATION = 1e-6  # of the largest torque, for slopes by it
@@ -311,9 +311,17 @@ class TorqueRows:
         counts = np.bincount(owner, minlength=len(self.data.windows))
         return np.bincount(owner, self.data.weights, len(counts)) / np.maximum(counts, 1)
 
-    def solve_within_laws(self, terms: Terms) -> Array:
-        """Fit the linear parameters (P,) within the bounds of the laws, without those of a body."""
-        return self.equations(terms).within(*bounds_of_laws(terms)).solve()
+    @cached_property
+    def base_inertia(self) -> float:
+        """Inertia of the joint by the base model, clear of contacts [kg m^2], which scales the noise."""
+        if all(known := [w.recording.known_inertia for w in self.data.windows]):
+            return max(known)
+        if self.data.contacts:
+            return TorqueRows(self.data.without_contacts).base_inertia
+        theta = (
+            self.equations(BASE).within(*bounds_of_laws(BASE)).solve()
+        )  # below zero if the sign of torque is wrong
+        return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
         """Fit the linear parameters of some terms, always to convergence; a search sets nonlinear parameters."""
