@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from benchmarks.independent_plant import Experiment, Plant, random_case
-from estimators.checks.alignment import SEARCH, Alignment
+from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align, align_each
 from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.findings import Finding, Kind
@@ -188,18 +188,6 @@ def test_held_torque_that_is_a_whole_sample_late_is_never_half_a_sample_late(see
     assert not found.is_half_sample and (not found.is_late or found.delay + found.lag > 0.007)
 
 
-def test_a_law_that_all_recordings_together_contradict_is_none_of_one_alone(monkeypatch):
-    """Laws by recording: the more exact one is that of all, and what contradicts the joint one is its own."""
-    blurred, sharp = Alignment(Channel(5e-3), 1e-3, 0.0), Alignment(Channel(3.2e-3), 5e-5, 0.0)
-    nothing = Alignment(Channel(), 1e-2, 1e-2)
-    laws = {("a", "b"): nothing, ("a",): blurred, ("b",): sharp}
-    recordings = [replace(run("two_tone", 500.0), name=name) for name in "ab"]
-    monkeypatch.setattr("estimators.checks.channel.align", lambda some, _: laws[tuple(one.name for one in some)])
-    assert align_each(recordings) == [sharp, sharp]
-    laws["a", "b"] = Alignment(Channel(), 1e-4, 1e-4)  # surely in time
-    assert align_each(recordings) == [blurred, sharp]
-
-
 def test_what_one_recording_tells_of_the_log_is_said_of_all_unless_another_contradicts():
     told, untold = (every_few(run(kind, 500.0, seed), 5) for kind, seed in (("pd_loop", 3), ("two_tone", 4)))
     brief = untold.slice(0, 120)
@@ -236,17 +224,3 @@ def test_nothing_reaches_across_a_gap():
     acted = dict(zip(good.time.tolist(), good.torque.tolist(), strict=True))
     assert len(mended.segments) == 2
     np.testing.assert_allclose(mended.torque, [acted[t] for t in mended.time.tolist()], atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("gained", "is_borne_out"),
-    [(np.full(18, 2.0), True), (np.r_[36.0, np.zeros(17)], False), (np.r_[200.0, np.zeros(17)], False), ([1e3], False)],
-)
-def test_a_delay_has_to_show_all_along_and_not_at_one_event(gained, is_borne_out):
-    # the first three gain the same: a channel acts always, while a joint that sticks at every jump of torque but one
-    # tells nothing of a delay, and any may fit that one jump; one stretch alone has no scatter
-    none, law = (
-        Alignment(Channel(delay), 0.0, 0.0, density=np.tile(density, (2, 1)))
-        for delay, density in ((0.0, np.zeros(len(gained))), (0.04, gained))
-    )
-    assert law.beats(none, SEARCH.by_chance) == is_borne_out

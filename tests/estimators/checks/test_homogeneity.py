@@ -54,13 +54,6 @@ def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
     assert [one.recording for one in find_disagreements([told(1, 1.0), told(2, 1.0), told(3, 2.0)])] == [3]
 
 
-def test_what_hangs_behind_a_transmission_is_not_compared():
-    terms = (*BASE, effect("joint_flexibility")(resonance=60.0, damping=5.0))
-    for own in fit_each_recording([prepare(recorded([PLANT, PLANT]))], terms):
-        assert [column.name for column in own.columns] == ["inertia", "gravity", "viscous", "coulomb"]
-        assert len(own.known.theta) == len(own.columns)
-
-
 @pytest.mark.parametrize("heavier", [0, 1, 2])
 def test_the_one_recording_with_a_heavier_payload_is_named_and_measured(heavier):
     plants = [HEAVIER if j == heavier else PLANT for j in range(3)]

@@ -9,9 +9,8 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.data.split import split_recordings
 from estimators.diagnosis.ranking import compute_alternatives, make_excitation_gate, rank_effects
 from estimators.findings import Kind
-from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects, screen_replacements
+from estimators.selection.candidates import find_best_variant
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.moves import SearchState, revise
 from estimators.selection.search import search
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
@@ -30,30 +29,9 @@ def evaluator() -> ModelEvaluator:
     return ModelEvaluator(*split_recordings(recordings), library={id: effect(id) for id in EFFECTS})
 
 
-def test_what_is_hidden_is_the_most_promising_of_all_candidates(evaluator):
-    found = screen_effects(evaluator, BASE)
-    assert [term.id for term in found[0]] == [term.id for term in RIGHT]
-    assert evaluator.is_significant(found[0], BASE) and evaluator.residuals.explained_share(found[0], BASE) > 0.9
-    assert len(found) == len({longer[-1].id for longer in found}) <= len(EFFECTS)
-
-
-def test_an_effect_in_anothers_place_gives_way_to_it(evaluator):
-    assert set(revise(SearchState(evaluator, BASE, (*BASE, ASYMMETRY, OFFSET))).terms) <= set(RIGHT)
-    assert screen_replacements(evaluator, (*BASE, ASYMMETRY), ASYMMETRY)[0][-1] == DRAG
-    assert ASYMMETRY not in [rival[-1] for rival in screen_replacements(evaluator, (*BASE, ASYMMETRY), ASYMMETRY)]
-
-
 def test_nothing_else_is_possible_in_its_place(evaluator):
     odds = compute_alternatives(evaluator, RIGHT, DRAG)
     assert odds["quadratic_drag"] > 0.99 and sum(odds.values()) == pytest.approx(1.0)
-
-
-def test_a_model_that_is_settled_stays_as_it_is(evaluator):
-    cogged = refit_nonlinear(evaluator, (*BASE, DRAG, effect("stribeck")(0.3)))
-    assert refit_nonlinear(evaluator, cogged)[-1].stribeck_velocity == pytest.approx(
-        cogged[-1].stribeck_velocity, rel=0.01
-    )
-    assert refit_nonlinear(evaluator, RIGHT) == RIGHT
 
 
 def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(evaluator):
