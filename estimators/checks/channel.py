@@ -250,7 +250,7 @@ class ChannelFits:
                 return Near(way, float(error @ error), error, slopes, way <= least, way >= most)
 
             def best(local: Near[Array], steps: list[Array]) -> tuple[Array, float]:
-                places = [np.clip(local.known + step, least, most) for step in steps]
+                places = [_move_within(local.known, step, least, most) for step in steps]
                 return choose_least(places, [float(np.sum(self.misfit(x + way @ ways) ** 2)) for way in places])
 
             x = x + gauss_newton(np.clip(0.0 * least, least, most), near, best, DESCENT) @ ways
@@ -314,6 +314,13 @@ class ChannelFits:
         time, recording = self.data.clusters, of_block[block]
         several = [time, recording] if len(np.unique(recording[self.rows])) >= SEARCH.between else [time]
         return [np.unique(clusters[self.rows], return_inverse=True)[1] for clusters in several]
+
+
+def _move_within(place: Array, step: Array, least: Array, most: Array) -> Array:
+    """Move by a step (F,) up to the first bound: delay and shift make up for each other, so the direction counts."""
+    room, moved = np.where(step < 0, least - place, most - place), step != 0
+    share = min([1.0, *(room[moved] / step[moved])])
+    return np.asarray(np.clip(place + share * step, least, most))
 
 
 def is_brake(data: TorqueWindows) -> bool:

@@ -33,8 +33,8 @@ def check_results(
 ) -> tuple[TorqueWindows | None, list[Finding], Results]:
     """Check columns, then agreement of recordings, then the model, then feedback; of an arm the model alone.
 
-    `first` is the model of the first scheme, in the unit of the recorded torque. Windows are None of an arm, and if there
-    are too few; results are returned with estimates marked that a missing effect biases.
+    `first` is the model of the first scheme, in the unit of the recorded torque. Windows are None of an arm, and if
+    there are too few; results are returned with estimates marked that a missing effect biases.
     """
     if isinstance(terms[0].mechanism, Body):
         found = find_driving_friction(next(iter(results.values())).model)
