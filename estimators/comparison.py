@@ -24,14 +24,13 @@ from estimators.checks.homogeneity import (
 from estimators.checks.torque_constant import find_torque_unit
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
-from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import scale_swing
 from estimators.in_loop.goals import decide_goals
 from estimators.in_loop.simulation import add_loop_errors
 from estimators.prediction import Prediction, predict_recordings
 from estimators.regression.equations import IdentificationError
 from estimators.selection.errors import Errors, get_single
-from estimators.signals.residual import AXES, Profile, Region, compute_profiles, make_region_everywhere
+from estimators.signals.residual import AXES, Profile, Region, compute_profiles
 from estimators.simulation.free_running import HORIZON
 from estimators.weak_form.torque_windows import join_windows
 from pendulum_env._typing import JSON, Array
@@ -260,10 +259,7 @@ def _find_failures(prepared: RegressionData, left: Array, at: str, most: int) ->
     error = prepared.joint_errors(left)[at]
     if found or error <= AGREEMENT.misfits * max(floor, prepared.data.negligible(at)):
         return found
-    units = prepared.units(at)
-    residual = Quantity(error, unit=units.unit(NEWTON_METRE))
-    cause = Finding(Kind.NOWHERE, {"residual": residual, "times": Quantity(error / floor)})
-    return [make_region_everywhere(cause, prepared.data.part(at).samples, error, floor, at, units)]
+    return [prepared.make_scattered_region(error, floor, at)]
 
 
 def _prepare_data(recording: Recording, model: Model, horizon: float | None) -> RegressionData:

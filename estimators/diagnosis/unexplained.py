@@ -16,8 +16,6 @@ from estimators.signals.motion import SLOWEST
 from estimators.signals.residual import Region, find_regions, make_region_everywhere
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
-from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.units import JointUnits
 
 
 def find_unexplained(found: SearchResult) -> list[Region]:
@@ -38,11 +36,11 @@ def find_unexplained(found: SearchResult) -> list[Region]:
             return [make_region_everywhere(cause, evaluator.train.samples), *regions]
         return [replace(place, cause=cause), *(own for own in regions if own is not place)]
     if not is_noise:
-        return regions or _find_scattered_residual(evaluator, evaluator.train, left, units)
+        return regions or _find_scattered_residual(evaluator, evaluator.train, left)
     unseen = evaluator.residuals.holdout_residual(last.model.terms)
     if not evaluator.residuals.is_noise_in(evaluator.holdout, unseen):
         beyond = find_regions(evaluator.holdout.samples, unseen, noise_floor(evaluator.holdout), units=units)
-        beyond = beyond or _find_scattered_residual(evaluator, evaluator.holdout, unseen, units)
+        beyond = beyond or _find_scattered_residual(evaluator, evaluator.holdout, unseen)
         return [replace(region, held_out=evaluator.holdout.names) for region in beyond]
     if not is_misfit(evaluator, last):
         return []
@@ -57,13 +55,7 @@ def find_holdout_structure(evaluator: ModelEvaluator, final: Sequence[Term]) -> 
     return Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names) if is_there else None
 
 
-def _find_scattered_residual(
-    evaluator: ModelEvaluator, part: RegressionData, left: Array, units: JointUnits
-) -> list[Region]:
+def _find_scattered_residual(evaluator: ModelEvaluator, part: RegressionData, left: Array) -> list[Region]:
     """Return the region of a residual (R,) that stands out nowhere, unless it may be noise."""
     size, floor = float(np.sqrt(np.mean(left**2))), evaluator.residuals.noise_floor(part)
-    if size <= evaluator.criterion.misfit * floor:
-        return []
-    residual = Quantity(size, unit=units.unit(NEWTON_METRE))
-    cause = Finding(Kind.NOWHERE, {"residual": residual, "times": Quantity(size / floor)})
-    return [make_region_everywhere(cause, part.samples, size, floor, units=units)]
+    return [part.make_scattered_region(size, floor)] if size > evaluator.criterion.misfit * floor else []
