@@ -14,9 +14,12 @@ Source: Vehtari, Gelman and Gabry, Statistics and Computing 27, 2017; Yao, Vehta
 Analysis 13(3), 2018; Rubin, Annals of Statistics 9(1), 1981; for the online form Dawid, JRSS A 147(2), 1984.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaln
@@ -34,6 +37,24 @@ LEAP = 0.5  # longest step of Newton's method, in the logarithm of a squared sca
 
 
 Hidden = Sequence[tuple[slice, float]]  # rows, and variance of the torque noise that a model absorbs in them
+
+
+class Cells(NamedTuple):
+    """Equations in an order in which those of a cell follow each other.
+
+    Attributes:
+        order: of the equations (R,).
+        begins: where each cell begins in it (C,).
+        recording, fold: of each cell (C,).
+        outside: numbers of equations outside each fold by recording and fold (FOLDS, E, FOLDS), or of a recording's
+            only fold.
+    """
+
+    order: Index
+    begins: Index
+    recording: Index
+    fold: Index
+    outside: Array
 
 
 @dataclass(frozen=True)
@@ -55,21 +76,17 @@ class Blocks:
         return np.asarray(self.piece % FOLDS)
 
     @cached_property
-    def cells(self) -> tuple[Index, Index, Array, Array]:
-        """Return equations in an order in which those of a recording and fold, a cell, follow each other.
-
-        Returns:
-            The order (R,), where each cell begins (C,), its recording and fold (2, C), and the numbers of equations
-            outside each fold by recording and fold (FOLDS, E, FOLDS), or of a recording's only fold.
-        """
+    def cells(self) -> Cells:
+        """Return the cells of the equations, of one recording and one fold each."""
         cell = self.recording * FOLDS + self.fold
         order = np.argsort(cell, kind="stable")
         filled, begins, counts = np.unique(cell[order], return_index=True, return_counts=True)
-        cells = np.array(np.divmod(filled, FOLDS))
+        recording, fold = np.divmod(filled, FOLDS)
         number = np.zeros((int(self.recording.max()) + 1, FOLDS))
-        number[cells[0], cells[1]] = counts
+        number[recording, fold] = counts
         others = number * (1.0 - np.eye(FOLDS))[:, None]
-        return order, begins, cells, np.where(others.any(axis=2, keepdims=True), others, number)
+        outside = np.where(others.any(axis=2, keepdims=True), others, number)
+        return Cells(order, begins, recording, fold, outside)
 
 
 def log_student(squares: Array, scale: Array | float) -> Array:
@@ -127,19 +144,16 @@ def _estimate_scales(squares: Array, where: Blocks) -> Array:
     """Return the squared scale of Student's t of the errors outside each fold, of each recording (FOLDS, E).
 
     By Newton's method for the logarithm, and by the parameter-expanded EM algorithm where that would leap (Liu, Rubin
-    and Wu, Biometrika 85(4), 1998).
-
-    Args:
-        squares: squared errors of the fits without each fold (FOLDS, R), or of one fit (1, R).
-        where: a recording with errors in a single fold uses these.
+    and Wu, Biometrika 85(4), 1998). `squares` are squared errors of the fits without each fold (FOLDS, R), or of one
+    fit (1, R). A recording with errors in a single fold uses these.
     """
-    order, begins, cells, number = where.cells
-    owner, squares = cells[0], squares[:, order]
+    order, begins, owner, fold, number = where.cells
+    squares = squares[:, order]
 
     def total(values: Array) -> Array:
         """Return sums over the rows outside each fold (FOLDS, E)."""
         sums = np.zeros((len(values), *number.shape[1:]))
-        sums[:, owner, cells[1]] = np.add.reduceat(values, begins, axis=1)
+        sums[:, owner, fold] = np.add.reduceat(values, begins, axis=1)
         return np.einsum("kef,kef->ke", np.broadcast_to(sums, number.shape), number > 0)
 
     count = np.maximum(number.sum(axis=2), 1)
