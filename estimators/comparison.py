@@ -21,14 +21,11 @@ from estimators.checks.homogeneity import (
     find_misfits,
     fit_each_recording,
 )
-from estimators.checks.torque_constant import find_torque_unit
-from estimators.data.fit_data import FitData
+from estimators.data.fit_data import FitData, convert_to_model_unit
 from estimators.data.regression_data import RegressionData
-from estimators.free_swings import scale_swing
 from estimators.in_loop.goals import decide_goals
 from estimators.in_loop.simulation import add_loop_errors
 from estimators.prediction import Prediction, predict_recordings
-from estimators.regression.equations import IdentificationError
 from estimators.selection.errors import Errors, get_single
 from estimators.signals.residual import AXES, Profile, Region, compute_profiles
 from estimators.simulation.free_running import HORIZON
@@ -39,11 +36,10 @@ from pendulum_env.arms.body import Body
 from pendulum_env.errors import UserError
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.notebook import render_html, summarise
-from pendulum_env.physics import Model, ModelError
+from pendulum_env.physics import Model
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
-from pendulum_env.settings import Blank, format_setting
+from pendulum_env.recording.record import TorqueConstant
 from pendulum_env.units import JointUnits
 
 SCHEMA = "pendulum-ident/comparison@2"
@@ -272,36 +268,3 @@ def _prepare_data(recording: Recording, model: Model, horizon: float | None) -> 
     covariance = model.assumed_covariance[:count, :count]
     data, known = prepared.data, (model.terms, model.theta, covariance, inertia)
     return replace(prepared, data=data.with_contacts(*known, data.free_range(*known)))
-
-
-def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> FitData:
-    """Convert recordings to the unit of torque of a model.
-
-    Raises:
-        IdentificationError: if a current is to be turned into torque, and nothing tells the torque constant.
-        ModelError: if the model is of a current and the recordings are not.
-    """
-    driven, inertia = [recording for recording in recordings if not recording.is_free], dict[str, float]()
-    if driven and model.torque_unit == PER_INERTIA:
-        raise ModelError(
-            f"the model is relative to the inertia, and {driven[0].name} has torque: compare it with free swings, or "
-            f"identify it with {format_setting('fixed', {'inertia': Blank('VALUE')})}"
-        )
-    if len(driven) < len(recordings):
-        inertia = {"inertia": model.estimates["inertia"].value}
-        unit = find_torque_unit(driven) if driven else model.torque_unit
-        recordings = [scale_swing(own, inertia["inertia"], unit) for own in recordings]
-    unit, known, constant = find_torque_unit(recordings), model.torque_constant, None
-    if unit == model.torque_unit:
-        return FitData(tuple(recordings))
-    if model.torque_unit != NEWTON_METRE:
-        raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
-    if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
-        constant = TorqueConstant(known.value, known.std, unit)
-    given = FitData.of(recordings, constant=constant, known=inertia)
-    if given.doubt is not None:
-        raise IdentificationError(
-            f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: record "
-            "under known loads that differ, or identify the model with a torque constant"
-        )
-    return given

@@ -15,17 +15,20 @@ import numpy as np
 from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
 from estimators.checks.homogeneity import Disagreement
+from estimators.checks.torque_constant import find_torque_unit
 from estimators.data.calibration import calibrate
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import Parts, split_arm, split_recordings, with_contacts
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import find_known_values
+from estimators.free_swings import find_known_values, scale_swing
+from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.body import Body, LinkLoad
 from pendulum_env.arms.joints import find_body
 from pendulum_env.arms.recording import add_payload
-from pendulum_env.physics import Term
+from pendulum_env.physics import Model, ModelError, Term
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
+from pendulum_env.settings import Blank, format_setting
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,3 +249,36 @@ class FitData:
         if all(one is self.alignments[0] for one in self.alignments):
             return tuple(found)
         return tuple(replace(one, recordings=tuple(own)) for one, own in zip(found, names, strict=True))
+
+
+def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> FitData:
+    """Convert recordings to the unit of torque of a model.
+
+    Raises:
+        IdentificationError: if a current is to be turned into torque, and nothing tells the torque constant.
+        ModelError: if the model is of a current and the recordings are not.
+    """
+    driven, inertia = [recording for recording in recordings if not recording.is_free], dict[str, float]()
+    if driven and model.torque_unit == PER_INERTIA:
+        raise ModelError(
+            f"the model is relative to the inertia, and {driven[0].name} has torque: compare it with free swings, or "
+            f"identify it with {format_setting('fixed', {'inertia': Blank('VALUE')})}"
+        )
+    if len(driven) < len(recordings):
+        inertia = {"inertia": model.estimates["inertia"].value}
+        unit = find_torque_unit(driven) if driven else model.torque_unit
+        recordings = [scale_swing(own, inertia["inertia"], unit) for own in recordings]
+    unit, known, constant = find_torque_unit(recordings), model.torque_constant, None
+    if unit == model.torque_unit:
+        return FitData(tuple(recordings))
+    if model.torque_unit != NEWTON_METRE:
+        raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
+    if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
+        constant = TorqueConstant(known.value, known.std, unit)
+    given = FitData.of(recordings, constant=constant, known=inertia)
+    if given.doubt is not None:
+        raise IdentificationError(
+            f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: record "
+            "under known loads that differ, or identify the model with a torque constant"
+        )
+    return given

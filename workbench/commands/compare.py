@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from estimators.arms.payload import Payload, find_payload
-from estimators.comparison import compare, convert_to_model_unit
+from estimators.comparison import compare
+from estimators.data.fit_data import convert_to_model_unit
 from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body

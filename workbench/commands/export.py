@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from estimators.comparison import convert_to_model_unit
+from estimators.data.fit_data import convert_to_model_unit
 from estimators.in_loop.rollouts import are_driven
 from pendulum_env.files import write_whole
 from pendulum_env.physics import Model
