@@ -27,7 +27,8 @@ from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, 
 from benchmarks.parallel import each
 from benchmarks.scoring import positive, take_workers
 from benchmarks.truth import Truth
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.selection.motion import SEGMENT
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments

@@ -9,7 +9,8 @@ if TYPE_CHECKING:
     from estimators.checks.channel import align
     from estimators.comparison import Comparison, compare
     from estimators.data.fit_data import FitData
-    from estimators.data.regression_data import RegressionData, fit_terms
+    from estimators.data.fits import fit_terms
+    from estimators.data.regression_data import RegressionData
     from estimators.data.split import split_recordings
     from estimators.diagnosis.addition import add, fit
     from estimators.diagnosis.result import Addition, Diagnosis, Verdict

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimators.data.regression_data import fit_terms
+from estimators.data.fits import fit_terms
 from estimators.data.split import split_recordings
 from estimators.signals.residual import AXES, SYMBOLS, Profile, compute_profiles
 from pendulum_env.backends import record

@@ -18,7 +18,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.channel import DRIVEN, NONE, ChannelFits, compute_driven_share, is_brake
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import remove_unit_inertia
 from estimators.regression.equations import IdentificationError

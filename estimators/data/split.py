@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.simulation.free_running import choose_segments

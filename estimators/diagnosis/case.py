@@ -13,7 +13,8 @@ import numpy as np
 
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.data.fit_data import FitData
-from estimators.data.regression_data import RegressionData, fit_within_laws
+from estimators.data.fits import fit_within_laws
+from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.experiment import Limits
 from estimators.diagnosis.result import Diagnosis, HorizonRefit
 from estimators.findings import Finding

@@ -7,7 +7,7 @@ from estimators.checks.closed_loop import find_feedback
 from estimators.checks.remedies import find_remedies, find_turned_torque
 from estimators.checks.torque_constant import add_torque_constant, find_gain_doubts
 from estimators.data.fit_data import FitData
-from estimators.data.regression_data import fit_within_laws
+from estimators.data.fits import fit_within_laws
 from estimators.diagnosis.case import Case, Setting, Trial
 from estimators.diagnosis.experiment import list_questions, suggest_experiment
 from estimators.diagnosis.horizon import refit_to_horizon

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.torque_constant import widen_by_constant
-from estimators.data.regression_data import fit_terms
+from estimators.data.fits import fit_terms
 from estimators.in_loop.profile import Profile, widen_by_profile
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.selection.errors import Step

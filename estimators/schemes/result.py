@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from estimators.checks.torque_constant import add_torque_constant
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.regression.equations import IdentificationError

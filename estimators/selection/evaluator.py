@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.data.rows import BLOCK
 from estimators.memoize import memoized
 from estimators.progress import Progress, no_progress

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.data.rows import ResidualStructure
 from estimators.memoize import memoized
 from estimators.regression.least_squares import compute_robust_covariance, invert_covariance, solve_least_squares

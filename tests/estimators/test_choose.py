@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from estimators import add, compare, diagnose, identify
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.simulation.free_running import compute_deviation, compute_growth, select
 from pendulum_env.backends import record
 from pendulum_env.errors import UserError

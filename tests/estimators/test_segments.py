@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.simulation.free_running import choose_segments
 from estimators.simulation.multiple_shooting import list_adjacent_segments
 from estimators.weak_form.windows import cut

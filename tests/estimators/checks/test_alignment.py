@@ -10,7 +10,8 @@ from scipy.signal import lfilter
 from benchmarks.independent_plant import Experiment, Plant, random_case
 from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align, align_each
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind
 from estimators.signals.channel import Channel
 from pendulum_env.arms.joints import arm_base

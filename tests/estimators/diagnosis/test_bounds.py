@@ -7,7 +7,8 @@ import pytest
 
 from benchmarks.independent_plant import Plant
 from estimators import diagnose
-from estimators.data.regression_data import RegressionData, fit_terms, fit_within_laws
+from estimators.data.fits import fit_terms, fit_within_laws
+from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind
 from estimators.weak_form.columns import list_bounds
 from pendulum_env.physics import BASE

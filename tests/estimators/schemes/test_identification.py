@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.run import diagnose
 from estimators.findings import Kind
 from estimators.regression.equations import IdentificationError

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
 from estimators.simulation.output_error import Point

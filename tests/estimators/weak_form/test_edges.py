@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from estimators import diagnose
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.search_hints import make_grid
 from estimators.weak_form.nonlinear import find_edges
 from pendulum_env.physics import BASE, Column, NonlinearParameter, Term, effects

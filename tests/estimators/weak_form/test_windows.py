@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
-from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.data.split import with_contacts
 from estimators.regression.equations import IdentificationError
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
