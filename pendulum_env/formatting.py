@@ -65,12 +65,6 @@ def typeset(text: str) -> str:
     return text.replace("-", "−")
 
 
-def split_estimate(text: str) -> tuple[str, str]:
-    """Split an estimate into value and standard error, for two lines of a table; the error may be empty."""
-    value, _, error = typeset(text).partition(" ± ")
-    return value, error and f"± {error}"
-
-
 def format_percent(share: float) -> str:
     """Format a share in per cent."""
     return f"{100 * share:.3g} %" if share >= 0.001 or share == 0 else "< 0.1 %"

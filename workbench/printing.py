@@ -16,7 +16,8 @@ from workbench.narrator.diagnosis import (
     describe_unexplained,
     list_remarks,
 )
-from workbench.narrator.results import Part, narrate_diagnosis
+from workbench.narrator.parts import Part
+from workbench.narrator.results import narrate_diagnosis
 from workbench.terminal import Terminal
 
 MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"
@@ -31,7 +32,7 @@ def print_parts(parts: Sequence[Part], terminal: Terminal) -> None:
                 terminal.table(*item)
             elif isinstance(item, str):
                 terminal.say(item, style="yellow" if item.startswith("warning: ") else None)
-            else:
+            elif isinstance(item, tuple):
                 for line in item:
                     terminal.say(f"- {line}")
 

@@ -52,9 +52,9 @@ def of_many_curves(folder: Path) -> str:
     time = np.linspace(0.0, 10.0, 50)
     curves = [line(time, np.sin(k + time), f"a curve with a name, {k}", "--base", "rad") for k in range(10)]
     many = Figure("many", "Many", curves, {"xaxis": axis("time [s]"), "yaxis": axis("angle [rad]")})
-    figures = [many, plot_errors(case, "torque_rms", "torque error [N m]", 0.01)]
+    figures = many, plot_errors(case, "torque_rms", "torque error [N m]", 0.01)
     section = make_errors(ReportData(diagnosis))
-    return render_page([replace(section, content={**section.content, "figures": figures})], "curves")
+    return render_page([replace(section, content=[figures, *section.content[1:]])], "curves")
 
 
 def of_a_comparison(folder: Path) -> str:

@@ -19,7 +19,8 @@ from workbench import options
 from workbench.errors import InputError
 from workbench.inputs import Inputs, list_sources, open_sources, read_all, read_source_names, report_timing
 from workbench.narrator.diagnosis import write_comparison
-from workbench.narrator.results import Part, narrate_comparison
+from workbench.narrator.parts import Part
+from workbench.narrator.results import narrate_comparison
 from workbench.outputs import check_outputs, report_files, write_json, write_page
 from workbench.printing import print_parts
 from workbench.terminal import Terminal

@@ -41,11 +41,11 @@ from workbench.narrator.html import (
     make_plot,
     make_table,
 )
-from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes
+from workbench.narrator.identification import classify_scheme, explain_trust, list_warnings, tabulate_schemes
 from workbench.narrator.notes import describe_note
+from workbench.narrator.parts import Part
 from workbench.narrator.results import (
-    Part,
-    classify_scheme,
+    NEXT,
     describe_noise,
     narrate_addition,
     narrate_comparison,
@@ -183,7 +183,7 @@ def show_diagnosis(found: Diagnosis) -> str:
     parts = [
         *narrate_disagreements(found.disagreements),
         *sorted(narrate_diagnosis(found), key=lambda part: not part.brief),
-        *([Part("What to do next", [texts])] if texts else []),
+        *([Part(NEXT, [texts])] if texts else []),
     ]
     return make_card(
         describe_result(found), *_note_constant(found.torque_constant), make_bullets(laws), *_render_parts(parts)
@@ -213,9 +213,9 @@ def _render_parts(parts: Sequence[Part]) -> Iterator[Html]:
         content = [
             make_table(item)
             if isinstance(item, TextTable)
-            else make_note(item)
-            if isinstance(item, str)
-            else make_bullets(map(capitalise, item))
+            else make_bullets(capitalise(str(point)) for point in item)
+            if isinstance(item, tuple)
+            else make_note(str(item))
             for item in part.content
         ]
         yield from [make_heading(part.title), *content] if part.brief else [make_details(part.title, *content)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -31,8 +30,10 @@ from workbench.narrator.diagnosis import (
     describe_unexplained,
 )
 from workbench.narrator.findings import describe, measure
+from workbench.narrator.parts import Content, Part
 from workbench.narrator.reasons import ERRORS, describe_reason
 
+NEXT = "What to do next"
 RUNNERS_UP = 5  # rejected candidates that are shown
 BIASED = "Biased by a missing effect; the size of the bias is unknown."
 SCORE = (
@@ -47,16 +48,6 @@ FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
 CLEAR = "clear of stick and reversals"
 FOLLOWED = 80.0  # [%] of the motion in free runs, below which torque alone does not make a good model
 
-Content = Sequence[TextTable | str | tuple[str, ...]]  # a tuple is a list of points
-
-
-class Part(NamedTuple):
-    """Content under a title; a notebook folds a part that is not brief."""
-
-    title: str
-    content: Content
-    brief: bool = True
-
 
 def narrate_diagnosis(found: Diagnosis) -> list[Part]:
     """Narrate a diagnosis, with the candidates that matter."""
@@ -65,8 +56,7 @@ def narrate_diagnosis(found: Diagnosis) -> list[Part]:
         table = tabulate_joints(get_end_errors(found.steps), found.floors, found.model)
         errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
-        noise = describe_noise(found.noise_floor, found.is_in_loop, units)
-        errors = Part("Errors", [tabulate_errors(found.steps, units), describe_fit(found.steps), noise, LEGEND])
+        errors = Part("Errors", narrate_errors(found))
     parts = [
         errors,
         Part("Parameters", [tabulate_parameters(found.model), *([BIASED] if found.unexplained else [])]),
@@ -83,6 +73,13 @@ def narrate_diagnosis(found: Diagnosis) -> list[Part]:
     if left := tuple(describe_unexplained(found, region) for region in found.unexplained):
         parts.append(Part("Left unexplained", [left]))
     return parts
+
+
+def narrate_errors(found: Diagnosis) -> Content:
+    """Narrate the errors of a pendulum or a servo after every step."""
+    units = found.model.units()
+    noise = describe_noise(found.noise_floor, found.is_in_loop, units)
+    return [tabulate_errors(found.steps, units), describe_fit(found.steps), noise, LEGEND]
 
 
 def narrate_refit(refit: HorizonRefit, units: JointUnits) -> Content:
@@ -103,9 +100,12 @@ def get_end_errors(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors
     return steps[0].errors[part], steps[-1].errors[part]
 
 
-def narrate_candidates(candidates: Sequence[Candidate]) -> Part:
-    """Narrate the candidates that matter, with the meaning of their score, and the gates that they met."""
-    ranking, more = tabulate_candidates(candidates)
+def narrate_candidates(candidates: Sequence[Candidate], most: int | None = RUNNERS_UP) -> Part:
+    """Narrate the candidates that matter, with the meaning of their score, and the gates that they met.
+
+    `most` is the largest number of those that were left out.
+    """
+    ranking, more = tabulate_candidates(candidates, most)
     shown = {row[0] for row in ranking.rows}
     gates = [(one.effect, *gate.cells) for one in candidates if one.effect in shown for gate in one.gates]
     table = TextTable(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
@@ -213,11 +213,14 @@ def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextT
     return TextTable([*headers, ""], [[*row, draw_bar(float(row[3]))] for row in rows], left=("",))
 
 
-def tabulate_parameters(model: Model) -> TextTable:
-    """Tabulate parameters with standard errors."""
-    named = {**model.readable, **model.derived}
-    rows = [(shorten_name(name), e.text, e.unit) for name, e in ((name, own.shown) for name, own in named.items())]
-    return TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))
+def tabulate_parameters(*models: Model, headers: Sequence[str] = ("estimate",)) -> TextTable:
+    """Tabulate the parameters of the last model with standard errors, beside those of the models before."""
+    named = [{**model.readable, **model.derived} for model in models]
+    rows = [
+        (shorten_name(name), *(own[name].shown.text if name in own else "" for own in named), last.shown.unit)
+        for name, last in named[-1].items()
+    ]
+    return TextTable(("parameter", *headers, "unit"), rows, left=("unit",))
 
 
 def describe_fit(steps: Sequence[Step]) -> str:
@@ -233,14 +236,14 @@ def describe_fit(steps: Sequence[Step]) -> str:
     return f"fit of held-out data: torque {torque}, position {position}"
 
 
-def tabulate_candidates(candidates: Sequence[Candidate]) -> tuple[TextTable, str]:
+def tabulate_candidates(candidates: Sequence[Candidate], most: int | None) -> tuple[TextTable, str]:
     """Tabulate the candidates that matter, and say in words which ones are not shown; empty if none.
 
     Those that matter are all but the less likely of those left out.
     """
     settled = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
     rest = [c for c in candidates if c not in settled]
-    shown, hidden = rest[:RUNNERS_UP], rest[RUNNERS_UP:]
+    shown, hidden = rest[:most], [] if most is None else rest[most:]
     rows = [
         (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c)) for c in (*settled, *shown)
     ]
@@ -266,17 +269,6 @@ def describe_noise(floor: float, in_loop: bool = False, units: JointUnits = TURN
         return f"noise floor, by the resolution of the encoder: {measure(Quantity(floor, unit=units.unit('rad')), 2)}"
     noise = measure(Quantity(floor, unit=units.unit(NEWTON_METRE)))
     return f"noise floor, by the scatter between samples: {noise}"
-
-
-def classify_scheme(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
-    """Return the style of a scheme: its family, which sets the colour, and whether it is filtered.
-
-    A scheme of another name is drawn as of the family `otherwise`, modulo three.
-    """
-    families = (("dynamic",), ("energy", "power"), ("hamiltonian",))
-    other = otherwise % len(families)
-    family = next((k for k, words in enumerate(families) if any(word in scheme for word in words)), other)
-    return family, "filtered" in scheme
 
 
 def tabulate_recordings(found: Comparison) -> TextTable:

@@ -1,6 +1,7 @@
 """The report of an arm: errors joint by joint, where each joint's torque is not the model's, and parameters."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -9,10 +10,12 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.signals.residual import REGIONS, compute_profiles
 from estimators.weak_form.torque_windows import NEGLIGIBLE
 from pendulum_env.formatting import format_percent
-from workbench.narrator.diagnosis import describe_next_step, describe_region, describe_result, describe_unexplained
-from workbench.narrator.results import tabulate_joints
+from pendulum_env.physics import Model, Term
+from workbench.narrator.diagnosis import describe_next_step, describe_result, describe_unexplained
+from workbench.narrator.parts import Content, Part
+from workbench.narrator.results import CLEAR, tabulate_joints
 from workbench.report.data import DrawnModel, ReportData, Section, list_ends
-from workbench.report.failures import list_key, plot_profile
+from workbench.report.failures import list_key, list_regions, plot_profile
 from workbench.report.numbers import make_parameters
 from workbench.report.story import rank_candidates
 
@@ -41,19 +44,23 @@ def make_joints(
     """Make the section on torque errors of joints, on the data that `measured` names, with the diagnosis if any."""
     final = models[-1][2].model
     errors = [step.errors["holdout"] for _, _, step in models]
-    selected, unexplained = (found.selected, found.unexplained) if found is not None else ((), ())
-    content = {
-        "measured": measured,
-        "table": tabulate_joints(errors, floors, final, [label for label, _, _ in models]),
-        "laws": [
-            (own.id, own.law, {name: one.shown for name, one in final.get_parameters(own.id).items()})
-            for own in final.terms
-            if own.id in selected
-        ],
-        "unexplained": [describe_unexplained(found, region) for region in unexplained] if found is not None else [],
-        "next_step": describe_next_step(found) if found is not None else "",
-    }
-    return Section("joints", "Result", headline, content)
+    selected = found.selected if found is not None else ()
+    content: list[Any] = [
+        Part("Added effects", [tuple(_describe_law(final, own) for own in final.terms if own.id in selected)]),
+        f"Torque errors (RMS of measured less modelled) on {measured}, {CLEAR}; noise floor: error by sensor noise "
+        "alone; last, the error as a share of the torque of the joint.",
+        tabulate_joints(errors, floors, final, [label for label, _, _ in models]),
+    ]
+    if found is not None:
+        left = tuple(describe_unexplained(found, region) for region in found.unexplained)
+        content += [describe_next_step(found), *([Part("Left unexplained", [left])] if left else [])]
+    return Section("joints", "Result", headline, content if selected else content[1:])
+
+
+def _describe_law(model: Model, term: Term) -> str:
+    """Describe an added effect by its law and its parameters."""
+    values = ", ".join(f"{name} {own.shown}" for name, own in model.get_parameters(term.id).items())
+    return f"{term.id}: {term.law}; {values}"
 
 
 def make_strips(models: Sequence[DrawnModel], prepared: RegressionData) -> Section:
@@ -71,16 +78,11 @@ def make_strips(models: Sequence[DrawnModel], prepared: RegressionData) -> Secti
         figures = [
             plot_profile(curves, drawn, regions[0], still, reach, f"joint-{k}") for drawn in zip(*maps, strict=True)
         ]
-        standing_out = [
-            {"label": label, "regions": [describe_region(region) for region in own]}
-            for (label, _), own in zip(curves, regions, strict=True)
-        ]
-        found.append({"joint": joint, "figures": figures, "regions": standing_out})
-    entries = list_key(curves, standing[0], len(standing) > 1 and standing[-1])
-    content = {
-        "strips": found,
-        "key": entries,
-        "threshold": REGIONS.stands_out,
-        "negligible": format_percent(NEGLIGIBLE),
-    }
+        found.append(Part(joint, [tuple(figures), *list_regions(curves, regions)]))
+    about = (
+        "The residual torque, averaged over bins of angle, velocity and time, one strip a joint, each in its own "
+        f"scale. The grey band is the noise floor ({REGIONS.stands_out:g} standard errors); a shaded stretch is where "
+        f"the residual stands out of it by more than {format_percent(NEGLIGIBLE)} of the joint's torque."
+    )
+    content: Content = [about, list_key(curves, standing[0], len(standing) > 1 and standing[-1]), *found]
     return Section("strips", "Where it fails", "Where each joint's torque is not the model's", content)

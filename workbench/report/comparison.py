@@ -15,6 +15,8 @@ from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import POINTS, thin
 from workbench.narrator.diagnosis import describe_next_step, describe_region, describe_result, list_remarks
+from workbench.narrator.parts import Content, Part
+from workbench.narrator.results import NEXT
 from workbench.report.data import ReportData, Section
 
 
@@ -28,21 +30,21 @@ def make_comparison(case: ReportData) -> Section:
     noise = case.diagnosis.noise_floor
     usable = [k for k, w in enumerate(prepared.data.windows) if len(w.centers) > 1]
     order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[: DRAWING.compared]
-    runs = []
+    runs: list[Part] = []
     for k in order:
         name, time = prepared.recordings[k].name, np.asarray(prepared.data.windows[k].at_centers().time)
         left = [part[k] for part in split]
         position = plot_position(case, f"position-{k}", [own.segments[k] for own in case.with_link_states(prepared)])
         drawn = plot_torque(case, f"torque-{k}", f"recording {name}", time, torque[k], left, noise)
-        runs.append({"name": name, "torque": drawn, "position": position})
-    content = {
-        "runs": runs,
-        "held_out": case.data.holdout is not case.data.recordings,
-        "left_out": len(usable) - len(runs),
-        "horizon": case.data.horizon or HORIZON,
-        "found": bool(case.diagnosis.selected),
-    }
-    return Section("comparison", "Comparison", "Measured against modelled", content)
+        runs += [Part(f"Torque, {name}", [drawn]), Part(f"Position in free run, {name}", [position])]
+    held_out = "Held-out data. " * (case.data.holdout is not case.data.recordings)
+    about = (
+        f"{held_out}Torque is averaged over short windows that stay clear of stick and of reversals; gaps are where "
+        "the joint stuck or turned. Each simulation of the position starts from the measured state and then runs "
+        f"freely for {case.data.horizon or HORIZON:g} s on the recorded torque alone."
+    )
+    more = [Part(f"Other recordings, {len(order) - 1} of {len(usable) - 1}", runs[2:], brief=False)]
+    return Section("comparison", "Comparison", "Measured against modelled", [about, *runs[:2], *more[: len(order) - 1]])
 
 
 def plot_torque(
@@ -118,11 +120,13 @@ def make_loop(
         layout = {"title": {"text": recording.name}, "xaxis": axis("time [s]"), "yaxis": axis(f"position [{unit}]")}
         label = f"{recording.name}: goal, measured and simulated position"
         figures.append(Figure(f"loop-{number}", label, lines, layout))
-    content = {
-        "table": TextTable(("recording", *(f"{label} [{unit}]" for label, _ in models)), rows),
-        "figures": figures,
-        "lists": [("Left unexplained", left), ("What to do next", advice)],
-    }
+    content: Content = [
+        "Whole recordings are simulated with the controller in the loop: all that is known is the goal. The error is "
+        "the mean distance of the simulated from the measured position.",
+        TextTable(("recording", *(f"{label} [{unit}]" for label, _ in models)), rows),
+        *figures,
+        *(Part(title, [tuple(texts)]) for title, texts in (("Left unexplained", left), (NEXT, advice)) if texts),
+    ]
     return Section("loop", "In the loop", capitalise(headline), content)
 
 

@@ -1,13 +1,13 @@
 """Sections of a report, and their data, computed once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
+from estimators.figure import Figure
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.result import Identification
@@ -16,6 +16,7 @@ from estimators.selection.errors import Step
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.units import JointUnits, to_shown_unit
+from workbench.narrator.parts import Content, list_figures
 
 DrawnModel = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
 
@@ -24,15 +25,15 @@ DrawnModel = tuple[str, str, Step]  # how the page calls a model, the colour of 
 class Section:
     """Part of the page under one heading."""
 
-    id: str  # anchor on the page, and name of the template
+    id: str  # anchor on the page
     short: str  # title in the navigation
     title: str  # heading
-    content: Mapping[str, Any]  # what the template may use
+    content: Content
 
     @property
-    def template(self) -> str:
-        """Return the file name of the template."""
-        return f"{self.id}.html"
+    def figures(self) -> list[Figure]:
+        """Return the figures in it, in order."""
+        return list(list_figures(self.content))
 
 
 def list_ends(steps: Sequence[Step], first: str = "base model") -> list[DrawnModel]:

@@ -1,6 +1,6 @@
 """Plots of the residual of a model over angle, velocity, torque, time and frequency, and in the phase plane."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, comput
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
 from pendulum_env.units import JointUnits, to_shown_unit
+from workbench.narrator.diagnosis import describe_region
+from workbench.narrator.parts import Key, Part
 from workbench.report.data import ReportData, Section
 
 TITLES = {  # name and symbol of an axis
@@ -30,27 +32,41 @@ def make_failures(case: ReportData) -> Section:
     maps = [compute_profiles(prepared.samples, residual, noise, units=case.units) for residual in residuals]
     regions = find_regions(prepared.samples, residuals[0], noise, units=case.units)
     curves = [(label, color) for label, color, _ in case.models]
-    still = case.diagnosis.unexplained if case.diagnosis.selected else ()
+    found, still = case.diagnosis.selected, case.diagnosis.unexplained if case.diagnosis.selected else ()
     reach = 1.08 * max(float(np.max(np.abs(item.mean))) for drawn in maps for item in drawn if item.axis != "frequency")
-    drawn = zip(case.models, draw_planes(prepared.samples, residuals, case.units), strict=True)
+    planes = zip(case.models, draw_planes(prepared.samples, residuals, case.units), strict=True)
     about = "Mean residual torque in the plane of angle and velocity"
-    content = {
-        "first": case.first,
-        "regions": regions,
-        "unexplained": case.diagnosis.unexplained,
-        "found": bool(case.diagnosis.selected),
-        "key": list_key(curves, bool(regions), bool(case.diagnosis.selected and case.diagnosis.unexplained)),
-        "threshold": REGIONS.stands_out,
-        "figures": [plot_profile(curves, [m[k] for m in maps], regions, still, reach) for k in range(len(maps[0]))],
-        "planes": [
-            (label, Figure(f"plane-{k}", f"{about}, {label}", [cells], layout, 380))
-            for k, ((label, _, _), (cells, layout)) in enumerate(drawn)
-        ],
-    }
+    scales = (
+        "The residual torque, averaged over bins of each quantity, on the data that were fitted. The grey band is "
+        f"the noise floor ({REGIONS.stands_out:g} standard errors); a shaded stretch is where the residual stands out "
+        "of it. Means share one scale; amplitudes over frequency have their own."
+    )
+    profiles = [plot_profile(curves, [m[k] for m in maps], regions, still, reach) for k in range(len(maps[0]))]
+    planes_drawn = [
+        Figure(f"plane-{k}", f"{about}, {label}", [cells], layout | {"title": {"text": label}}, 400)
+        for k, ((label, _, _), (cells, layout)) in enumerate(planes)
+    ]
+    content = [
+        scales,
+        list_key(curves, bool(regions), bool(still)),
+        tuple(profiles),
+        *list_regions(curves, [regions, *([case.diagnosis.unexplained] if found else [])]),
+        Part(
+            "In the phase plane",
+            ["Mean residual of each cell; blank where fewer than two windows lie.", tuple(planes_drawn)],
+        ),
+    ]
     return Section("failures", "Where it fails", "Where the model fails", content)
 
 
-def list_key(curves: Sequence[Curve], regions: bool, still: bool) -> list[tuple[str, str, str]]:
+def list_regions(curves: Sequence[Curve], found: Sequence[Sequence[Region]]) -> Iterator[str | tuple[str, ...]]:
+    """List the regions in which the residual stands out, for each model."""
+    for (label, _), regions in zip(curves, found, strict=False):
+        yield f"Under the {label}{':' if regions else ', the residual is within the noise.'}"
+        yield tuple(describe_region(region) for region in regions)
+
+
+def list_key(curves: Sequence[Curve], regions: bool, still: bool) -> Key:
     """List the kind, colour and meaning of curves, and of stripes under the first and the last of them."""
     entries = [("stroke", color, label) for label, color in curves]
     entries.append(("patch", "--noise", f"noise (±{REGIONS.stands_out:g}σ)"))
@@ -58,7 +74,7 @@ def list_key(curves: Sequence[Curve], regions: bool, still: bool) -> list[tuple[
         entries.append(("patch", "--region", f"stands out under the {curves[0][0]}"))
     if still:
         entries.append(("patch", "--open", f"stands out under the {curves[-1][0]}"))
-    return entries
+    return Key(tuple(entries))
 
 
 def plot_profile(
@@ -142,7 +158,7 @@ def draw_planes(samples: Samples, residuals: Sequence[Array], units: JointUnits)
     layout = {
         "xaxis": make_angle_axis(units),
         "yaxis": axis(f"velocity q' [{speed}]"),
-        "margin": {"t": 12, "r": 8},
+        "margin": {"t": 36, "r": 8},
     }
     of = (angle, speed, units.unit("N m"))
     return [(draw_cells(x, y, mean, limit, of), layout) for mean in means]

@@ -2,74 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from textwrap import wrap
 from typing import Any
 
 import numpy as np
 
-from estimators.data.regression_data import RegressionData
 from estimators.figure import DRAWING, Figure, axis, band, line, segment
 from estimators.schemes.result import Identification
-from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON
-from pendulum_env.formatting import capitalise, format_number, format_unit
-from pendulum_env.physics import Estimate
+from pendulum_env.formatting import TextTable, capitalise, format_number, format_unit
 from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.narrator.effects import name_effect
-from workbench.narrator.results import classify_scheme
+from workbench.narrator.identification import classify_scheme, list_warnings, tabulate_schemes
+from workbench.narrator.parts import Content, Key, Part
+from workbench.narrator.results import narrate_errors, tabulate_parameters
 from workbench.report.data import ReportData, Section
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
-WIDTH, ROW, MARGIN = 240.0, 14.0, 12.0  # of an interval plot [px]
 COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 
 
 def make_errors(case: ReportData) -> Section:
     """Make the section on errors after every step."""
-    steps = case.diagnosis.steps
+    found, steps, units = case.diagnosis, case.diagnosis.steps, case.units
     is_simulated = np.isfinite([own.position_rms for step in steps for own in step.errors.values()]).all()
-    unit_of_torque = case.units.unit("N m")
-    content = {
-        "steps": steps,
-        "unit": unit_of_torque,
-        "angle": case.angle,
-        "noise_floor": case.diagnosis.noise_floor,
-        "whiteness": [
-            check_whiteness(f"{label}, {part}", case, prepared, k)
-            for k, (label, _, _) in enumerate(case.models)
-            for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
-        ],
-        "figures": [
-            plot_errors(case, "torque_rms", f"torque error [{unit_of_torque}]", case.diagnosis.noise_floor),
-            *(
-                [
-                    plot_errors(
-                        case, "position_rms", f"free-running position error [{case.angle[1]}]", None, case.angle[0]
-                    )
-                ]
-                if is_simulated
-                else []
-            ),
-        ]
-        if len(steps) > 1
-        else [],
-    }
-    return Section("errors", "Errors", "How the error falls", content)
-
-
-def check_whiteness(
-    label: str, case: ReportData, prepared: RegressionData, drawn: int
-) -> tuple[str, float, float, str]:
-    """Test of the residual of a drawn model for correlation between neighbours, beyond what their overlap gives.
-
-    Label, what they share [N m], the same in standard errors of white noise, and what that means.
-    """
-    residual, model = case.compute_residuals(prepared)[drawn], case.models[drawn][2]
-    shared, significance, _ = prepared.data.structure(residual, abs(model.estimates["inertia"].value))
-    small = ", below the noise floor" if shared < case.diagnosis.noise_floor else ": another term may explain it"
-    return label, shared, significance, "white" if significance < Criterion().z_score else f"not white{small}"
+    drawn = [plot_errors(case, "torque_rms", f"torque error [{units.unit('N m')}]", found.noise_floor)]
+    if is_simulated:
+        factor, angle = case.angle
+        drawn.append(plot_errors(case, "position_rms", f"free-running position error [{angle}]", None, factor))
+    figures = tuple(drawn) if len(steps) > 1 else "No effect was added, so there is one step only."
+    return Section("errors", "Errors", "How the error falls", [figures, *narrate_errors(found)])
 
 
 def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None, factor: float = 1.0) -> Figure:
@@ -107,26 +70,32 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
 
 
 def make_parameters(case: ReportData) -> Section:
-    """Make the section on the parameters of the last model at every step, and on combined parameters."""
+    """Make the section on the parameters of the model at every step, and on combined parameters."""
     steps = case.diagnosis.steps
     labels = [case.first if step.added is None else f"+ {name_effect(step.added)}" for step in steps]
-    models = [step.model for step in steps]
-    shown, final = [model.readable for model in models], models[-1]
-    single = [k for k, label in enumerate(final.estimates) if label in shown[-1]]  # entries of tables have their figure
-    correlation = final.correlation if len(single) <= DRAWING.correlated else ()
+    final = steps[-1].model
+    single = [k for k, label in enumerate(final.estimates) if label in final.readable]  # tables have their figure
     names = list(final.estimates)
-    content = {
-        "rows": [
-            _make_row(label, [known[label].shown if label in known else None for known in shown]) for label in shown[-1]
-        ],
-        "labels": labels,
-        "width": WIDTH,
-        "sigmas": DRAWING.sigmas,
-        "combined": final.body.combined,
-        "names": [names[k] for k in single],
-        "correlation": [[correlation[k][j] for j in single] for k in single] if correlation else (),
-        "figures": [_plot_table(term, curve, final.units(term.at)) for term, curve in final.tables.values()],
-    }
+    content: list[Any] = [
+        "Value ± standard error after every step.",
+        tabulate_parameters(*(step.model for step in steps), headers=labels),
+    ]
+    if final.body.combined:
+        combined = tuple(f"{name} stands for {text}" for name, text in final.body.combined.items())
+        content += [
+            "The torque shows combinations of the links' masses and inertias, the base parameters, each named by its "
+            "first part:",
+            combined,
+        ]
+    content.append(tuple(_plot_table(term, curve, final.units(term.at)) for term, curve in final.tables.values()))
+    if (correlation := final.correlation) and len(single) <= DRAWING.correlated:
+        rows = [
+            (names[k], *(f"{correlation[k][j]:.2f}" if j < k else "1" if j == k else "" for j in single))
+            for k in single
+        ]
+        about = "Near ±1, the data tell only a sum or a difference of the two."
+        table = TextTable(("parameter", *(names[k] for k in single)), rows)
+        content.append(Part("Correlation of the errors in the final model", [about, table], brief=False))
     return Section("parameters", "Parameters", "Parameters with standard errors", content)
 
 
@@ -143,29 +112,6 @@ def _plot_table(table: Table, curve: TableCurve, units: JointUnits) -> Figure:
     return Figure(f"table-{table.id}", title, data, {"xaxis": axis(argument), "yaxis": axis(f"f [{of_torque}]")}, 320)
 
 
-def _make_row(label: str, estimates: Sequence[Estimate | None]) -> dict[str, Any]:
-    """Make the row of a parameter: estimates, and intervals as low, middle and high end, height [px] and style."""
-    known = [(k, e, DRAWING.sigmas * e.std) for k, e in enumerate(estimates) if e is not None]
-    low, high = min(e.value - half for _, e, half in known), max(e.value + half for _, e, half in known)
-
-    def place(value: float) -> float:
-        return MARGIN + (WIDTH - 2 * MARGIN) * ((value - low) / (high - low) if high > low else 0.5)
-
-    styles = ["base", *["between"] * (len(estimates) - 2), "final"]
-    intervals = [
-        (place(e.value - half), place(e.value), place(e.value + half), ROW * (k + 0.5), styles[k])
-        for k, e, half in known
-    ]
-    return {
-        "name": label,
-        "unit": known[-1][1].unit,
-        "estimates": estimates,
-        "intervals": intervals,
-        "height": ROW * len(estimates),
-        "limits": (low, high),
-    }
-
-
 def make_schemes(case: ReportData) -> Section | None:
     """Make the section on the schemes and their convergence; None for recordings that are too poor."""
     found = case.schemes
@@ -173,13 +119,14 @@ def make_schemes(case: ReportData) -> Section | None:
         return None
     strokes = {id: choose_stroke(k, id) for k, id in enumerate(found.schemes)}
     columns, units = next(iter(found.schemes.values())).model.columns, case.units.unit
-    content = {
-        "found": found,
-        "names": [column.name for column in columns],
-        "units": [units(column.unit) for column in columns],
-        "strokes": strokes,
-        "figures": [plot_convergence(found, k, strokes, units(columns[k].unit)) for k in range(len(columns))],
-    }
+    content: Content = [
+        "Each scheme turns the same recordings into its own regression. The plots show the recursive estimate as the "
+        "recording goes on; filtered schemes are dashed.",
+        tuple(list_warnings(found)),
+        tabulate_schemes(found),
+        Key(tuple(("stroke", strokes[id]["color"], name_effect(id)) for id in found.schemes)),
+        tuple(plot_convergence(found, k, strokes, units(column.unit)) for k, column in enumerate(columns)),
+    ]
     return Section("schemes", "Schemes", "The schemes side by side", content)
 
 

@@ -16,21 +16,10 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.selection.errors import Step
 from pendulum_env.arguments import check_order
 from pendulum_env.files import write_whole
-from pendulum_env.formatting import (
-    capitalise,
-    format_number,
-    format_percent,
-    format_unit,
-    join_words,
-    split_estimate,
-    typeset,
-)
-from workbench.narrator.comparison import describe_comparison, describe_loop, describe_unstable
-from workbench.narrator.diagnosis import describe_disagreement, describe_region
+from pendulum_env.formatting import capitalise, format_number, format_unit, join_words, typeset
+from workbench.narrator.comparison import describe_comparison, describe_loop
 from workbench.narrator.effects import name_effect
-from workbench.narrator.identification import list_warnings
-from workbench.narrator.reasons import describe_reason
-from workbench.narrator.results import tabulate_recordings
+from workbench.narrator.results import narrate_comparison
 from workbench.report import arm
 from workbench.report.comparison import make_comparison, make_loop, make_loop_diagnosis
 from workbench.report.data import ReportData, Section
@@ -60,9 +49,8 @@ def _load_environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    formats = (capitalise, join_words, format_number, format_unit, typeset, split_estimate, format_percent)
-    narrators = (describe_unstable, describe_disagreement, describe_reason, describe_region, name_effect, list_warnings)
-    environment.filters |= {function.__name__: function for function in (*formats, *narrators)}
+    functions = (capitalise, join_words, format_number, format_unit, typeset, name_effect)
+    environment.filters |= {function.__name__: function for function in functions}
     return environment
 
 
@@ -87,7 +75,7 @@ def render(diagnosis: Diagnosis, command: str = "") -> str:
 
 def render_fragment(section: Section) -> str:
     """Render the content of a section without its figures, for another page in the same style."""
-    return _load_environment().get_template(section.template).render(content={**section.content, "figures": []})
+    return _load_environment().get_template("section.html").render(content=section.content, figures=False)
 
 
 def read_shared(name: str) -> str:
@@ -147,13 +135,9 @@ def render_comparison(compared: Comparison) -> str:
     case = ReportData(found, first="model")  # nothing is added to it
     if not found.body.can_simulate:
         return _render_recordings(case, arm.make_sections(case), "comparison with")
-    distances = Section(
-        "distances",
-        "Result",
-        describe_comparison(compared),
-        {"compared": compared, "table": tabulate_recordings(compared)},
-    )
-    sections = [distances, make_comparison(case), make_failures(case), make_parameters(case)]
+    parts = narrate_comparison(compared, is_drawn=True)
+    result = Section("result", "Result", describe_comparison(compared), parts)
+    sections = [result, make_comparison(case), make_failures(case), make_parameters(case)]
     if (error := describe_loop(compared)) is not None:
         sections.insert(1, make_loop(error, [("model", compared.model)], case.data.recordings, case.angle))
     return _render_recordings(case, sections, "comparison with")

@@ -12,14 +12,22 @@ from estimators.figure import Figure, axis, line
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
 from estimators.simulation.free_running import HORIZON
 from estimators.weak_form.windows import Windows
-from pendulum_env.formatting import format_number, join_words
-from pendulum_env.physics import list_nameable
+from pendulum_env.formatting import TextTable, capitalise, format_number, format_percent, join_words
 from pendulum_env.quantity import Quantity
-from workbench.narrator.diagnosis import describe_next_step, describe_refit, describe_result, list_advice, list_remarks
+from workbench.narrator.diagnosis import (
+    describe_next_step,
+    describe_refit,
+    describe_region,
+    describe_result,
+    list_advice,
+    list_remarks,
+)
 from workbench.narrator.effects import name_effect
 from workbench.narrator.findings import describe_aim, measure, measure_range
 from workbench.narrator.notes import describe_note
-from workbench.narrator.results import tabulate_detectable
+from workbench.narrator.parts import Code, Content, Part
+from workbench.narrator.reasons import describe_reason
+from workbench.narrator.results import NEXT, narrate_candidates, narrate_disagreements, tabulate_detectable
 from workbench.report.data import ReportData, Section
 
 
@@ -39,24 +47,38 @@ def make_story(case: ReportData) -> Section:
     """Make the section with headline, key figures and next step."""
     diagnosis = case.diagnosis
     constant = diagnosis.torque_constant
-    content = {
+    left = tuple(describe_region(region) for region in diagnosis.unexplained)
+    advice = (
+        (describe_next_step(diagnosis), *list_remarks(diagnosis))
+        if diagnosis.candidates
+        else tuple(list_advice(diagnosis))
+    )
+    silent = [c for c in diagnosis.candidates if c.verdict is Verdict.NOT_EXCITED]
+    head = {
         "changes": list_changes(case),
         "misled": list_misled(diagnosis),
         "refit": describe_refit(diagnosis.refit) if diagnosis.refit is not None else None,
         "findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected],
         "unexplained": diagnosis.unexplained,
-        "disagreements": diagnosis.disagreements,
-        "advice": [describe_next_step(diagnosis), *list_remarks(diagnosis)]
-        if diagnosis.candidates
-        else list_advice(diagnosis),
-        "not_excited": [c for c in diagnosis.candidates if c.verdict is Verdict.NOT_EXCITED],
         "noise_floor": diagnosis.noise_floor,
         "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / diagnosis.noise_floor,
         "candidates": len(diagnosis.candidates),
         "held_out": describe_held_out(case),
         "torque_constant": constant.text if constant is not None else None,
     }
-    return Section("story", "Result", describe_result(diagnosis), content)
+    parts = [
+        *narrate_disagreements(diagnosis.disagreements),
+        Part("What no effect explains", [left]),
+        Part(NEXT, [advice]),
+        Part(
+            f"{len(silent)} effect{'s' * (len(silent) > 1)} could not be judged from these data",
+            [tuple(f"{capitalise(name_effect(one.effect))}: {describe_reason(one)}" for one in silent)],
+            brief=False,
+        ),
+    ]
+    return Section(
+        "story", "Result", describe_result(diagnosis), [head, *(part for part in parts if any(part.content))]
+    )
 
 
 def list_changes(case: ReportData) -> list[Change]:
@@ -125,11 +147,12 @@ def make_candidates(case: ReportData) -> Section:
 
 
 def rank_candidates(found: Sequence[Candidate], detectable: Sequence[Detectable] = ()) -> Section:
-    """Tabulate any candidates."""
-    laws = {id: kind.law for id, kind in list_nameable().items()}
-    rows = [(one, laws.get(one.effect.partition("@")[0], ""), list(Verdict).index(one.verdict)) for one in found]
-    widest = max([1.25, *(min(one.error_ratio, 2.0) for one in found)])
-    content = {"rows": rows, "widest": widest, "detectable": tabulate_detectable(detectable)}
+    """Make the section on any candidates."""
+    content = [*narrate_candidates(found, most=None).content]
+    if any(one.gates for one in found):
+        content[-1:] = [Part("Gates", content[-1:], brief=False)]
+    if detectable:
+        content.append(Part("Smallest effects that would have shown", [tabulate_detectable(detectable)]))
     return Section("candidates", "Candidates", "What was considered", content)
 
 
@@ -149,48 +172,55 @@ def make_next_experiment(case: ReportData) -> Section | None:
     speed = measure(Quantity(suggestion.peak_speed, unit=case.units.unit("rad/s")), 2)
     reach = measure_range(*suggestion.reach, case.units.unit("rad"), 2)
     expected = f"{case.units.name('angle')}s from {reach} and speeds up to {speed}"
-    content = {
-        "figure": figure,
-        "expected": expected,
-        "aims": [describe_aim(own.effect, own.instead) for own in suggestion.settles],
-    }
-    return Section("next", "What next", "The next experiment", content)
+    aims = join_words([describe_aim(own.effect, own.instead) for own in suggestion.settles])
+    about = (
+        f"This torque would {aims}. The model predicts {expected}. The command `diagnose --experiment next.csv` "
+        "writes it for a controller of your own."
+    )
+    return Section("next", "What next", "The next experiment", [about, figure])
 
 
 def make_method(case: ReportData) -> Section:
     """Describe the method of the result."""
-    content = {
-        "used": [
-            _tabulate_use(w, part)
-            for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
-            for w in prepared.data.windows
-        ],
-        "unit": case.units.unit("N m"),
-        "angle": case.angle,
-        "split": not case.data.holdout,
-        "seconds": HORIZON,
-        "command": case.command,
-        "terms": [term.id for term in case.diagnosis.steps[0].model.terms],
-    }
+    terms = join_words([term.id for term in case.diagnosis.steps[0].model.terms])
+    split = "" if case.data.holdout else " Held out is the last 30 % of each recording."
+    rows = [
+        _tabulate_use(w, part, case)
+        for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
+        for w in prepared.data.windows
+    ]
+    noise = f"torque noise [{case.units.unit('N m')}]", f"position noise [{case.angle[1]}]"
+    headers = ("recording", "part", "duration [s]", "rate [Hz]", "at rest", "used", "windows", "length [ms]", *noise)
+    recordings = (*case.data.recordings, *case.data.holdout)
+    content: Content = [
+        f"The base model has the terms {terms}. Its torque balance is averaged over short smooth windows clear of "
+        "stick and reversals, which passes both sides through the same filter, and solved by least squares; standard "
+        "errors allow for residuals that are correlated in time. An effect is added only if it predicts blocks of "
+        "the fitted data that it was not fitted to and then lowers the error on held-out data, in torque and in "
+        f"free-running simulation over {HORIZON:g} s.{split}",
+        TextTable(headers, rows, left=("part",)),
+        tuple(dict.fromkeys(f"{own.name}: {describe_note(note)}" for own in recordings for note in own.notes)),
+        "At rest: share of samples in stick or too slow for friction to have a direction. Used: share of samples "
+        "inside a window. Noise: standard deviation of the white part of each channel.",
+        *([Part("Do it again", [Code(case.command)])] if case.command else []),
+    ]
     return Section("method", "Method", "How this was done", content)
 
 
-def _tabulate_use(w: Windows, part: str) -> dict[str, Any]:
-    """Tabulate the use of a recording: shares of samples at rest and in windows, lengths [s], and noise."""
-    covered = np.zeros(len(w.recording), dtype=bool)
-    half = len(w.kernel) // 2
+def _tabulate_use(w: Windows, part: str, case: ReportData) -> tuple[str, ...]:
+    """Tabulate the use of a recording: shares of samples at rest and in windows, lengths, and noise."""
+    own, covered, half = w.recording, np.zeros(len(w.recording), dtype=bool), len(w.kernel) // 2
     for center in w.centers:
         covered[center - half : center + half + 1] = True
-    return {
-        "name": w.recording.name,
-        "part": part,
-        "rate": w.recording.rate,
-        "duration": w.recording.duration,
-        "at_rest": 1.0 - float(np.mean(w.moving)),
-        "used": float(np.mean(covered)),
-        "windows": len(w.centers),
-        "window": len(w.kernel) / w.recording.rate,
-        "torque_noise": estimate_white_noise(w.recording.torque),
-        "position_noise": estimate_encoder_noise(w.recording.position),
-        "notes": [describe_note(note) for note in w.recording.notes],
-    }
+    return (
+        own.name,
+        part,
+        f"{own.duration:.4g}",
+        f"{own.rate:.4g}",
+        format_percent(1.0 - float(np.mean(w.moving))),
+        format_percent(float(np.mean(covered))),
+        f"{len(w.centers)}",
+        f"{1000 * len(w.kernel) / own.rate:.2g}",
+        f"{estimate_white_noise(own.torque):.2g}",
+        f"{case.angle[0] * estimate_encoder_noise(own.position):.2g}",
+    )

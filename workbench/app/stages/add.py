@@ -41,7 +41,7 @@ def show(session: Session) -> list[Component]:
         section = make_joints(rungs, "held-out data", "", state.result.floors)
         return [offer, make_panel("Errors step by step", make_fragment(section), *undo)]
     section = make_errors(state.standing)
-    plots = html.Div([make_graph(figure) for figure in section.content["figures"]], className="columns even")
+    plots = html.Div([make_graph(figure) for figure in section.figures], className="columns even")
     fall = make_panel(section.title, html.P(describe_step(state), className="before-after"), plots, *undo)
     return [
         *([offer, fall] if state.found or not state.added else [fall, offer]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,21 @@ from pendulum_env.formatting import capitalise, format_number
 from pendulum_env.physics import Samples
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
-from workbench.app.parts import LINKED, label_control, list_choices, make_dropdown, make_graph, make_panel, name_field
+from workbench.app.parts import (
+    LINKED,
+    label_control,
+    list_choices,
+    make_dropdown,
+    make_fragment,
+    make_graph,
+    make_panel,
+    name_field,
+)
 from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.effects import find_description
+from workbench.narrator.parts import Part, list_figures
 from workbench.report.arm import make_strips
 from workbench.report.comparison import plot_position, plot_torque
 from workbench.report.data import ReportData, list_ends
@@ -188,15 +198,10 @@ def _show_strips(state: Work, id: str) -> list[Component]:
     recording = state.recordings[state.loaded.index(state.find(id))]
     section = make_strips(list_ends(state.ladder), RegressionData.of_arm([recording], state.model.terms))
     parts = []
-    for strip in section.content["strips"]:
-        texts: list[Component] = []
-        for own in strip["regions"]:
-            texts.append(
-                html.P(f"Under the {own['label']}{':' if own['regions'] else ', the residual is within the noise.'}")
-            )
-            texts.append(html.Ul([html.Li(capitalise(text)) for text in own["regions"]], className="regions-list"))
-        plots = [make_graph(figure) for figure in strip["figures"]]
-        parts.append(make_panel(strip["joint"], html.Div(plots, className="grid strip"), *texts))
+    for number, strip in enumerate(part for part in section.content if isinstance(part, Part)):
+        plots = html.Div([make_graph(figure) for figure in list_figures([strip])], className="grid strip")
+        texts = make_fragment(replace(section, id=f"strip-{number}", content=strip.content))
+        parts.append(make_panel(strip.title, plots, texts))
     return parts
 
 

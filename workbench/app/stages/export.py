@@ -94,7 +94,7 @@ def write_commands(state: State) -> str:
     lines = [["record", *one.origin, "-o", one.source.file.name] for one in state.loaded if one.origin]
     model, scheme = state.model_file, list[str]()
     if (robot := state.robot) is not None:
-        of_robot = ["--robot", robot.file.name, "--base", "fixed", *["--rotors"] * bool(robot.rotors)]
+        of_robot = ["--robot", robot.file.name, *["--rotors"] * bool(robot.rotors)]
         train = given = [*given, *of_robot, *["--no-gravity"] * robot.weightless]
         scheme = ["--scheme", SAVED]
     if model:

@@ -40,7 +40,7 @@ def _show_schemes(state: Work) -> list[Component]:
     section = make_schemes(state.standing)
     if section is None:
         return [html.P("These recordings are too poor for the schemes.")]
-    plots = [make_graph(figure) for figure in section.content["figures"]]
+    plots = [make_graph(figure) for figure in section.figures]
     return [make_fragment(section), html.Div(plots, className="grid")]
 
 
