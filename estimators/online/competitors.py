@@ -172,7 +172,7 @@ class CompetingModels:
     def _solve(self, models: slice = slice(None)) -> tuple[Array, Array]:
         """Solve for parameters within their bounds (V, P + K), and the information of those within (V, K, K)."""
         bounds = self._least[models], self._most[models]
-        delta, information = solve_within_bounds(self.information[models], self.moment[models], *bounds)
+        delta, information = solve_each_within_bounds(self.information[models], self.moment[models], *bounds)
         base = self.of_y[models] - np.einsum("vk,vkp->vp", delta, self.of_own[models])
         return np.concatenate([base, delta], axis=1), information
 
@@ -284,7 +284,7 @@ class CompetingModels:
         return tuple(dict.fromkeys([*kept, best, *near, *thin_variants(fresh)]))
 
 
-def solve_within_bounds(information: Array, moment: Array, least: Array, most: Array) -> tuple[Array, Array]:
+def solve_each_within_bounds(information: Array, moment: Array, least: Array, most: Array) -> tuple[Array, Array]:
     """Solve V least-squares problems for K parameters within bounds, information (V, K, K) and moment (V, K).
 
     The parameter that is farthest beyond a bound is held there, and the others are solved again, until all are within.

@@ -136,8 +136,7 @@ class Diagnoser:
             alarms_per_hour: accepted mean number of false alarms per hour of motion.
 
         Raises:
-            ValueError: if a number is out of its range, the number of given parameters is wrong, or a term of the model
-                depends on the past.
+            ValueError: if a number is out of its range, or a term of the model depends on the past.
         """
         check_rate(rate)
         reasons = {term.id: reason for term in terms if (reason := find_obstacle(type(term)))}
@@ -145,9 +144,6 @@ class Diagnoser:
             raise ValueError(
                 f"{next(iter(reasons))} depends on the past and has no online diagnosis: remove it from the model"
             )
-        names = [column.name for term in terms for column in term.columns]
-        if given is not None and len(given.theta) != len(names):
-            raise ValueError(f"{len(given.theta)} parameters are given: give {len(names)}, {', '.join(names)}")
         library = effects() if library is None else library
         self.not_run = {id: reason for id, effect in library.items() if (reason := find_obstacle(effect))}
         library = {id: effect for id, effect in library.items() if id not in self.not_run}

@@ -29,7 +29,7 @@ from pendulum_env.backends.emulators import emulate
 from pendulum_env.plant import make_plant
 asked = json.loads(sys.argv[1])
 emulate(
-    make, make_plant(asked["theta"], asked["effects"]), Path(asked["config"]), asked["rate"],
+    make, make_plant(effects=asked["effects"]), Path(asked["config"]), asked["rate"],
     asked["settings"], lambda text: print(text, flush=True), first=asked["first"], log=Path(asked["log"]),
 )
 """
@@ -78,13 +78,13 @@ def until_in_time(test: Callable[..., None]) -> Callable[..., None]:
 class EmulatedRig:
     """An emulator, its configuration and its log."""
 
-    def __init__(self, folder: Path, kind: str, *, rate=None, theta=None, effects=(), first=0, limits=None, **tables):
+    def __init__(self, folder: Path, kind: str, *, rate=None, effects=(), first=0, limits=None, **tables):
         self.kind, self.folder, self.rate = kind, folder, rate or RATES[kind]
         self.config, self.log = folder / "rig.toml", folder / "motor.log"
         settings = {"limits": {"reply": 0.25, "overruns": 10**9, "behind": 60.0, "gap": 0.07, **(limits or {})}}
         settings |= {"rest": {"seconds": 0.1}, **tables}
         asked = {
-            "theta": theta, "effects": list(effects), "config": str(self.config), "rate": self.rate,
+            "effects": list(effects), "config": str(self.config), "rate": self.rate,
             "settings": settings, "first": first, "log": str(self.log),
         }  # fmt: skip
         code = FIRST + MADE[kind] + EMULATOR

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from estimators.online.binning import Bins
-from estimators.online.competitors import CompetingModels, solve_within_bounds
+from estimators.online.competitors import CompetingModels, solve_each_within_bounds
 from estimators.regression.recursive import PRIOR
 from pendulum_env.physics import BASE
 from pendulum_env.physics.library import effect
@@ -66,7 +66,7 @@ def test_parameters_within_bounds_are_those_of_bounded_least_squares(count):
     for _ in range(50):
         rows, y = rng.normal(size=(12, count)) @ rng.normal(size=(count, count)), rng.normal(size=12)
         least, most = np.zeros(count), np.where(rng.random(count) < 0.5, 0.1, np.inf)
-        theta, _ = solve_within_bounds((rows.T @ rows)[None], (rows.T @ y)[None], least[None], most[None])
+        theta, _ = solve_each_within_bounds((rows.T @ rows)[None], (rows.T @ y)[None], least[None], most[None])
         expected = lsq_linear(rows, y, (least, most)).x
         np.testing.assert_allclose(rows @ theta[0], rows @ expected, atol=1e-5)
 

@@ -102,13 +102,3 @@ def test_what_is_no_file_in_the_place_of_the_lock_is_refused(lock, put):
     with pytest.raises(DriveError, match=rf"cannot be locked: {lock}: .* remove it"):
         Ownership(WHAT).acquire()
     assert not lock.with_name("elsewhere").exists()
-
-
-@pytest.mark.parametrize("put", [os.link, lambda _, lock: os.mkfifo(lock)])
-def test_nothing_is_written_to_what_somebody_put_there_and_it_is_not_waited_for(lock, tmp_path, put):
-    victim = tmp_path / "victim"
-    victim.write_text("precious")
-    lock.unlink()
-    put(victim, lock)
-    Ownership(WHAT).acquire()
-    assert victim.read_text() == "precious"

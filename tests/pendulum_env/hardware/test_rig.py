@@ -18,7 +18,6 @@ from pendulum_env.plant import PAPER, paper_plant
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import read_recording
 from pendulum_env.registration import PENDULUM
-from tests.disks import full_after
 from tests.pendulum_env.rigs import PATIENT, Disturbed
 from workbench.cli import main
 
@@ -88,22 +87,6 @@ def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(em
         raise Disturbed(said)
     assert f"what was measured until then is in {path}" in said
     assert len(read_recording(path)) >= 700
-
-
-def test_record_on_a_disk_that_fills_up_ends_the_run_and_says_what_is_kept(emulated, capsys):
-    rig, size = emulated("serial", limits=PATIENT), 70_000  # of 100,000 bytes
-    path = rig.folder / "run.csv"
-    command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "2.9", "-o", str(path)]
-    with full_after(size):
-        assert main(command) == 2
-    (said,) = capsys.readouterr().err.splitlines()
-    if "File too large" not in said:
-        raise Disturbed(said)
-    header, *rows = path.read_text().splitlines(keepends=True)
-    assert f"{path}: File too large: {len(rows)} rows were written, the " in said and "are lost: make room" in said
-    assert size - 150 < path.stat().st_size <= size
-    assert all(row.endswith("\n") and row.count(",") == header.count(",") for row in rows)
-    rig.wait_for("power", 0.0)
 
 
 def test_a_fault_ends_the_episode_and_is_kept_until_it_is_cleared(emulated):
