@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
-from estimators.figure import Figure, before_and_after, broken
 from estimators.in_loop.simulation import simulate_from_goals
 from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import Segments, follow
@@ -21,15 +19,9 @@ from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.joints import Coupling, Links
-from pendulum_env.errors import UserError
-from pendulum_env.lookup import find
 from pendulum_env.physics import Model, Samples
 from pendulum_env.recording import Recording
-from pendulum_env.thinning import thin
 from pendulum_env.units import JointUnits
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as PlotlyFigure
 
 QUANTITIES = ("position", "torque", "predicted_torque", "residual", "simulated_position")
 
@@ -53,7 +45,6 @@ class Prediction:
         is_counted: samples at which `torque_rms` takes the residual, half a window apart (N,).
         is_held_out: samples that the model was not fitted to (N,); None in a comparison, which fits nothing.
         units: at each joint, `units[""].unit("N m")` is that of the torque; the joint of a pendulum has an empty name.
-        is_in_loop: whether the controller of a servo is simulated along, so that the motion is predicted first of all.
     """
 
     name: str
@@ -65,7 +56,6 @@ class Prediction:
     is_counted: Mask
     is_held_out: Mask | None
     units: Mapping[str, JointUnits]
-    is_in_loop: bool = False
 
     @property
     def residual(self) -> Array:
@@ -81,33 +71,6 @@ class Prediction:
                 named[f"{quantity}_{at}" if at else quantity] = values
         return named
 
-    def figure(self, quantity: str | None = None, joint: str | None = None) -> PlotlyFigure:
-        """Plot the measured and the predicted quantity over time, above their difference, as the report does.
-
-        Args:
-            quantity: `torque` or `position`; by default the torque, of a servo in the loop the position.
-            joint: of an arm; by default the first one.
-
-        Raises:
-            ValueError: if there is no such quantity or joint, or no sample has a value.
-        """
-        names = {"torque": ("torque", "predicted_torque"), "position": ("position", "simulated_position")}
-        quantity = quantity or ("position" if self.is_in_loop else "torque")
-        own = names[find("quantity", quantity, {name: name for name in names})]
-        at = next(iter(self.units)) if joint is None else find("joint", joint, {name: name for name in self.units})
-        k = list(self.units).index(at)
-        measured, modelled = (getattr(self, name).reshape(len(self.time), -1)[:, k] for name in own)
-        known = np.isfinite(measured + modelled)
-        if not known.any():
-            raise UserError(f"{self.name}: no sample has a predicted {quantity}: see `columns` for what there is")
-        si, where = "N m" if quantity == "torque" else "rad", f" of {at}" if at else ""
-        left = (measured - modelled)[known]
-        x, (above, below, error) = broken(self.time[known], thin(left), measured[known], modelled[known], left)
-        label = f"Measured and predicted {quantity}{where}, recording {self.name}"
-        texts = (f"{quantity}{where}", "residual", self.units[at].unit(si))
-        figure: Figure = before_and_after(quantity, label, x, above, [("model", "--final")], [below], [error], texts)
-        return figure.interactive()
-
     def __repr__(self) -> str:
         shares = (f"{np.mean(np.isfinite(own)):.0%}" for own in (self.residual, self.simulated_position))
         return "<Prediction of {}: {} samples, torque of {} and position of {} predicted>".format(
@@ -120,7 +83,7 @@ def predict_recordings(model: Model, data: FitData) -> tuple[Prediction, ...]:
     is_same = data.holdout is data.recordings  # compared, all alike
     seen = data.recordings if is_same else (*data.recordings, *data.holdout)
     paths = simulate_from_goals(model, seen)
-    found = [replace(_make_empty_prediction(model, recording), is_in_loop=bool(paths)) for recording in seen]
+    found = [_make_empty_prediction(model, recording) for recording in seen]
     if is_same:
         found = [replace(own, is_held_out=None) for own in found]
     with suppress(*[IdentificationError] * bool(paths)):  # a servo may move too little for a regression of its torque

@@ -82,7 +82,6 @@ def test_a_servo_in_the_loop_is_predicted_by_its_position():
     (own,) = found.recordings
     assert np.mean(np.isfinite(own.simulated_position)) > 0.98
     assert np.mean(np.abs(missed(own))) == pytest.approx(found.errors.in_loop, rel=0.02)
-    assert "position" in own.figure().layout.yaxis.title.text
     with pytest.raises(ValueError, match="horizon"):
         diagnose(servo, horizon=1.0)
 
@@ -98,19 +97,5 @@ def test_an_arm_has_a_column_a_joint():
         counted = own.residual[own.is_counted[:, k], k]
         assert rms(counted) == pytest.approx(found.errors.joints[at], rel=1e-9)
         assert rms(own.residual[np.isfinite(own.residual[:, k]), k]) == pytest.approx(rms(counted), rel=0.1)
-    with pytest.raises(ValueError, match="position"):
-        own.figure("position")
     with pytest.raises(ValueError, match="horizon"):
         compare(found, run, horizon=2.0)
-    assert own.figure(joint=body.joints[-1]).data
-
-
-def test_a_figure_draws_measured_and_modelled_values(exact, wrong):
-    (own,) = compare(wrong, exact).recordings
-    assert {len(values) for values in own.columns.values()} == {len(exact)}
-    for quantity, modelled in (("torque", own.predicted_torque), ("position", own.simulated_position)):
-        measured, above, below = (np.array(line.y, dtype=float) for line in own.figure(quantity).data)
-        assert np.nanmax(above) == pytest.approx(np.nanmax(modelled), rel=1e-2)
-        np.testing.assert_allclose(measured - above, below, atol=1e-2)
-    with pytest.raises(ValueError, match="torque"):
-        own.figure("torqe")

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from estimators import compare
-from estimators.figure import Figure, axis, line
 from tests import slow
 from tests.cases import diagnosed
 from tests.patience import wait_until
 from tests.workbench.app.plants import recorded
 from workbench.cli import main
+from workbench.figure import Figure, axis, line
 from workbench.report import render, render_comparison
 from workbench.report.data import ReportData
 from workbench.report.numbers import make_errors, plot_errors

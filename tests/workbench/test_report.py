@@ -9,7 +9,6 @@ import pytest
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
-from estimators.figure import broken, numbers
 from estimators.findings import Finding, Kind
 from estimators.regression.equations import IdentificationError
 from estimators.signals.residual import Region, compute_profiles, find_regions
@@ -19,6 +18,7 @@ from pendulum_env.thinning import thin
 from tests.cases import diagnosed
 from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
+from workbench.figure import broken, numbers
 from workbench.narrator.reasons import describe_reason
 from workbench.report import render
 from workbench.report.failures import plot_profile

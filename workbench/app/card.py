@@ -14,7 +14,6 @@ from dash import ALL, Dash, Input, Output, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from estimators.figure import Figure, axis, line
 from pendulum_env._typing import Array
 from pendulum_env.arms.recording import strip_units
 from pendulum_env.errors import ColumnError
@@ -26,6 +25,7 @@ from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
 from pendulum_env.thinning import thin
 from workbench.app.parts import UNWRAP, label_control, make_aria, make_button, make_graph, make_panel, make_table
+from workbench.figure import Figure, axis, line
 
 COLUMN = "column"  # kind of a plot that a range is brushed in
 NEEDED = 2  # columns with numbers: time and position

@@ -6,11 +6,11 @@ from typing import Any
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators.figure import Figure
 from pendulum_env.arms.joints import list_effects, place_effects
 from pendulum_env.formatting import capitalise
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
+from workbench.figure import Figure
 from workbench.narrator.effects import name_effect
 from workbench.report import page
 from workbench.report.data import Section

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from estimators.figure import Figure
 from pendulum_env.formatting import TextTable
+from workbench.figure import Figure
 
 
 class Code(str):

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line
 from estimators.in_loop.goals import decide_goals
 from estimators.in_loop.simulation import simulate_recording
 from estimators.simulation.free_running import HORIZON, Segments, follow
@@ -14,6 +13,7 @@ from pendulum_env.formatting import TextTable, capitalise, format_number
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import POINTS, thin
+from workbench.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line
 from workbench.narrator.diagnosis import describe_next_step, describe_region, describe_result, list_remarks
 from workbench.narrator.parts import Content, Part
 from workbench.narrator.results import NEXT

@@ -7,7 +7,6 @@ from functools import cached_property
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
-from estimators.figure import Figure
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.result import Identification
@@ -16,6 +15,7 @@ from estimators.selection.errors import Step
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.units import JointUnits, to_shown_unit
+from workbench.figure import Figure
 from workbench.narrator.parts import Content, list_figures
 
 DrawnModel = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors

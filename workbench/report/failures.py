@@ -4,11 +4,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from estimators.figure import Figure, axis, band, line, numbers
 from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, compute_profiles, find_regions, wrap_angles
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
 from pendulum_env.units import JointUnits, to_shown_unit
+from workbench.figure import Figure, axis, band, line, numbers
 from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.parts import Key, Part
 from workbench.report.data import ReportData, Section

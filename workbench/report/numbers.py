@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from estimators.figure import DRAWING, Figure, axis, band, line, segment
 from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
 from pendulum_env.formatting import TextTable, capitalise, format_number, format_unit
 from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
+from workbench.figure import DRAWING, Figure, axis, band, line, segment
 from workbench.narrator.effects import name_effect
 from workbench.narrator.identification import classify_scheme, list_warnings, tabulate_schemes
 from workbench.narrator.parts import Content, Key, Part

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from estimators.diagnosis.result import Candidate, Detectable, Diagnosis, Verdict
-from estimators.figure import Figure, axis, line
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
 from estimators.simulation.free_running import HORIZON
 from estimators.weak_form.windows import Windows
 from pendulum_env.formatting import TextTable, capitalise, format_number, format_percent, join_words
 from pendulum_env.quantity import Quantity
+from workbench.figure import Figure, axis, line
 from workbench.narrator.diagnosis import (
     describe_next_step,
     describe_refit,

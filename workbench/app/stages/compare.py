@@ -15,7 +15,6 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from estimators.data.regression_data import RegressionData
-from estimators.figure import Figure, axis, broken, line, numbers, span
 from estimators.signals.residual import AXES, Region, compute_profiles, find_regions, makes_whole_turns, wrap_angles
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.formatting import capitalise, format_number
@@ -34,6 +33,7 @@ from workbench.app.parts import (
 )
 from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State as Work
+from workbench.figure import Figure, axis, broken, line, numbers, span
 from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.effects import find_description
 from workbench.narrator.parts import Part, list_figures

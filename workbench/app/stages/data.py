@@ -7,7 +7,6 @@ import numpy as np
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators.figure import Figure, line, stacked
 from pendulum_env.arms.body import Body
 from pendulum_env.formatting import capitalise, format_number, format_percent, join_words
 from pendulum_env.physics import BASE
@@ -30,6 +29,7 @@ from workbench.app.recordings import LoadedRecording
 from workbench.app.session import Action, Form, Session, Stage
 from workbench.app.state import State
 from workbench.app.uploads import MODEL, STUDY
+from workbench.figure import Figure, line, stacked
 from workbench.narrator.diagnosis import describe_disagreement
 from workbench.narrator.effects import name_effect
 from workbench.narrator.findings import describe, describe_late

@@ -1,6 +1,6 @@
 """Plots as plain data for Plotly.
 
-Colours are names such as `--measured`. A page looks them up in its style, `interactive` in `COLORS`.
+Colours are names such as `--measured`, which a page looks up in its style.
 """
 
 from __future__ import annotations
@@ -8,23 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
-from pendulum_env.notebook import BLUE, ORANGE
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as PlotlyFigure
-
-COLORS = {  # of a plot outside of a page, that are seen on white and on black
-    "--measured": "#8a8f98",
-    "--base": ORANGE,
-    "--final": BLUE,
-    "--noise": "rgba(128, 128, 128, 0.25)",
-    "--muted": "#8a8f98",
-}
 
 
 @dataclass(frozen=True)
@@ -63,21 +50,6 @@ class Figure:
     layout: JSON  # likewise
     height: int = 340  # [px]
     views: tuple[View, ...] = ()  # parts to choose from; the first one is shown
-
-    def interactive(self) -> PlotlyFigure:
-        """The plot as a Plotly figure, in the colours of `COLORS`."""
-        from plotly import graph_objects  # here, so that `import estimators` does not load it
-
-        return graph_objects.Figure(_colored(self.data), _colored({"height": self.height} | self.layout))
-
-
-def _colored(value: Any) -> Any:
-    """Plain data with colours in the place of their names."""
-    if isinstance(value, str):
-        return COLORS.get(value, value)
-    if isinstance(value, list):
-        return [_colored(item) for item in value]
-    return {key: _colored(item) for key, item in value.items()} if isinstance(value, dict) else value
 
 
 def numbers(values: Array) -> list[float | None]:
