@@ -64,6 +64,14 @@ class Servos:
         """Compiled steps of models that simulate the servos."""
         return StepPrograms()
 
+    @cached_property
+    def inputs(self) -> Array:
+        """Inputs of each step, in the order of `ServoInputs` (N, 6, B)."""
+        scale = np.column_stack([drive.scale(own) for drive, own in zip(self.drives, self.supply.T, strict=True)])
+        warm = np.full_like(self.goal, ROOM) if self.temperature is None else self.temperature
+        outside = np.broadcast_to(self.load.torque, self.goal.shape)
+        return np.stack([self.goal, scale, self.on, _find_updates(self), warm, outside], axis=1)
+
 
 class ControllerState(NamedTuple):
     """State of a controller: held and past outputs, integral, and measured speed.
@@ -108,22 +116,18 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
         raise ValueError("servos under position and under velocity control cannot be simulated at once")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
     gains = np.array([compute_gains(drive, servos.step) for drive in servos.drives]).T
-    scale = np.column_stack([drive.scale(own) for drive, own in zip(servos.drives, servos.supply.T, strict=True)])
-    warm = np.full_like(servos.goal, ROOM) if servos.temperature is None else servos.temperature
-    outside = np.broadcast_to(servos.load.torque, servos.goal.shape)
-    inputs = np.stack([servos.goal, scale, servos.on, _find_updates(servos), warm, outside], axis=1)
     program = servos.programs.find(terms, _compile_step, speed, len(weights), loaded, integrates, h)
     theta = theta[:, :, None]
     constants = [*theta, *program.nonlinear, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
     own = np.array([np.broadcast_to(value, shape) for value in constants])
     q, v, t = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity, servos.start))
-    x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=outside[0]))
+    x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=servos.inputs[0, -1]))
     balance = TorqueBalance(terms, theta, loaded)
     x = replace(x, memory=balance.start(x))
     state = ControllerState(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v, v)
     states = np.array([np.broadcast_to(row, shape) for row in _flatten_state(x, state, integrates)])
     if program.step is not None:
-        return np.asarray(program.step(inputs, own, states, every)[:, 1])
+        return np.asarray(program.step(servos.inputs, own, states, every)[:, 1])
 
     def once(given: Array, now: Array) -> list[Any]:  # a law of a user's is no formula
         held, *late = now[len(stack_rows(x)) :]
@@ -135,7 +139,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
             *step_servo(balance, begin, then, ServoInputs(*given), named, [*weights], speed, h), integrates
         )
 
-    return repeat(once, inputs, states, every)[:, 1]
+    return repeat(once, servos.inputs, states, every)[:, 1]
 
 
 def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
