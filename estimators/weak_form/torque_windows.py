@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -461,28 +461,32 @@ def choose_half_width(recording: Recording) -> float:
     Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
     is mainly noise, which falls with the window length to the power 2.5.
     """
-    widths = _list_half_widths(recording)
-    cuts = [cut(recording, width) for width in widths]
-    carried = float(np.max(cuts[0].samples.load.inertia))
+    widths, cut_at = _list_half_widths(recording), cache(partial(cut, recording))
+    longest = cut_at(widths[-1])
+    carried = float(np.max(longest.samples.load.inertia))
     inertia, real = carried, 1.0  # and share of the torque noise that is real
-    for w in reversed(cuts):  # the longest with enough windows has the least noise
+    for w in map(cut_at, reversed(widths)):  # the longest with enough windows has the least noise
         equations = join_windows((w,)).equations(BASE)
         if len(equations.y) >= 40:
             fitted = recording.known_inertia or np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]
             inertia = carried + abs(float(fitted))
             real = calibrate(w).torque_noise / max(w.torque_noise, 1e-300)
             break
-    enough = (NEGLIGIBLE_SWING if recording.known_inertia else NEGLIGIBLE) * cuts[-1].torque_scale
-    covered = [len(w.centers) * width for w, width in zip(cuts, widths, strict=True)]  # [s], clear of stick
-    enough_windows = [
-        len(w.centers) >= WEAK_FORM.enough or time >= WEAK_FORM.clear * recording.duration
-        for w, time in zip(cuts, covered, strict=True)
-    ]
-    feasible = [i for i, fine in enumerate(enough_windows) if fine] or [int(np.argmax(covered))]
-    quiet = [
-        i for i in feasible if inertia * cuts[i].acceleration_noise <= max(0.7 * real * cuts[i].torque_noise, enough)
-    ]
-    return widths[quiet[0] if quiet else feasible[-1]]
+    negligible = (NEGLIGIBLE_SWING if recording.known_inertia else NEGLIGIBLE) * longest.torque_scale
+
+    def covered(width: float) -> float:
+        return len(cut_at(width).centers) * width  # [s], clear of stick
+
+    def is_feasible(width: float) -> bool:
+        count = len(cut_at(width).centers)
+        return count >= WEAK_FORM.enough or covered(width) >= WEAK_FORM.clear * recording.duration
+
+    def is_quiet(width: float) -> bool:
+        w = cut_at(width)
+        return inertia * w.acceleration_noise <= max(0.7 * real * w.torque_noise, negligible)
+
+    quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
+    return quiet or next(filter(is_feasible, reversed(widths)), None) or max(widths, key=covered)
 
 
 def join_windows(windows: Sequence[Windows], shared_columns: Mapping[str, TermColumns] | None = None) -> TorqueWindows:
