@@ -126,7 +126,8 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             end = data.rfind(b"\n", 0, done) + 1
             with suppress(OSError):  # a device has no length
                 self._file.truncate(self._size + end)
-            self._give_up(error, data.count(b"\n", 0, end), data.count(b"\n", end))
+            self._kept += data.count(b"\n", 0, end)
+            self._give_up(error)
         self._kept, self._size = self._kept + data.count(b"\n"), self._size + len(data)
 
     def _finish(self) -> None:
@@ -140,18 +141,17 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
                 self._give_up(error)
             self._file = None
 
-    def _give_up(self, error: OSError, kept: int = 0, lost: int = 0) -> NoReturn:
-        """Let go of the file and say what is in it."""
+    def _give_up(self, error: OSError) -> NoReturn:
+        """Let go of the file, and raise an error with the number of its rows."""
         assert self._file is not None
         for end in (partial(sync_file, self._file), self._file.close):
             with suppress(OSError):
                 end()
-        there = self._kept + kept  # -1 without the header, which is no row that is lost
-        self._file, rows, lost = None, max(0, there), lost + min(0, there)
+        rows = max(0, self._kept)
+        self._file = None
         self._lost = OSError(
             error.errno,
-            f"{error.strerror}: {rows} rows were written{f', the {lost} after them are lost' if lost else ''}: "
-            "make room or choose another disk, and record again",
+            f"{error.strerror}: {rows} rows were written: make room or choose another disk, and record again",
             str(self.get_file(self._episode)),
         )
         raise self._lost from error

@@ -62,7 +62,6 @@ def test_a_disk_that_fills_up_is_told_and_rows_end_whole(tmp_path, size):
     assert whole.read_bytes().startswith(kept) and (size - 100 < len(kept) <= size or not kept)
     assert not kept or kept.endswith(b"\n")  # no row is cut
     assert f"{max(0, len(kept.splitlines()) - 1)} rows were written" in str(caught.value)
-    assert ("are lost" in str(caught.value)) == bool(kept)  # a header is no row
     assert caught.value.filename == str(path)
     env.close()  # has nothing left to say
 
