@@ -81,16 +81,16 @@ class CompetingModels:
         families: variants of each effect (F,); the first family, of the running model alone, is empty.
         models: slice of the V models of each family (F,).
         residual: of the running model on the fitted bins, in units of their scale (R,).
-        of_y: a, regression of y on the rows of the running model (V, P).
-        of_own: G, regression of the K columns of the variants, padded with zeros (V, K, P).
+        y_on_base: a, regression of y on the rows of the running model (V, P).
+        columns_on_base: G, regression of the K columns of the variants, padded with zeros (V, K, P).
         information: S (V, K, K).
         moment: t (V, K).
         square: squared error scale (V,) [(N m)^2].
         weight: log weight of each variant in its family (V,).
     """
 
-    of_y: Array
-    of_own: Array
+    y_on_base: Array
+    columns_on_base: Array
     information: Array
     moment: Array
     square: Array
@@ -123,7 +123,7 @@ class CompetingModels:
         self._forgetting = None
         if memories:
             root = self._running.root[0, 0]
-            self._forgetting = ForgettingMixture(self.of_y[0], root, float(self.square[0]), memories)
+            self._forgetting = ForgettingMixture(self.y_on_base[0], root, float(self.square[0]), memories)
 
     def _effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
         """Evaluate the columns that a family adds to the running model, padded to K columns."""
@@ -138,7 +138,7 @@ class CompetingModels:
         base, root, self.residual = _fit_running(bins.rows(self.terms))
         phi, (count, width) = base.phi[:, 0], self._least.shape
         weak, spread = _prior_information(np.einsum("rp,rp->p", phi, phi)), root @ root.T
-        self.of_y, self.of_own = np.zeros((count, len(weak))), np.zeros((count, width, len(weak)))
+        self.y_on_base, self.columns_on_base = np.zeros((count, len(weak))), np.zeros((count, width, len(weak)))
         self.information, self.moment = np.zeros((count, width, width)), np.zeros((count, width))
         self.square, self.weight = np.zeros((2, count))
         for family, models in enumerate(self.models):
@@ -146,13 +146,18 @@ class CompetingModels:
             residual, delta = np.repeat(self.residual[:, None], rows.y.shape[1], axis=1), self.moment[models]
             for _ in range(ONLINE.n_tangents if rows.slope.any() else 1):
                 own, y = linearise(rows.phi, rows.y, rows.slope, delta, residual)
-                self.of_y[models] = of_y = y.T @ phi @ spread
-                self.of_own[models] = of_own = np.einsum("rvk,rp->vkp", own, phi, optimize=True) @ spread
-                error, remaining = y - phi @ of_y.T, own - np.einsum("rp,vkp->rvk", phi, of_own, optimize=True)
+                self.y_on_base[models] = y_on_base = y.T @ phi @ spread
+                self.columns_on_base[models] = columns_on_base = (
+                    np.einsum("rvk,rp->vkp", own, phi, optimize=True) @ spread
+                )
+                error, remaining = (
+                    y - phi @ y_on_base.T,
+                    own - np.einsum("rp,vkp->rvk", phi, columns_on_base, optimize=True),
+                )
                 own_weak = _prior_information(np.einsum("rvk,rvk->vk", own, own))[..., None] * np.eye(width)
-                before = np.einsum("vkp,p,vlp->vkl", of_own, weak, of_own, optimize=True)
+                before = np.einsum("vkp,p,vlp->vkl", columns_on_base, weak, columns_on_base, optimize=True)
                 self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining) + own_weak + before
-                before = np.einsum("vkp,p,vp->vk", of_own, weak, of_y, optimize=True)
+                before = np.einsum("vkp,p,vp->vk", columns_on_base, weak, y_on_base, optimize=True)
                 self.moment[models] = np.einsum("rvk,rv->vk", remaining, error) + before
                 theta = self.theta_of(models)
                 residual, _ = _predict(theta, phi, base.slope[:, 0], *rows)
@@ -173,7 +178,7 @@ class CompetingModels:
         """Solve for parameters within their bounds (V, P + K), and the information of those within (V, K, K)."""
         bounds = self._least[models], self._most[models]
         delta, information = solve_each_within_bounds(self.information[models], self.moment[models], *bounds)
-        base = self.of_y[models] - np.einsum("vk,vkp->vp", delta, self.of_own[models])
+        base = self.y_on_base[models] - np.einsum("vk,vkp->vp", delta, self.columns_on_base[models])
         return np.concatenate([base, delta], axis=1), information
 
     def leaders(self) -> list[tuple[tuple[Term, ...], Array]]:
@@ -185,7 +190,7 @@ class CompetingModels:
 
     def running_rows(self, bins: Bins) -> tuple[Array, Array]:
         """Linearise the rows of the running model over R bins at its estimates: phi (R, P) and y (R,)."""
-        base, theta = bins.rows(self.terms), self.of_y[0]
+        base, theta = bins.rows(self.terms), self.y_on_base[0]
         phi, y, slope = base.phi[:, 0], base.y[:, 0], base.slope[:, 0]
         return linearise(
             phi, y, slope, theta, (y - phi @ theta) / np.maximum(base.y_slope[:, 0] - slope @ theta, LEAST_SLOPE)
@@ -215,7 +220,7 @@ class CompetingModels:
         phi, y = linearise(phi, y, slope, theta[0, : len(phi)], residual[0])
         gain = running.root[0, 0] @ (phi @ running.root[0, 0])
         spread = 1.0 + phi @ gain
-        error, remaining = y - self.of_y @ phi, own - self.of_own @ phi  # (V,), (V, K)
+        error, remaining = y - self.y_on_base @ phi, own - self.columns_on_base @ phi  # (V,), (V, K)
         # predicted variance of the error, relative to the squared scale
         variance_ratio = spread + np.einsum(
             "vk,vk->v", remaining, np.linalg.solve(information, remaining[..., None])[..., 0]
@@ -230,8 +235,8 @@ class CompetingModels:
         step = weigh_squares(residual**2 / variance_ratio, self.square) - self.square
         self.square = np.maximum(self.square + step / min(self._count, ONLINE.scale_memory), 1e-12)
         running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
-        self.of_y += error[:, None] * (gain / spread)
-        self.of_own += remaining[..., None] * (gain / spread)
+        self.y_on_base += error[:, None] * (gain / spread)
+        self.columns_on_base += remaining[..., None] * (gain / spread)
         self.information += remaining[:, :, None] * remaining[:, None] / spread
         self.moment += remaining * error[:, None] / spread
         return densities, float(residual[0])
@@ -257,7 +262,7 @@ class CompetingModels:
         new._running.root, new._forgetting = self._running.root, self._forgetting
         for before, ours, after, theirs in zip(self.families, self.models, new.families, new.models, strict=True):
             if before == after:
-                for name in ("of_y", "of_own", "information", "moment", "square"):
+                for name in ("y_on_base", "columns_on_base", "information", "moment", "square"):
                     getattr(new, name)[theirs] = getattr(self, name)[ours]
             old = dict(zip(before, self.weight[ours].tolist(), strict=False))
             share = -np.log(max(1, len(after)))  # new variants share the weight of the best

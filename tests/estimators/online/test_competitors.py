@@ -95,7 +95,7 @@ def test_friction_that_grows_with_the_torque_is_unbiased_by_noise_of_the_torque_
     np.testing.assert_allclose([gravity, viscous, coulomb, mu], [2.0, 0.4, 0.5, 0.2], rtol=0.05)
     assert of_output == pytest.approx(output, abs=0.02)
     added = CompetingModels((*terms, gear), bins_of_gear(0, 3000, output, 1.0))  # once it is in the running model
-    np.testing.assert_allclose(added.of_y[0, :4], [2.0, 0.4, 0.5, 0.2], rtol=0.05)
+    np.testing.assert_allclose(added.y_on_base[0, :4], [2.0, 0.4, 0.5, 0.2], rtol=0.05)
 
 
 def test_torque_is_not_explained_by_itself():
