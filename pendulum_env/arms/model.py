@@ -15,7 +15,7 @@ from pendulum_env.arms.joints import FRICTION, Links, find_kind, find_links, joi
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics import Model, ModelError, Term
 from pendulum_env.physics.mechanism import Mechanism
-from pendulum_env.physics.model import ARM_SCHEMA, check_value, read_estimate, read_log_format
+from pendulum_env.physics.model import ARM_SCHEMA, check_value, read_estimate
 from pendulum_env.physics.table import TABLES, Table, read_table
 from pendulum_env.reading import Number, Text, convert, read_json
 from pendulum_env.settings import format_setting
@@ -88,7 +88,7 @@ class ArmModel(Model):
         return replace(
             model,
             estimates={name: read_estimate(data.theta, name, own.unit) for name, own in model.estimates.items()},
-            log_format=read_log_format(data.log_format),
+            log_format=data.log_format or {},
         )
 
 

@@ -441,21 +441,6 @@ def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
     return convert(theta[name], ParameterFile, f"theta.{name}").estimate(unit)
 
 
-class _LogFormat(Struct):
-    """Log format in a model file, in the words of a study."""
-
-    columns: dict[str, Any] | None = None  # which reading a recording checks
-    unwrap: bool | None = None
-    load: dict[str, Number] | None = None
-    drive: dict[str, Text | Number] | None = None
-
-
-def read_log_format(content: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """Read the log format of a model file; empty if the file has none."""
-    convert(content or {}, _LogFormat, "log_format")
-    return content or {}
-
-
 def _build_model(data: _ModelFile) -> Model:
     """Build a model from the content of a file."""
     limits = read_limits(data.limits or {})
@@ -472,7 +457,7 @@ def _build_model(data: _ModelFile) -> Model:
     model = replace(
         Model(terms, estimates).convert_units(JointUnits(data.torque_unit or "N m", data.slides)),
         torque_constant=None if constant is None else constant.estimate(constant.unit or "N m/A"),
-        log_format=read_log_format(data.log_format),
+        log_format=data.log_format or {},
     )
     return (
         model if data.covariance is None else model.with_covariance(*_read_covariance(data.covariance, list(estimates)))

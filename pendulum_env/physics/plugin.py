@@ -6,8 +6,6 @@ import importlib.util
 import inspect
 import sys
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from pendulum_env.errors import UserError, format_error
@@ -32,9 +30,13 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
     file = Path(path).resolve()
     if file not in _loaded:
         before = set(library.effects().values())
-        with _translate_errors(file, path):
+        try:
             _run(file, path)
-            kinds = tuple(kind for kind in library.effects().values() if kind not in before)
+        except (KeyboardInterrupt, PluginError):
+            raise
+        except BaseException as error:  # sys.exit included
+            raise _make_plugin_error(error, file, path) from None
+        kinds = tuple(kind for kind in library.effects().values() if kind not in before)
         if not kinds:
             raise PluginError(f"{path}: registers no effect: put @register from pendulum_env.physics above its class")
         _loaded[file] = kinds
@@ -64,17 +66,6 @@ def _run(file: Path, path: str | Path) -> None:
     except SyntaxError as error:
         where = f", line {error.lineno}" if error.lineno else ""
         raise PluginError(f"{path}{where}: {error.msg}") from None
-
-
-@contextmanager
-def _translate_errors(file: Path, path: str | Path) -> Iterator[None]:
-    """Translate any error of a user's file, sys.exit included, into one sentence."""
-    try:
-        yield
-    except (KeyboardInterrupt, PluginError):
-        raise
-    except BaseException as error:
-        raise _make_plugin_error(error, file, path) from None
 
 
 def _make_plugin_error(error: BaseException, file: Path, path: str | Path) -> PluginError:

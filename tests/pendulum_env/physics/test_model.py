@@ -105,7 +105,6 @@ def covered(**changes: object) -> dict:
         (with_theta(gravity={"value": np.nan}), "'theta.gravity.value': Expected float >= -1"),
         (with_theta(gravity={"value": 2.0, "std": float("nan")}), "'theta.gravity.std': Expected float >= 0"),
         (with_theta(inertia={"value": 0.0}), "'theta.inertia.value' is 0: .* a number above zero"),
-        (edited(log_format={"load": {"inertia": np.nan}}), "'log_format.load.*': Expected float"),
         (edited(limits={"gravity": [np.nan, 1.0]}), "'limits.*': Expected float"),
         (shaped("stribeck", "stribeck_velocity", -0.5), "stribeck_velocity.*-0.5"),
         (shaped("cogging", "order", 3.5), "order.*3.5"),
