@@ -280,11 +280,8 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
         raise RecordingError(
             f"{source.file}: `load` is of one joint: leave it out; what an arm carries is identified as its payload"
         )
-    return source.read_range(_read_arm, tuple(joints), tuple(held))
-
-
-def _read_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> ArmRecording:
-    return read_arm_recording(source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns)
+    read = read_arm_recording(source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns)
+    return source.select_range(read)
 
 
 def _name_columns(

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -77,7 +77,7 @@ class Source:
             raise RecordingError(
                 f"{self.file}: its study names joints of an arm: give its links, {format_setting('robot', 'ARM.urdf')}"
             )
-        return replace(self.read_range(_read_pendulum), load=self.load)
+        return replace(self.select_range(_read_pendulum(self)), load=self.load)
 
     @property
     def reading(self) -> dict[str, Any]:
@@ -91,11 +91,10 @@ class Source:
         said = {**describe_reading(**self.reading), "load": load}
         return {key: said[key] for key in FORMAT if said.get(key)}
 
-    def read_range(self, read: Callable[..., Sliced], *arguments: Hashable) -> Sliced:
-        """Return the requested range of `read(source, *arguments)`, which has the whole file."""
+    def select_range(self, recording: Sliced) -> Sliced:
+        """Return the requested range of a recording of the whole file."""
         if self.range is None:
-            return read(self, *arguments)
-        recording = read(replace(self, range=None), *arguments)
+            return recording
         first, last = np.searchsorted(recording.time - recording.time[0], self.range)
         try:
             return recording.slice(int(first), int(last))
