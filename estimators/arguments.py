@@ -24,7 +24,6 @@ from pendulum_env.physics import BASE, Model, Term, list_nameable
 from pendulum_env.physics.library import find_term
 from pendulum_env.physics.limits import (
     Bounds,
-    LimitsError,
     check_names,
     collect_limits,
     limit_kind,
@@ -189,7 +188,7 @@ def apply_limits(
     check_names(limits, (*(type(item) for item in terms), *list_nameable().values(), *library.values()))
     limited = tuple(limit_term(item, limits) for item in terms)
     if not library and (absent := limits.keys() - collect_limits(limited)):
-        raise LimitsError(f"the model has no parameter '{min(absent)}': add its effect to the terms, or leave it out")
+        raise UserError(f"the model has no parameter '{min(absent)}': add its effect to the terms, or leave it out")
     return limited, {id: limit_kind(kind, limits) for id, kind in library.items()}
 
 

@@ -17,15 +17,11 @@ Limits = Mapping[str, tuple[float, float]]  # least and largest value by paramet
 Bounds = Mapping[str, tuple[float | None, float | None]]  # as a user gives them: None is no limit
 
 
-class LimitsError(UserError):
-    """Limits that contradict each other or their parameter."""
-
-
 def make_limits(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[float, float]]:
     """Make limits from known values and from bounds.
 
     Raises:
-        LimitsError: if a parameter is named twice, or its limits leave nothing.
+        UserError: if a parameter is named twice, or its limits leave nothing.
         TypeError: if values are no numbers, or bounds no pairs of them.
     """
     known = {name: float(value) for name, value in _refuse_other_values(fixed, "fixed", "{'gravity': 2.0}").items()}
@@ -33,16 +29,16 @@ def make_limits(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[f
     bounded = {name: (-np.inf if a is None else a, np.inf if b is None else b) for name, (a, b) in ends.items()}
     twice = sorted(set(fixed) & set(bounds))
     if twice:
-        raise LimitsError(f"{twice[0]} is fixed and bounded: do one or the other")
+        raise UserError(f"{twice[0]} is fixed and bounded: do one or the other")
     for name, (low, high) in bounded.items():
         if not low <= high:
-            raise LimitsError(f"{name} cannot lie from {low:g} to {high:g}: give the smaller bound first")
+            raise UserError(f"{name} cannot lie from {low:g} to {high:g}: give the smaller bound first")
     limits = {name: (value, value) for name, value in known.items()} | bounded
     for name, (low, high) in limits.items():
         if np.isnan([low, high]).any() or low == np.inf or high == -np.inf:
-            raise LimitsError(f"{name} cannot be {low:g}: give a number")
+            raise UserError(f"{name} cannot be {low:g}: give a number")
         if name == "inertia" and high <= 0:
-            raise LimitsError(f"inertia cannot be {high:g}: give a positive number")
+            raise UserError(f"inertia cannot be {high:g}: give a positive number")
     return limits
 
 
@@ -64,7 +60,7 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
     """Refuse limits of parameters that no term has.
 
     Raises:
-        LimitsError: if a name is unknown or belongs to a parameter whose value cannot be fixed, or no value is left.
+        UserError: if a name is unknown or belongs to a parameter whose value cannot be fixed, or no value is left.
     """
     terms = [kind() for kind in kinds]
     nonlinear = {f"{term.id}.{p.name}": p for term in terms for p in term.nonlinear_parameters}
@@ -73,16 +69,16 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
         if name not in {**columns, **nonlinear}:
             near = difflib.get_close_matches(name, [*columns, *nonlinear], n=1)
             hint = f"did you mean {near[0]}?" if near else "`effects` lists those of effects, by ID or ID.NAME"
-            raise LimitsError(f"unknown parameter '{name[:60]}': {hint}")
+            raise UserError(f"unknown parameter '{name[:60]}': {hint}")
         if name in nonlinear and low == high:
-            raise LimitsError(f"{name} is searched for and cannot be fixed: give it bounds")
+            raise UserError(f"{name} is searched for and cannot be fixed: give it bounds")
         least, most = (
             (nonlinear[name].low, nonlinear[name].high)
             if name in nonlinear
             else (columns[name].least, columns[name].most)
         )
         if low < high and max(low, least) > min(high, most):
-            raise LimitsError(f"{name} cannot lie from {low:g} to {high:g}: it lies from {least:g} to {most:g}")
+            raise UserError(f"{name} cannot lie from {low:g} to {high:g}: it lies from {least:g} to {most:g}")
 
 
 def limit_kind(kind: type[Term], limits: Limits) -> type[Term]:

@@ -103,11 +103,8 @@ def _collect_arrays(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]
     """List the arrays of one entry of a mapping."""
     if isinstance(value, Mapping):
         yield from _flatten(name, dict(value))
-        return
-    try:
+    else:
         yield name, np.asarray(value)
-    except ValueError:  # lists of different lengths
-        yield name, np.empty((), dtype=object)
 
 
 def is_data(given: object) -> bool:

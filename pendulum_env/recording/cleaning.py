@@ -7,7 +7,7 @@ import numpy as np
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.errors import RecordingError
 from pendulum_env.quantity import Quantity
-from pendulum_env.recording.clock import UNKNOWN, LogClock, format_distinct
+from pendulum_env.recording.clock import UNKNOWN, LogClock
 from pendulum_env.recording.notes import NAMED, Note, NoteKind
 from pendulum_env.recording.vocabulary import QUANTITIES
 
@@ -185,9 +185,8 @@ def drop_repeated_times(log: Log) -> None:
     steps = np.diff(time)
     if steps.min() < 0:
         first = int(np.argmax(steps < 0))
-        before, after = format_distinct(time[first], time[first + 1])
         raise RecordingError(
-            f"time falls from {before} to {after} s at data row {log.rows[first + 1]} "
+            f"time falls from {time[first]:.15g} to {time[first + 1]:.15g} s at data row {log.rows[first + 1]} "
             "(header not counted): sort the rows, or name a column segment that counts the runs"
         )
     new = np.append(True, steps > CLEANING.same * np.median(steps))

@@ -104,15 +104,6 @@ def find_resolution(time: Array) -> float:
     return single
 
 
-def format_distinct(*times: float) -> tuple[str, ...]:
-    """Write times [s] with as many digits as they need to differ, nine at least."""
-    for digits in range(9, 18):
-        texts = tuple(f"{time:.{digits}g}" for time in times)
-        if len(set(texts)) == len(set(times)):
-            return texts
-    return tuple(map(repr, times))
-
-
 def is_uniform(time: Array, starts: tuple[int, ...] = (0,), tolerance: float = EXACT) -> bool:
     """Test whether time (N,) [s] increases, from each start on a uniform grid, all of one period.
 

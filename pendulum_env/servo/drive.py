@@ -27,10 +27,6 @@ LONGEST = 0.1  # [s], of a delay
 UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what the motor's torque is in, unless known
 
 
-class ServoDriveError(UserError):
-    """Drive with invalid settings; the message has the fault and the remedy."""
-
-
 @dataclass(frozen=True)
 class ServoDrive:
     """Controller with the motor behind it.
@@ -67,18 +63,18 @@ class ServoDrive:
         for name, known in (("control", Control), ("output", Output), ("goal", Goal)):
             if getattr(self, name) not in get_args(known) and not (name == "goal" and self.goal is None):
                 choices = " or ".join(get_args(known))
-                raise ServoDriveError(f"{name} is {quote_value(getattr(self, name))}: it should be {choices}")
+                raise UserError(f"{name} is {quote_value(getattr(self, name))}: it should be {choices}")
         for name in ("kp", "ki", "kd", "delay"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
-                raise ServoDriveError(f"{name} is {getattr(self, name):g}: it should be 0 or a positive number")
+                raise UserError(f"{name} is {getattr(self, name):g}: it should be 0 or a positive number")
         for name in ("limit", "supply", "gain", "rate", "cutoff"):
             value = getattr(self, name)
             if value is not None and not (value > 0 and (math.isfinite(value) or name == "limit")):
-                raise ServoDriveError(f"{name} is {value:g}: it should be a positive number")
+                raise UserError(f"{name} is {value:g}: it should be a positive number")
         if self.kp == self.ki == 0:
-            raise ServoDriveError("kp and ki are both 0: such a controller does not follow its goal, say its gain")
+            raise UserError("kp and ki are both 0: such a controller does not follow its goal, say its gain")
         if self.delay > LONGEST:
-            raise ServoDriveError(f"delay is {self.delay:g} s: no controller is later than {LONGEST:g} s")
+            raise UserError(f"delay is {self.delay:g} s: no controller is later than {LONGEST:g} s")
 
     @property
     def unit(self) -> str:
@@ -116,10 +112,10 @@ class ServoDrive:
                 values[name] = value
             elif find("key of a drive", name, KEYS) and name != "preset":
                 if isinstance(value, bool) or not isinstance(value, int | float):
-                    raise ServoDriveError(f"{name} is {quote_value(value)}: it should be a number")
+                    raise UserError(f"{name} is {quote_value(value)}: it should be a number")
                 values[name] = float(value) * (known.kp if name == "kp" else 1.0)
         if not values.keys() & {"kp", "ki"}:
-            raise ServoDriveError("the controller has no gain: give kp (or ki)")
+            raise UserError("the controller has no gain: give kp (or ki)")
         return cls(**values)
 
     def get_settings(self) -> dict[str, str | float]:

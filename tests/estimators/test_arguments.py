@@ -9,9 +9,9 @@ import pytest
 from estimators import add, align, compare, diagnose, identify
 from estimators.schemes.six import Integral, Scheme, scheme
 from pendulum_env.backends import record
+from pendulum_env.errors import UserError
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Gravity, Inertia, Model, ModelError
-from pendulum_env.physics.limits import LimitsError
 from pendulum_env.plant import hide, make_plant
 from pendulum_env.recording import RecordingError, Source, read_recording, write_recording, write_study
 from workbench.export import export
@@ -72,7 +72,7 @@ WRONG = [
     (lambda r: compare(identify(r, schemes="energy"), r), TypeError, "<Identification> is not a model.* one scheme"),
     (lambda r: describe(compare(MODEL, r)), TypeError, "one finding, not Comparison"),
     (lambda r: read_recording({}, columns={"torqe": "x"}), RecordingError, "did you mean torque"),
-    (lambda r: identify(r, fixed={"stribeck": 1.0}), LimitsError, "the model has no parameter 'stribeck'"),
+    (lambda r: identify(r, fixed={"stribeck": 1.0}), UserError, "the model has no parameter 'stribeck'"),
     (lambda r: diagnose(r, "tuesday.csv"), RecordingError, r"tuesday\.csv: there is no such file"),
     (lambda r: add(MODEL, "spring", r, [r, 3]), TypeError, "is not a recording"),
     (lambda r: identify(identify(r, schemes="energy")), TypeError, "is not a recording"),

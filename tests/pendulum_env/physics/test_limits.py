@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from estimators.search_hints import make_grid
+from pendulum_env.errors import UserError
 from pendulum_env.physics import BASE, Model, PluginError, Samples, effects, library, load_plugin, plugin
-from pendulum_env.physics.limits import LimitsError, check_names, collect_limits, limit_kind, limit_term, make_limits
+from pendulum_env.physics.limits import check_names, collect_limits, limit_kind, limit_term, make_limits
 
 PLUGIN = '''
 from dataclasses import dataclass
@@ -77,7 +78,7 @@ def test_limits_go_along_to_another_process():
     ],
 )
 def test_limits_that_make_no_sense_are_refused(fixed, bounds, what):
-    with pytest.raises(LimitsError, match=what):
+    with pytest.raises(UserError, match=what):
         check_names(make_limits(fixed, bounds), (*map(type, BASE), *effects().values()))
 
 
