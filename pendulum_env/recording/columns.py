@@ -209,36 +209,31 @@ def _refuse_missing(
     missing: list[str], headers: Sequence[str], free: Sequence[str], told: Mapping[str, str], has_goal: bool
 ) -> NoReturn:
     """Refuse a file without columns for quantities; suggest columns of `headers`, those in `free` have no use yet."""
+    option = format_setting("columns", {**told, **dict.fromkeys(missing, "NAME")})
     if missing == ["reference"]:
         raise ColumnError(
-            f"no column for the goal (goal, reference) among {_list_headers(headers)}: say which with "
-            f"{format_setting('columns', {**told, 'reference': 'NAME'})}"
+            f"no column for the goal (goal, reference) among {_list_headers(headers)}: say which with {option}"
         )
-    hints = [
-        hint for quantity in missing for hint in _suggest_by_unit(quantity, free) or _suggest_gains(quantity, headers)
-    ]
-    option = format_setting("columns", {**told, **dict.fromkeys(missing, "NAME")})
-    plain = f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or say which with {option}"
+    found = {quantity: _suggest_by_unit(quantity, free) or _suggest_gains(quantity, headers) for quantity in missing}
     counter = next((header.strip() for header in headers if normalise_name(header) in COUNTERS), None)
     if "time" in missing and counter is not None:
         time = format_setting("columns", {"time": f"{counter}/RATE"})
-        hints = [f"if {quote_value(counter, QUOTED)} counts samples, {time} with their rate [Hz]"]
+        found["time"] = [f"if {quote_value(counter, QUOTED)} counts samples, {time} with their rate [Hz]"]
+    hints = [hint for own in found.values() for hint in own]
     if len(joints := _find_joints(headers)) > 1:
         robot = format_setting("robot", "ARM.urdf")
         hints = [f"there are some for {_list_headers(joints)}: an arm needs {robot}, one joint needs {option}"]
-    if hints and counter is None:
-        unnamed = [q for q in missing if not any(re.search(rf"\b{q}\b['=]", hint) for hint in hints)]
-        hints += [f"say which is {q} with {q}=NAME" for q in unnamed]
-    if missing == ["torque"]:
-        without = f"{format_setting('columns', {**told, 'torque': NONE})} if nothing drives the joint"
-        drive = f"the controller that follows the goal, {format_setting('drive', Blank('...'))}"
-        hints = hints or [f"say which with {option}"]
-        hints[-1] += f", or give {drive}, or {without}" if has_goal else f", or {without}"
-    elif "torque" in missing and len(joints) < 2:
-        hints = [*(hints or [plain]), f"write torque={NONE} if nothing drives the joint"]
-    raise ColumnError(
-        f"no column for {', '.join(missing)} among {_list_headers(headers)}: " + ("; ".join(hints) or plain)
-    )
+    elif hints:
+        hints += [f"say which is {quantity} with {quantity}=NAME" for quantity, own in found.items() if not own]
+    else:
+        hints = [
+            f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or say which with {option}"
+        ]
+    if "torque" in missing and len(joints) < 2:
+        drive = f", or {format_setting('drive', Blank('...'))} if a controller follows the goal" if has_goal else ""
+        none = format_setting("columns", {**told, "torque": NONE}) if missing == ["torque"] else f"write torque={NONE}"
+        hints.append(f"{none} if nothing drives the joint{drive}")
+    raise ColumnError(f"no column for {', '.join(missing)} among {_list_headers(headers)}: {'; '.join(hints)}")
 
 
 def can_be_torque(header: str, place: int) -> bool:
