@@ -1,4 +1,4 @@
-"""`survey`: a diagnosis of each recording in a folder, one table, and the trends of machines."""
+"""`survey`: a diagnosis of each recording in a folder, and one table with the changes of machines."""
 
 import argparse
 from pathlib import Path
@@ -13,7 +13,7 @@ from workbench.processes import open_local_workers
 from workbench.survey.diagnosis import Settings
 from workbench.survey.recordings import TABLES, find_recordings
 from workbench.survey.run import open_cluster, run_survey
-from workbench.survey.table import find_series, tabulate_changes, tabulate_recordings, write_tables
+from workbench.survey.table import find_series, tabulate_changes, tabulate_recordings, write_table
 from workbench.terminal import Terminal
 
 PRINTED = 20  # rows
@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--output",
         metavar="OUT",
         required=True,
-        help="folder of the tables, survey and trends, as Parquet and CSV; run again to continue",
+        help="folder of the table, survey.parquet and survey.csv; run again to continue",
     )
     options.add_workers(parser)
     parser.add_argument(
@@ -49,12 +49,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Diagnose what has no result yet; write and print the tables."""
+    """Diagnose what has no result yet; write the table and print what changes."""
     folder, output = Path(arguments.folder), Path(arguments.output)
     if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file: name a folder for the tables")
+        raise InputError(f"{output}: is a file: name a folder for the table")
     _check_options(arguments)
-    settings, found = Settings.of(arguments), find_recordings(folder, arguments, output)
+    settings, found = Settings.of(arguments), find_recordings(folder, arguments)
     start = open_local_workers if arguments.scheduler is None else lambda _: open_cluster(arguments.scheduler)
     counts = []
     with terminal.progress("diagnosing", timed=True) as progress:
@@ -73,7 +73,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         f"{len(found) - known - failed} diagnosed, {failed} failed"
     )
     series = find_series(rows)
-    write_tables(output, rows, series)
+    for own in series:
+        own.mark_changes()
+    write_table(output, rows)
     recordings, changes = tabulate_recordings(rows), tabulate_changes(series)
     terminal.heading("Recordings")
     terminal.table(recordings.headers, recordings.rows[:PRINTED], recordings.left)

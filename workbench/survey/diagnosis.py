@@ -1,15 +1,14 @@
 """Diagnosis of one recording of a survey: settings, the diagnosis itself, its rows, and the file that keeps them."""
 
 import hashlib
+import json
 import os
 import warnings
 from argparse import Namespace
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, TypedDict
 
-import msgspec
 import numpy as np
 
 from estimators.diagnosis.result import Diagnosis
@@ -29,43 +28,12 @@ READING = ("columns", "unwrap", "drive", "joints", "rotors", "no_gravity")
 NAMED = ("robot", "model")  # files
 
 
-class ParameterEstimate(TypedDict):
-    """Estimate of a parameter; without a value if it is unknown."""
-
-    value: float | None
-    std: float | None
-    unit: str
-
-
-class JointRow(TypedDict):
-    """Result at a joint; a pendulum has one, without a name."""
-
-    joint: str
-    effects: str
-    selected: list[str]
-    unexplained: bool
-    biased: bool
-    error_before: float | None
-    error_after: float | None
-    noise_floor: float | None
-    error_unit: str
-    position_rms_before: float | None
-    position_rms_after: float | None
-    parameters: dict[str, ParameterEstimate]
-
-
-class SurveyResult(TypedDict):
-    """Result of a recording, as its file keeps it."""
-
-    start: float | None  # time of the first sample [s since 1970], if the recording's clock tells it
-    rows: Annotated[list[JointRow], msgspec.Meta(min_length=1)]
-
-
-def read_result(file: Path) -> SurveyResult | None:
-    """Read a result; None if there is none, or it is damaged."""
+def read_result(file: Path) -> JSON | None:
+    """Read a result as `diagnose_source` returns it; None if there is none, or it is damaged."""
     try:
-        return msgspec.json.decode(read_bytes(file), type=SurveyResult)
-    except (FileError, msgspec.MsgspecError):
+        result = json.loads(read_bytes(file))
+        return result if result["rows"] else None
+    except (FileError, ValueError, TypeError, KeyError):
         return None
 
 
@@ -112,15 +80,15 @@ def get_version() -> str:
 def diagnose_source(source: Source, settings: Settings) -> JSON:
     """Diagnose a recording as `diagnose` does, alone and whatever its role in a study.
 
-    Returns:
-        a `SurveyResult`, or a dictionary with `error`, a sentence on why there is no diagnosis.
+    The result has `start`, the time of the first sample [s since 1970] if the clock tells it, and `rows`, see
+    `make_rows`; or `error`, a sentence on why there is no diagnosis.
     """
     try:
         for path in settings.plugins:
             load_plugin(Path(path))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the result says what matters
-            return {**_diagnose(source, settings.options)}
+            return _diagnose(source, settings.options)
     except Exception as error:  # a fault of the program in one recording must not cost the others
         return {"error": describe_error(error, source)}
 
@@ -131,7 +99,7 @@ def describe_error(error: Exception, source: Source) -> str:
     return format_mistake(error).removeprefix(f"{source.file}: ")
 
 
-def _diagnose(source: Source, options: Namespace) -> SurveyResult:
+def _diagnose(source: Source, options: Namespace) -> JSON:
     terminal = Terminal(quiet=True)
     opened = open_sources(options, (replace(source, role="fit"),), terminal)
     given = opened.calibrate(terminal)
@@ -145,11 +113,11 @@ def _diagnose(source: Source, options: Namespace) -> SurveyResult:
     return {"start": None if date is None else date.timestamp(), "rows": make_rows(found)}
 
 
-def make_rows(found: Diagnosis) -> list[JointRow]:
-    """Make a row for each joint of a diagnosis."""
+def make_rows(found: Diagnosis) -> list[JSON]:
+    """Make a row for each joint of a diagnosis; a pendulum has one, without a name."""
     first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
     joints = tuple(found.floors)
-    parameters: dict[str, dict[str, ParameterEstimate]] = {joint: {} for joint in joints}
+    parameters: dict[str, JSON] = {joint: {} for joint in joints}
     biased = set()
     for name, own in found.model.readable.items():
         joint, quantity = _split_joint(name, joints)

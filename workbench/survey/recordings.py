@@ -20,11 +20,10 @@ from workbench.errors import InputError, escape_controls
 from workbench.inputs import read_source_names
 
 STUDY = "study.toml"
-TABLES = ("survey.parquet", "survey.csv", "trends.parquet", "trends.csv")  # that a survey writes
+TABLES = ("survey.parquet", "survey.csv")  # that a survey writes
 ENDINGS = tuple(ending for ending in READERS if ending != ".txt")  # text is often prose
-HOUR, SIXTY = r"(?:[01]\d|2[0-3])", r"[0-5]\d"
-CLOCK = rf"(?:{HOUR}(?P<between>[-:]?){SIXTY}(?:(?P=between){SIXTY})?|{HOUR}h{SIXTY}(?:m{SIXTY})?)"
-TIME = rf"{CLOCK}(?!\d|-\d\d-\d\d|k?Hz)"  # 2026-03-02 is a date, and 2000Hz a rate
+SIXTY = r"[0-5]\d"
+TIME = rf"(?:[01]\d|2[0-3])([-:]?){SIXTY}(?:\2{SIXTY})?(?!\d|-\d\d-\d\d|k?Hz)"  # 2000Hz is a rate
 DATE = re.compile(rf"(?<!\d)\d{{4}}(-?)\d\d\1\d\d(?:[T_ -]{TIME})?(?!\d)")
 FUTURE = timedelta(days=1)  # no recording has a later date than that from now: clocks differ, and time zones
 
@@ -40,32 +39,25 @@ class SurveyedRecording:
     source: Source
 
 
-def find_recordings(folder: Path, reading: Namespace, output: Path | None = None) -> list[SurveyedRecording]:
+def find_recordings(folder: Path, reading: Namespace) -> list[SurveyedRecording]:
     """List the recordings below a folder, sorted by name.
 
-    Args:
-        folder: to search. Hidden files, text files and the tables of surveys are no recordings.
-        reading: options by which files are read. A `study.toml` gives those of the recordings that it names.
-        output: folder of the survey's own tables; some may be missing.
-
-    Raises:
-        InputError: if there are none.
-        StudyError: if a study makes no sense.
+    Hidden files, text files and the tables of surveys are no recordings. The options `reading` tell how files are read,
+    and a `study.toml` those of the recordings that it names. Raises InputError if there are none, and StudyError if a
+    study makes no sense.
     """
     if folder.is_file():
         raise InputError(f"{folder}: is a file: name a folder, or use diagnose for one recording")
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder: check the path")
     folder = Path(os.path.abspath(folder))  # the workers of a cluster look for the same path
-    found = sorted(
-        (_label_source(source, folder) for source in _find_sources(folder, reading, output)), key=lambda own: own.name
-    )
+    found = [_label_source(source, folder) for source in _find_sources(folder, reading)]
     if not found:
         raise InputError(f"{folder}: holds no recording: their names end in {', '.join(ENDINGS)}")
-    return found
+    return sorted(found, key=lambda own: own.name)
 
 
-def _find_sources(folder: Path, reading: Namespace, output: Path | None) -> Iterator[Source]:
+def _find_sources(folder: Path, reading: Namespace) -> Iterator[Source]:
     named: set[str] = set()  # by studies
     files: list[Path] = []
     for place, folders, names in os.walk(folder):
@@ -74,11 +66,10 @@ def _find_sources(folder: Path, reading: Namespace, output: Path | None) -> Iter
             sources = read_source_names(str(Path(place, STUDY)), reading)
             named |= {os.path.realpath(source.file) for source in sources}
             yield from sources
-        is_output = output is not None and os.path.realpath(place) == os.path.realpath(output)
-        tables = TABLES if is_output or set(TABLES) <= set(names) else ()
-        files += [Path(place, name) for name in names if name.lower().endswith(ENDINGS) and name not in tables]
+        shown = [name for name in names if not (name.startswith(".") or name in TABLES)]
+        files += [Path(place, name) for name in shown if name.lower().endswith(ENDINGS)]
     for file in files:
-        if not file.name.startswith(".") and os.path.realpath(file) not in named:
+        if os.path.realpath(file) not in named:
             yield from read_source_names(str(file), reading)
 
 

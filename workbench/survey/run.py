@@ -38,30 +38,18 @@ def run_survey(
     tell: Callable[[int, int], None] = lambda done, total: None,
     task: Task = diagnose_source,
 ) -> list[JSON]:
-    """Diagnose every recording that has no result yet.
+    """Diagnose every recording that has no result yet, and return the rows of all, see `label_rows`.
 
-    Args:
-        found: the recordings.
-        settings: of the diagnoses.
-        output: folder of the results; those that are there stay, however this ends.
-        start: starts the workers: `local_workers`, or a function that returns `cluster_workers`.
-        workers: number of them.
-        tell: called with the number of recordings that have a result, and of all, first before the work begins.
-        task: what a worker does with a recording.
-
-    Returns:
-        Rows of all recordings, see `label_rows`.
-
-    Raises:
-        OSError: if a result cannot be written.
-        InputError: if the cluster is lost.
+    Results in the folder `output` stay, however this ends. `tell` is called with the number of recordings that have a
+    result, and of all, first before the work begins. Raises OSError if a result cannot be written, and InputError if
+    the cluster is lost.
     """
     (output / RESULTS).mkdir(parents=True, exist_ok=True)
     hashes = [hash_content(own.source.file) for own in found]
     keys = [settings.make_key(own.source, content) for own, content in zip(found, hashes, strict=True)]
     files = [output / RESULTS / f"{key}.json" for key in keys]
     # by index in `found`: several recordings may have the same name, or be of the same file
-    results: dict[int, JSON] = {k: {**kept} for k, file in enumerate(files) if (kept := read_result(file)) is not None}
+    results: dict[int, JSON] = {k: kept for k, file in enumerate(files) if (kept := read_result(file)) is not None}
     tell(len(results), len(found))
 
     def keep(k: int, result: JSON) -> None:

@@ -1,8 +1,8 @@
-"""Tables of a survey: a row for each joint of each recording, and a row for each parameter over time."""
+"""Table of a survey: a row for each joint of each recording, with the changes of parameters over time."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +12,12 @@ import pyarrow.parquet as pq
 import scipy
 
 from estimators.trends import Trend, fit_trend
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import JSON
 from pendulum_env.files import replace_file
 from pendulum_env.formatting import TextTable, format_estimate, format_number
 from pendulum_env.recording.clock import find_date
 from workbench.survey.diagnosis import get_version
-from workbench.survey.recordings import SurveyedRecording, is_future
+from workbench.survey.recordings import TABLES, SurveyedRecording, is_future
 
 WEEK = 7 * 86400.0  # [s]
 LEVEL = 0.01  # false discovery rate of the changes that are named
@@ -28,11 +28,8 @@ SURVEY = {  # columns; those of the parameters follow
     **dict(error_before=NUMBER, error_after=NUMBER, noise_floor=NUMBER, error_unit=TEXT),
     **dict(position_rms_before=NUMBER, position_rms_after=NUMBER, error=TEXT, hash=TEXT, version=TEXT),
 }
-TRENDS = {
-    **dict(machine=TEXT, joint=TEXT, parameter=TEXT, unit=TEXT, effects=TEXT, recordings=pa.int64(), mean=NUMBER),
-    **dict(drift_per_week=NUMBER, drift_low=NUMBER, drift_high=NUMBER, change=TEXT, p_value=NUMBER),
-    **dict(jump_date=DATE, jump_size=NUMBER, jump_std=NUMBER),
-}
+# Columns of each parameter, after its name; the last three are of all its recordings with the same effects
+PARAMETER = {"": "value", "_std": "std", "_drift_per_week": "drift", "_jump": "jump", "_p_value": "p_value"}
 
 
 def label_rows(own: SurveyedRecording, result: JSON, content: str | None) -> list[JSON]:
@@ -58,27 +55,16 @@ def label_rows(own: SurveyedRecording, result: JSON, content: str | None) -> lis
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A parameter of a joint over time, in models with the same effects.
-
-    Attributes:
-        effects: effects that were added to the model, sorted, with commas between them.
-        date: of each estimate (N,) [s since 1970].
-        value: of each (N,), in the unit.
-        std: standard error of each (N,).
-        trend: per week.
-        change: "drift" or "jump" if the trend is significant among all of the survey.
-    """
+    """A parameter of a joint over time, in models with the same effects."""
 
     machine: str
     joint: str
     parameter: str
     unit: str
-    effects: str
-    date: Array
-    value: Array
-    std: Array
-    trend: Trend
-    change: str = ""
+    effects: str  # that were added to the model, sorted, with commas between them
+    rows: tuple[JSON, ...]  # of the recordings, by date
+    trend: Trend  # per week
+    change: str = ""  # "drift" or "jump" if the trend is significant among all of the survey
 
     @property
     def label(self) -> str:
@@ -87,54 +73,47 @@ class Series:
         return " ".join(filter(None, (self.machine, self.joint, self.parameter, effects)))
 
     @property
-    def mean(self) -> float:
-        """Return the mean of the estimates."""
-        return float(self.value.mean())
+    def estimates(self) -> list[JSON]:
+        """Return the estimates by date."""
+        return [row["parameters"][self.parameter] for row in self.rows]
 
     @property
     def jump_date(self) -> datetime | None:
         """Return the date of the first recording after a jump; None without one."""
         jump = self.trend.jump if self.change == "jump" else None
-        return None if jump is None else datetime.fromtimestamp(float(self.date[jump.first]), UTC)
+        return None if jump is None else self.rows[jump.first]["date"]
 
-    def make_row(self) -> JSON:
-        """Make the row of the table of trends."""
-        jump = self.trend.jump if self.change == "jump" else None
-        row = {
-            **{name: getattr(self, name) for name in ("machine", "joint", "parameter", "unit", "effects")},
-            **{name: getattr(self, name) for name in ("mean", "change")},
-            "recordings": len(self.date),
-            "drift_per_week": self.trend.drift,
-            "drift_low": self.trend.interval[0],
-            "drift_high": self.trend.interval[1],
-            "p_value": self.trend.p_value,
-            "jump_date": self.jump_date,
-            "jump_size": None if jump is None else jump.size,
-            "jump_std": None if jump is None else jump.std,
-        }
-        return {name: None if isinstance(own, float) and np.isnan(own) else own for name, own in row.items()}
+    def mark_changes(self) -> None:
+        """Write a change into the estimates: a drift into all, a jump into the first one after it."""
+        for k, estimate in enumerate(self.estimates):
+            if np.isfinite(self.trend.p_value):
+                estimate["p_value"] = self.trend.p_value
+            if self.change == "drift":
+                estimate["drift"] = self.trend.drift
+            elif self.change and self.trend.jump is not None and self.trend.jump.first == k:
+                estimate["jump"] = self.trend.jump.size
 
 
 def find_series(rows: Iterable[JSON]) -> list[Series]:
     """Collect the parameters of every joint over time, and name those that change.
 
     A parameter means something else in a model with other effects: each selection of effects makes a series of its
-    own. Biased estimates are left out.
+    own. Biased estimates are left out, and estimates without a standard error, such as known values.
 
     A change is named if its p-value is significant among those of all parameters, at a false discovery rate of at most
-    1 % where the tests are independent (Benjamini and Hochberg). Estimates without a standard error, such as known
-    values, are left out.
+    1 % where the tests are independent (Benjamini and Hochberg).
     """
-    points: dict[tuple[str, str, str, str, str], list[tuple[float, float, float]]] = {}
+    points: dict[tuple[str, str, str, str, str], list[JSON]] = {}
     for row in sorted((row for row in rows if not row.get("biased")), key=lambda row: row["date"]):
         for name, own in row["parameters"].items():
             if own["value"] is not None and own["std"]:
                 key = (row["machine"], row["joint"], name, own["unit"], ", ".join(row["selected"]))
-                points.setdefault(key, []).append((row["date"].timestamp(), own["value"], own["std"]))
+                points.setdefault(key, []).append(row)
     series = []
-    for key in sorted(points):
-        date, value, std = np.array(points[key]).T
-        series.append(Series(*key, date, value, std, fit_trend(date / WEEK, value, std)))
+    for key, own_rows in sorted(points.items(), key=lambda point: point[0]):
+        weeks = np.array([row["date"].timestamp() / WEEK for row in own_rows])
+        value, std = np.array([[row["parameters"][key[2]][part] for row in own_rows] for part in ("value", "std")])
+        series.append(Series(*key, tuple(own_rows), fit_trend(weeks, value, std)))
     p_values = np.array([own.trend.p_value for own in series])
     tested = np.flatnonzero(np.isfinite(p_values))
     for k, adjusted in zip(tested, scipy.stats.false_discovery_control(p_values[tested]), strict=True):
@@ -143,23 +122,19 @@ def find_series(rows: Iterable[JSON]) -> list[Series]:
     return series
 
 
-def write_tables(folder: Path, rows: Sequence[JSON], series: Sequence[Series]) -> None:
-    """Write both tables as Parquet and CSV, each file whole or not at all; raises OSError if one cannot be written."""
+def write_table(folder: Path, rows: Sequence[JSON]) -> None:
+    """Write the table as Parquet and CSV, each file whole or not at all; raises OSError if it cannot be written."""
     names = dict.fromkeys(name for row in rows for name in row["parameters"])
-    columns = SURVEY | {column: NUMBER for name in names for column in (name, f"{name}_std")}
-    flat = []
-    for row in rows:
-        values = {name: own["value"] for name, own in row["parameters"].items()}
-        flat.append(row | values | {f"{name}_std": own["std"] for name, own in row["parameters"].items()})
-    _write(folder / "survey", flat, columns)
-    _write(folder / "trends", [own.make_row() for own in series], TRENDS)
-
-
-def _write(path: Path, rows: Sequence[JSON], columns: dict[str, pa.DataType]) -> None:
-    table = pa.Table.from_pylist(rows, schema=pa.schema(columns))
-    for ending, write in ((".parquet", pq.write_table), (".csv", pyarrow.csv.write_csv)):
-        with replace_file(path.with_suffix(ending)) as file:
+    columns = SURVEY | {f"{name}{ending}": NUMBER for name in names for ending in PARAMETER}
+    flat = [row | _flatten(row["parameters"]) for row in rows]
+    table = pa.Table.from_pylist(flat, schema=pa.schema(columns))
+    for name, write in zip(TABLES, (pq.write_table, pyarrow.csv.write_csv), strict=True):
+        with replace_file(folder / name) as file:
             write(table, file)
+
+
+def _flatten(parameters: JSON) -> JSON:
+    return {f"{name}{end}": own.get(key) for name, own in parameters.items() for end, key in PARAMETER.items()}
 
 
 def tabulate_recordings(rows: Sequence[JSON]) -> TextTable:
@@ -200,5 +175,6 @@ def tabulate_changes(series: Sequence[Series]) -> TextTable:
         if own.change == "jump" and jump is not None:
             size = f"{'+' if jump.size > 0 else ''}{format_estimate(jump.size, jump.std)} on {own.jump_date:%Y-%m-%d}"
         if own.change:
-            rows.append((own.label, own.change, size, own.unit, format_number(own.mean), f"{own.trend.p_value:.1g}"))
+            mean = format_number(float(np.mean([one["value"] for one in own.estimates])))
+            rows.append((own.label, own.change, size, own.unit, mean, f"{own.trend.p_value:.1g}"))
     return TextTable(("parameter", "change", "size", "unit", "mean", "p-value"), rows, left=("change", "size", "unit"))
