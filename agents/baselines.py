@@ -97,14 +97,7 @@ class LookAhead:
     head_start = 50  # steps added to k, so that early torque is cheap
 
     def __init__(self, constraint: Constraint, torques: int, ticks: int, levels: Sequence[float]) -> None:
-        """Create the policy.
-
-        Args:
-            constraint: limits of the torque.
-            torques: number of torques in a sequence.
-            ticks: duration of each torque [ticks].
-            levels: of the torque, as shares of the largest.
-        """
+        """Create the policy of sequences of torques, each held for some ticks, at shares of the largest."""
         self.constraint, self.ticks = constraint, ticks
         self._sequences = np.array(list(itertools.product(levels, repeat=torques))).T  # (torques, C)
 
@@ -159,11 +152,7 @@ def multisine_torque(weights: Array, constraint: Constraint) -> Array:
 
 
 def make_separating_signal(amplitude: float | None = None) -> Levels:
-    """Make the periodic multisine that distinguishes hidden effects.
-
-    Args:
-        amplitude: bound of the torque [N m]; the peak constraint by default.
-    """
+    """Make the periodic multisine that distinguishes hidden effects, up to an amplitude [N m] or the usual peak."""
     constraint = CONSTRAINTS["peak"] if amplitude is None else Constraint(amplitude)
     torque = multisine_torque(load_weights(SEPARATING), constraint)
     return Levels(constraint.peak, tuple(TICK * np.arange(1, len(torque) + 1)), tuple(torque))
@@ -199,9 +188,5 @@ BASELINES: dict[str, Callable[[Constraint, int], Policy]] = {
 
 
 def make_baseline(name: str, constraint: str, seed: int = 0) -> Policy:
-    """Make a baseline by name.
-
-    Raises:
-        ValueError: if a name is unknown.
-    """
+    """Make a baseline by name; raises ValueError if a name is unknown."""
     return find("baseline", name, BASELINES)(find("constraint", constraint, CONSTRAINTS), seed)

@@ -15,12 +15,11 @@ from agents.baselines import BASELINE, RANDOM
 from agents.contenders import make_baselines as make_baselines
 from agents.contenders import make_contender
 from agents.evaluation import ACCURACIES, REPORT_TIMES, SEED_OFFSET, Outcome, evaluate_policy
-from agents.observer import N_PARAMETERS, OBSERVATION_SIZE
+from agents.observer import N_PARAMETERS
 from estimators.progress import Progress, no_progress
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import UserError
-from pendulum_env.plant import PAPER, Effects, list_effects
-from pendulum_env.reading import quote_value
+from pendulum_env.plant import Effects, list_effects
 
 SCHEMA = "pendulum-ident/evaluation@2"
 RESAMPLES = 2000
@@ -59,31 +58,6 @@ class PolicyComparison:
                 notes.append(f"{name} asks for up to {most:.1f} times the peak torque: actions are shares of it")
         return tuple(notes)
 
-    def records(self) -> list[dict[str, Any]]:
-        """Return one dictionary for each policy, with medians over the plants.
-
-        `error_10s` is the RMS of the four relative errors. `inertia_error` and so on are the final errors of single
-        parameters. `time_to_1_percent` is the time after which all errors stay within 1 % [s], or infinite. `gain` is
-        the final error of the baseline divided by the error of the policy. `information_gain` is the ratio of the
-        fourth roots of det M. Above 1, the policy is better than the baseline.
-        """
-        base = self.outcomes[self.baseline]
-        rows = []
-        for name, own in self.outcomes.items():
-            row: dict[str, Any] = {"policy": name}
-            row |= {
-                f"error_{moment:g}s": _median(error) for moment, error in zip(REPORT_TIMES, own.errors, strict=True)
-            }
-            last = np.abs(own.parameter_errors[-1])
-            row |= {f"{parameter}_error": _median(last[:, k]) for k, parameter in enumerate(PAPER)}
-            row |= {
-                f"time_to_{100 * b:g}_percent": _median(time) for b, time in zip(ACCURACIES, own.close, strict=True)
-            }
-            row["gain"] = compute_gain(own.errors[-1], base.errors[-1])
-            row["information_gain"] = information_ratio(own.log_det[-1], base.log_det[-1])
-            rows.append(row)
-        return rows
-
     def json(self) -> JSON:
         """Return quartiles of all figures, and gains over the baseline with intervals; infinite figures are null."""
         base = self.outcomes[self.baseline]
@@ -101,10 +75,11 @@ class PolicyComparison:
             "1 % after [s]",
             f"gain over {self.baseline}",
         ]
+        base = self.outcomes[self.baseline]
         rows = [
-            [f"{100 * row[f'error_{moment:g}s']:.3f}" for moment in REPORT_TIMES]
-            + [f"{row['time_to_1_percent']:.2f}", f"{row['gain']:.2f}"]
-            for row in self.records()
+            [f"{100 * _median(error):.3f}" for error in own.errors]
+            + [f"{_median(own.close[0]):.2f}", f"{compute_gain(own.errors[-1], base.errors[-1]):.2f}"]
+            for own in self.outcomes.values()
         ]
         widest = max(map(len, ("policy", *self.outcomes)))
         lines = zip(("policy", *self.outcomes), (header, *rows), strict=True)
@@ -147,7 +122,7 @@ def compare_policies(
         policies: by name.
         baselines: names among `agents.baselines.BASELINES`. The first is the reference of all gains.
         constraint: of the torque, "peak" (6 N m) or "rms" (3 N m root mean square, 15 N m at most).
-        plants: number of them.
+        plants: number of plants.
         seed: of plants, noise and signals.
         effects: hidden in the plants, as `stribeck=0.4` or `{"stribeck": 0.4}`.
         spread: relative half width within which the parameters of the plants are drawn.
@@ -164,24 +139,18 @@ def compare_policies(
         >>> from agents import compare_policies
         >>> from pendulum_env.excitation import excitation
         >>> found = compare_policies({"chirp": excitation("chirp", 1, seconds=10)}, ["two-tone"], plants=2)
-        >>> [record["policy"] for record in found.records()]
+        >>> list(found.outcomes)
         ['two-tone', 'chirp']
         >>> found.outcomes["chirp"].parameter_errors.shape
         (500, 2, 4)
     """
-    policies = {} if policies is None else policies
-    if not isinstance(policies, Mapping):
-        raise UserError(f"policies is {quote_value(policies)}: give a dictionary of policies by name")
-    for name, policy in policies.items():
-        if isinstance(policy, str):
-            raise UserError(f"policy {name} is the text {policy!r}: give names of baselines by baselines=[...]")
+    policies = policies or {}
     if taken := [name for name in policies if name in baselines]:
         raise UserError(f"a policy and a baseline are both called {taken[0]}: rename the policy")
     if plants < 1:
         raise UserError(f"plants is {plants}: give 1 or more")
-    inputs = OBSERVATION_SIZE + (max_turns is not None)
     contenders = make_baselines(baselines, constraint)
-    contenders |= {name: make_contender(name, policy, constraint, inputs) for name, policy in policies.items()}
+    contenders |= {name: make_contender(name, policy, constraint) for name, policy in policies.items()}
     if not contenders:
         raise UserError("there is nothing to compare: give a policy or a baseline")
     limits = {"max_speed": max_speed, "max_turns": max_turns}

@@ -10,12 +10,11 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 from agents.baselines import BASELINES, SignalPolicy, make_baseline
 from agents.network import Network
-from agents.observer import CONSTRAINTS, EPISODE, OBSERVATION_SIZE, TICK, Batch
+from agents.observer import CONSTRAINTS, EPISODE, TICK, Batch
 from pendulum_env._typing import Array
 from pendulum_env.errors import UserError, format_error
 from pendulum_env.lookup import find
@@ -23,29 +22,14 @@ from pendulum_env.policy import Policy, State
 from pendulum_env.reading import quote_value
 
 Contender = Callable[[int], Policy]  # makes a policy from a seed
-ACTIONS = gym.spaces.Box(-1.0, 1.0, (1,), dtype=np.float32)
 ARGUMENTS = ("state", "episode_start", "deterministic")  # optional arguments of `predict`
 
 
 class CheckedPolicy:
     """Policy with checked actions; `predict` of the wrapped policy may take fewer arguments and return only actions."""
 
-    def __init__(self, name: str, policy: Any, inputs: int = OBSERVATION_SIZE) -> None:
-        """Wrap a policy.
-
-        Args:
-            name: in messages.
-            policy: object with `predict`.
-            inputs: length of an observation.
-
-        Raises:
-            UserError: if the spaces of the policy differ from those of the task.
-        """
-        seen, chosen = (getattr(policy, kind, None) for kind in ("observation_space", "action_space"))
-        if isinstance(seen, gym.Space) and seen.shape != (inputs,):
-            raise UserError(f"policy {name} takes observations of shape {seen.shape}, the task has ({inputs},)")
-        if isinstance(chosen, gym.Space) and chosen != ACTIONS:
-            raise UserError(f"policy {name} chooses actions of {chosen}, the task takes {ACTIONS}")
+    def __init__(self, name: str, policy: Any) -> None:
+        """Wrap a policy that messages call by a name."""
         parameters = inspect.signature(policy.predict).parameters
         takes_all = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
         self.name, self._policy = name, policy
@@ -56,8 +40,7 @@ class CheckedPolicy:
     ) -> tuple[Batch, State]:
         """Return shares of the peak torque (B, 1) for observations (B, N).
 
-        Raises:
-            UserError: if the policy fails, or does not return one finite number for each pendulum.
+        Raises UserError if the policy fails, or does not return one finite number for each pendulum.
         """
         given = dict(zip(ARGUMENTS, (state, episode_start, deterministic), strict=True))
         try:
@@ -76,30 +59,19 @@ class CheckedPolicy:
         return shares.reshape(batch, 1), state
 
 
-def make_contender(name: str, policy: Any, constraint: str, inputs: int = OBSERVATION_SIZE) -> Contender:
+def make_contender(name: str, policy: Any, constraint: str) -> Contender:
     """Return a function that makes the policy from a seed; it is picklable if the policy is.
 
-    Args:
-        name: in messages.
-        policy: an object with `predict`, such as a model of stable-baselines3; a class of such objects; an excitation;
-            or a function of time [s] that returns a torque [N m].
-        constraint: of the torque.
-        inputs: length of an observation.
-
-    Raises:
-        ValueError: if the form of the policy is unknown, or the policy does not fit the task.
+    A policy is an object with `predict`, a class of such objects, an excitation, or a function of time [s] that returns
+    a torque [N m]. Raises ValueError if the form of the policy is unknown, or the policy does not fit the task.
     """
-    make = partial(_make, name, policy, constraint, inputs)
+    make = partial(_make, name, policy, constraint)
     make(0)
     return make
 
 
 def make_baselines(names: Any, constraint: str) -> dict[str, Contender]:
-    """Return functions that make the named `BASELINES`.
-
-    Raises:
-        ValueError: if a name is unknown.
-    """
+    """Return functions that make the named `BASELINES`; raises ValueError if a name is unknown."""
     for name in names:
         find("baseline", name, BASELINES)
     find("constraint", constraint, CONSTRAINTS)
@@ -107,11 +79,7 @@ def make_baselines(names: Any, constraint: str) -> dict[str, Contender]:
 
 
 def load_class(text: str) -> type:
-    """Import a class given as `module:Class`; the current folder is searched, too.
-
-    Raises:
-        UserError: if the module or class does not exist, or the import fails.
-    """
+    """Import a class given as `module:Class`, perhaps from the current folder; raises UserError if that fails."""
     module, _, name = text.partition(":")
     if os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
@@ -124,7 +92,7 @@ def load_class(text: str) -> type:
     return found
 
 
-def _make(name: str, policy: Any, constraint: str, inputs: int, seed: int) -> Policy:
+def _make(name: str, policy: Any, constraint: str, seed: int) -> Policy:
     if isinstance(policy, type):
         try:
             policy = policy()
@@ -133,7 +101,7 @@ def _make(name: str, policy: Any, constraint: str, inputs: int, seed: int) -> Po
     if isinstance(policy, Network) and policy.constraint != constraint:
         raise UserError(f"policy {name} was trained under the constraint {policy.constraint}, not {constraint}")
     if hasattr(policy, "predict"):
-        return CheckedPolicy(name, policy, inputs)
+        return CheckedPolicy(name, policy)
     signal = getattr(policy, "signal", policy)
     if not callable(signal):
         known = "an object with predict, a class, an excitation or a function of time"

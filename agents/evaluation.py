@@ -88,16 +88,8 @@ def evaluate_policy(
 ) -> Outcome:
     """Excite new plants for 10 s with a policy, and estimate their parameters online at 1 kHz.
 
-    The same seed gives the same plants and noise to every policy.
-
-    Args:
-        contender: makes the policy.
-        constraint: of the torque.
-        plants: number of them.
-        seed: of plants, noise and policy.
-        effects: hidden in the plants.
-        task: further arguments of `ExcitationDesignVector`: `spread`, `max_speed` or `max_turns`.
-        scheme_id: of the estimator.
+    The same seed gives the same plants and noise to every policy. `task` has further arguments of
+    `ExcitationDesignVector`: `spread`, `max_speed` or `max_turns`.
     """
     policy = contender(seed)
     env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, **(task or {}))  # type: ignore[arg-type]
@@ -135,11 +127,8 @@ def compute_cramer_rao_bound(truth: Array, torque: Array) -> Array:
     """Compute the Cramer-Rao bound of the RMS relative error at `REPORT_TIMES` (M, N).
 
     The measured torque is phi theta plus white noise of variance s^2 while the arm moves. The Fisher information is
-    sum phi phi' / s^2, with rows phi of the exact motion. The bound is infinite where the information is singular.
-
-    Args:
-        truth: parameters (N, P).
-        torque: at 1 kHz (T, N) [N m].
+    sum phi phi' / s^2, with rows phi of the exact motion under parameters (N, P) and torque at 1 kHz (T, N). The bound
+    is infinite where the information is singular.
     """
     way = simulate(BASE, truth.T, 1.0 / RATE, torque, 0.0, 0.0)
     moving = way.velocity[1:] * way.velocity[:-1] > 0

@@ -97,30 +97,26 @@ class Network:
     @classmethod
     def _of(cls, arrays: Mapping[str, NDArray[Any]]) -> Network:
         count = max(1, sum(name.startswith("weight") for name in arrays))
-        names = [f"{kind}{k}" for kind in ("weight", "bias") for k in range(count)] + ["levels"]
-        for name in [*names, "constraint"]:
+        names = [f"{kind}{k}" for kind in ("weight", "bias") for k in range(count)]
+        for name in [*names, "levels", "constraint"]:
             if name not in arrays:
                 raise ValueError(f"it lacks {name}")
-        for name in names:
-            own, axes = arrays[name], 2 if name.startswith("weight") else 1
-            if own.ndim != axes:
-                raise ValueError(f"{name} has {own.ndim} axes, where {axes} {'are' if axes > 1 else 'is'} needed")
-            are_numbers = own.dtype.kind in "iuf" and own.size > 0  # NaN fails the comparison
-            if not (are_numbers and (np.abs(own.astype(np.longdouble)) <= MAX_WEIGHT).all()):
-                raise ValueError(f"{name} holds something else than numbers up to {MAX_WEIGHT:g}")
-        *parameters, levels = (arrays[name].astype(float) for name in names)
-        weights, biases = parameters[:count], parameters[count:]
-        seen, constraint = weights[0].shape[-1], str(arrays["constraint"])
-        of_arm, outputs = constraint == ARM, biases[-1].size
-        inputs = seen if of_arm or seen == OBSERVATION_SIZE + 1 else OBSERVATION_SIZE  # one more with limited turns
-        sizes = [inputs, *(bias.size for bias in biases)]
-        actions = outputs % levels.size == 0 if of_arm else outputs == levels.size
-        if [w.shape for w in weights] != [*zip(sizes[1:], sizes, strict=False)] or not actions:
-            raise ValueError("its layers, outputs and levels do not follow from one another")
+        with np.errstate(over="ignore"):  # what is larger than a float is refused below
+            *parameters, levels = (np.asarray(arrays[name], dtype=float) for name in [*names, "levels"])
+        if not all((np.abs(own) <= MAX_WEIGHT).all() for own in parameters) or not (np.abs(levels) <= 1.0).all():
+            raise ValueError(f"it holds weights beyond {MAX_WEIGHT:g}, or levels beyond 1, the peak")
+        weights, biases, constraint = parameters[:count], parameters[count:], str(arrays["constraint"])
         if constraint not in POLICY_NAMES:
             raise ValueError(f"its constraint is {quote_value(constraint)}, none of {', '.join(POLICY_NAMES)}")
-        if np.abs(levels).max() > 1.0:
-            raise ValueError("a level is beyond 1, the peak")
+        outputs = biases[-1].size
+        actions = outputs // max(1, levels.size) if constraint == ARM else 1
+        seen = weights[0].shape[-1] if weights[0].ndim else 0
+        sizes = [seen, *(bias.size for bias in biases)]
+        fits = all(w.shape == size for w, size in zip(weights, zip(sizes[1:], sizes, strict=False), strict=True))
+        if not (fits and outputs and outputs == actions * levels.size) or any(own.ndim != 1 for own in biases):
+            raise ValueError("its layers, outputs and levels do not follow from one another")
+        if constraint != ARM and seen not in (OBSERVATION_SIZE, OBSERVATION_SIZE + 1):  # one more with limited turns
+            raise ValueError(f"its observations have {seen} numbers, not {OBSERVATION_SIZE}")
         return cls(weights, biases, levels, constraint)
 
 

@@ -125,18 +125,11 @@ class Observer:
         max_speed: float | None = None,
         max_turns: float | None = None,
     ) -> None:
-        """Create an observer.
+        """Create an observer of episodes of some duration [s] at a sampling rate [Hz].
 
-        Args:
-            constraint: limits of the torque.
-            seconds: duration of an episode [s].
-            rate: sampling rate [Hz].
-            max_speed: speed above which no torque accelerates the arm [rad/s]; None for no limit.
-            max_turns: turns to either side above which no torque drives the arm outwards; None for no limit.
-
-        Raises:
-            ValueError: if a limit is not positive.
-            UserError: if the episode is shorter than a tick, or a tick is not a whole number of samples, at least two.
+        No torque accelerates the arm above `max_speed` [rad/s], or drives it beyond `max_turns` to either side.
+        Raises UserError if a limit is not positive, the episode is shorter than a tick, or a tick is not a whole number
+        of samples, at least two.
         """
         limits = {"max_speed": max_speed, "max_turns": max_turns}
         check_positive("a design", **{name: limit for name, limit in limits.items() if limit is not None})
@@ -245,16 +238,9 @@ class Pilot:
     def __init__(
         self, policy: Policy, constraint: str = "peak", seconds: float = EPISODE, rate: float = 1000.0
     ) -> None:
-        """Create a controller.
+        """Create a controller of episodes of some duration [s] at a sampling rate [Hz].
 
-        Args:
-            policy: policy of `ExcitationDesign`.
-            constraint: "peak" or "rms".
-            seconds: duration of an episode [s].
-            rate: sampling rate [Hz].
-
-        Raises:
-            ValueError: if the constraint is unknown, or the rate is no multiple of 50 Hz.
+        Raises ValueError if the constraint is unknown, or the rate is no multiple of 50 Hz.
         """
         self.policy, self.rate = policy, rate
         self.constraint = find("constraint", constraint, CONSTRAINTS)
@@ -267,12 +253,7 @@ class Pilot:
         return self.constraint.peak
 
     def torque(self, info: Mapping[str, Any]) -> float:
-        """Return the torque for the next sample [N m].
-
-        Args:
-            info: `time` [s], `position` [rad] unwrapped, `velocity` [rad/s], and `torque` [N m] measured over the
-                last sample.
-        """
+        """Return the torque for the next sample [N m]; the torque of `info` is measured over the last sample."""
         if self._samples is None or info["time"] == 0:
             self.observer.start(*(np.array([info[name]], dtype=float) for name in ("position", "velocity")))
             self._state: State = None

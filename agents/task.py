@@ -23,24 +23,13 @@ TaskState = tuple[Batch, Array, dict[str, Any]]  # observations (B, N), informat
 
 
 class TaskVector(VectorEnv[Batch, Batch, Array]):
-    """B episodes of a task, with actions in [-1, 1]; the reward is the gain of information.
+    """B episodes of a task, with actions in [-1, 1]; the reward is the gain of information."""
 
-    Attributes:
-        options: names of the options of `reset`.
-    """
-
-    options: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()  # names of the options of `reset`
     _steps_left = 0  # steps until the end of the episodes
 
     def __init__(self, num_envs: int, inputs: int, actions: int, autoreset_mode: AutoresetMode | str) -> None:
-        """Create the spaces.
-
-        Args:
-            num_envs: number B of episodes.
-            inputs: length of an observation.
-            actions: length of an action.
-            autoreset_mode: when the next episodes begin.
-        """
+        """Create the spaces of observations of `inputs` numbers and actions of `actions` numbers."""
         self.num_envs, self.render_mode = num_envs, None
         self.autoreset = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
@@ -62,15 +51,7 @@ class TaskVector(VectorEnv[Batch, Batch, Array]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Batch, dict[str, Any]]:
-        """Begin episodes.
-
-        Args:
-            seed: of all random numbers; the first of a list is used.
-            options: by name, of `options`.
-
-        Raises:
-            ValueError: if an option is unknown or impossible.
-        """
+        """Begin episodes; of a list of seeds the first is used. Raises ValueError for an unknown option."""
         super().reset(seed=seed[0] if isinstance(seed, list) else seed)
         for name in options or {}:
             find("option of reset", name, dict.fromkeys(self.options))
@@ -79,11 +60,7 @@ class TaskVector(VectorEnv[Batch, Batch, Array]):
     def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
         self, actions: Batch
     ) -> tuple[Batch, Array, Bools, Bools, dict[str, Any]]:
-        """Apply actions: shares of the largest torque or speeds (B, A).
-
-        Raises:
-            ValueError: if the shape of the actions is wrong, or one of them is not finite.
-        """
+        """Apply actions (B, A); raises ValueError if their shape is wrong or one of them is not finite."""
         shares = np.asarray(actions, dtype=float)
         if shares.shape != self.action_space.shape or not np.isfinite(shares).all():
             raise ValueError(f"actions are {actions}: give finite numbers of shape {self.action_space.shape}")

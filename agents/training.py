@@ -1,19 +1,11 @@
-"""Training of excitation policies with PPO of stable-baselines3 on batched pendulums.
-
-An interrupted training resumes from its last checkpoint and ends with the same policy: the checkpoint includes
-pendulums and random number generators.
-"""
+"""Training of excitation policies with PPO of stable-baselines3 on batched pendulums."""
 
 from __future__ import annotations
 
-import random
-from copy import copy
-from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import cloudpickle
 import gymnasium as gym
 import numpy as np
 import torch
@@ -29,15 +21,6 @@ from agents.network import Network
 from agents.observer import ARM, mirror_observation
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
-from pendulum_env.errors import FileError, UserError
-from pendulum_env.files import write_whole
-from pendulum_env.reading import read_bytes
-
-CHECKPOINT = "training.pkl"  # in the folder of a training, with policies `steps-N.npz` and `tensorboard`
-
-
-class CheckpointError(UserError):
-    """The folder holds a training with another configuration, or one that must not be resumed."""
 
 
 class DiscreteActions(VectorWrapper):
@@ -100,28 +83,15 @@ class TrainingTask(DiscreteActions):
 def train(config: Config, tell: Progress | None = None, folder: Path | None = None) -> Network:
     """Train a policy; the same configuration gives the same policy on the same machine.
 
-    Args:
-        config: of the training.
-        tell: called with the progress, as text and as a share.
-        folder: of the last checkpoint, from which the training continues if there is one, policies `steps-N.npz`, and
-            a log for TensorBoard if that is installed.
-
-    Raises:
-        CheckpointError: if the folder holds a training of another configuration.
-        OSError: if the folder is not writable.
+    `tell` is called with the progress, as text and as a share. A folder gets policies `steps-N.npz` on the way, and a
+    log for TensorBoard if that is installed. Raises OSError if the folder is not writable.
     """
     torch.set_num_threads(1)  # one thread: results repeat, and small networks gain nothing from more
+    model = make_model(config)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    if folder is None or not (folder / CHECKPOINT).exists():
-        model = make_model(config)
-    else:
-        model = _read_checkpoint(folder / CHECKPOINT, config)
-    if model.num_timesteps < config.steps:
-        log = None if folder is None or find_spec("tensorboard") is None else str(folder / "tensorboard")
-        model.tensorboard_log = log
-        callback, left = _TrainingCallback(config, tell, folder), config.steps - model.num_timesteps
-        model.learn(left, callback, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="training")
+        model.tensorboard_log = str(folder / "tensorboard") if find_spec("tensorboard") else None
+    model.learn(config.steps, _TrainingCallback(config, tell, folder), tb_log_name="training")
     return export_network(model, config)
 
 
@@ -163,40 +133,8 @@ def export_network(model: PPO, config: Config) -> Network:
     return Network(weights, biases, np.array(config.levels), config.constraint)
 
 
-def _write_checkpoint(path: Path, model: PPO, config: Config) -> None:
-    """Write a checkpoint atomically."""
-    bare = copy(model)
-    bare._logger = None  # type: ignore[assignment]  # it has open files; resuming opens new ones
-    state = {
-        "config": asdict(config),
-        "model": bare,  # includes the pendulums
-        "random": (random.getstate(), np.random.get_state(), torch.get_rng_state()),  # noqa: NPY002  (of SB3)
-    }
-    write_whole(path, cloudpickle.dumps(state))
-
-
-def _read_checkpoint(path: Path, config: Config) -> PPO:
-    """Read a checkpoint, a pickle, which can run code: read your own only."""
-    try:
-        packed = read_bytes(path)
-    except FileError as error:
-        raise CheckpointError(str(error)) from None
-    try:
-        state = cloudpickle.loads(packed)
-        before, model, (python, numpy, torched) = state["config"], state["model"], state["random"]
-    except Exception as error:  # a broken or foreign pickle may raise anything
-        raise CheckpointError(f"{path}: is no checkpoint of this version ({type(error).__name__})") from None
-    for name, value in asdict(config).items():
-        if (begun := before.get(name)) != value:
-            raise CheckpointError(f"{path}: has {name} = {begun}, not {value}: resume it with the same configuration")
-    random.setstate(python)
-    np.random.set_state(numpy)  # noqa: NPY002
-    torch.set_rng_state(torched)
-    return model
-
-
 class _TrainingCallback(BaseCallback):
-    """Callback that reports progress and writes checkpoints and policies."""
+    """Callback that reports progress and writes policies on the way."""
 
     def __init__(self, config: Config, tell: Progress | None, folder: Path | None) -> None:
         super().__init__()
@@ -227,4 +165,3 @@ class _TrainingCallback(BaseCallback):
             assert isinstance(self.model, PPO)
             self._kept = done
             export_network(self.model, config).save(self._folder / f"steps-{done}.npz")
-            _write_checkpoint(self._folder / CHECKPOINT, self.model, config)

@@ -15,27 +15,22 @@ class BatchedVecEnv(VecEnv):
 
     The vector environment must reset within the same step (`autoreset_mode="SameStep"`), as a VecEnv does. Infos are
     empty except for the last observation of an episode, since thousands of dictionaries per step would cost more than
-    the physics. `last_info` is the info of the vector environment.
+    the physics.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
-        """Wrap a vector environment.
-
-        Raises:
-            ValueError: if its autoreset mode is not `SAME_STEP`.
-        """
+        """Wrap a vector environment; raises ValueError if its autoreset mode is not `SAME_STEP`."""
         mode = env.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.SAME_STEP:
             raise ValueError(
                 f"the autoreset mode of the environment is {mode}: stable-baselines3 needs autoreset_mode='SameStep'"
             )
         self.env = env
-        self.last_info: dict[str, Any] = {}
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> VecEnvObs:
         """Reset all environments; the seed of `seed` is used once."""
-        observation, self.last_info = self.env.reset(seed=self._seeds[0])
+        observation, _ = self.env.reset(seed=self._seeds[0])
         self._reset_seeds()
         self.reset_infos = [{} for _ in range(self.num_envs)]
         return np.asarray(observation)
@@ -47,7 +42,6 @@ class BatchedVecEnv(VecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         """Step all environments with the stored actions."""
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
-        self.last_info = info
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for k in np.flatnonzero(terminated | truncated):
             infos[k] = {

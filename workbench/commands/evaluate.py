@@ -5,8 +5,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager, nullcontext
-from importlib import import_module
-from importlib.util import find_spec
 from typing import Any
 
 from agents.baselines import BASELINE, BASELINES
@@ -32,9 +30,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "policies",
         metavar="POLICY",
         nargs="*",
-        help=f"{SHIPPED} (which ships), {', '.join(BASELINES)}; a file NAME.npz that `train` wrote, a model NAME.zip "
-        "of stable-baselines3, which runs the pickles in it, or MODULE:CLASS, an own class with `predict` (all by "
-        "default)",
+        help=f"{SHIPPED} (which ships), {', '.join(BASELINES)}; a file NAME.npz that `train` wrote, or "
+        "MODULE:CLASS, an own class with `predict` (all by default)",
     )
     parser.add_argument("--constraint", choices=CONSTRAINTS, default="peak", help="of the torque (default peak)")
     parser.add_argument(
@@ -51,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Let every policy excite the same plants, and print the errors of the estimates."""
-    check_outputs([arguments.json], [name for name in arguments.policies if name.endswith((".npz", ".zip"))])
+    check_outputs([arguments.json], [name for name in arguments.policies if name.endswith(".npz")])
     names = dict.fromkeys([BASELINE, *(arguments.policies or [*BASELINES, SHIPPED])])
     baselines = [name for name in names if name in BASELINES]
     policies = {name: _load_policy(name, arguments.constraint) for name in names if name not in BASELINES}
@@ -128,8 +125,4 @@ def _load_policy(name: str, constraint: str) -> Any:
     """Load the policy of a name, a file or a class."""
     if name == SHIPPED or name.endswith(".npz"):
         return load(constraint if name == SHIPPED else name)
-    if name.endswith(".zip"):
-        if find_spec("stable_baselines3") is None:
-            raise InputError(f"{name}: models of stable-baselines3 need the extra rl: pip install 'pendulum-ident[rl]'")
-        return import_module("agents.sb3").load_policy(name)  # imports torch
     return load_class(name) if ":" in name else find("baseline", name, BASELINES)

@@ -12,7 +12,7 @@ from workbench.errors import InputError, Interrupted
 from workbench.outputs import check_outputs, report_files
 from workbench.terminal import Terminal
 
-NEEDED = ("torch", "stable_baselines3", "cloudpickle")
+NEEDED = ("torch", "stable_baselines3")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -31,8 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--checkpoints",
         metavar="FOLDER",
-        help="keep the training, policies on the way and a log for TensorBoard there; a training that was interrupted "
-        "goes on. Name only folders that this user has written, since reading one runs what is in it",
+        help="keep policies on the way and a log for TensorBoard there",
     )
     parser.add_argument("-o", "--output", metavar="NAME.npz", required=True, help="policy")
 
@@ -54,8 +53,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         with terminal.progress("training", lines=True) as tell:
             network = training.train(config, tell, folder)
     except KeyboardInterrupt:
-        kept = folder is not None and (folder / training.CHECKPOINT).exists()
-        raise Interrupted(f"run it again to go on from {folder}" if kept else "nothing was kept") from None
+        kept = folder is not None and any(folder.glob("steps-*.npz"))
+        raise Interrupted(f"policies on the way are kept in {folder}" if kept else "nothing was kept") from None
     network.save(arguments.output)
     terminal.say(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
     if config.constraint != ARM:
