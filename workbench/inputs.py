@@ -227,7 +227,7 @@ def make_robot(
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
     joints, rotors = named.pop() if named else made.joints, True if arguments.rotors else made.rotors
     light = arguments.no_gravity or made.weightless
-    return RobotFile(Path(arguments.robot), joints, True, rotors, light)
+    return RobotFile(Path(arguments.robot), joints, rotors, light)
 
 
 def report_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:

@@ -182,8 +182,7 @@ class Job:
         self.running, self.over = True, threading.Event()  # on its way; set once nothing more comes of it
         self._began, self._workers, self._ended = time.monotonic(), workers, ended
         self._worker = workers.take()
-        self._worker.send(partial(_do, task))
-        threading.Thread(target=self._listen, daemon=True, name=title).start()
+        threading.Thread(target=self._listen, args=(task,), daemon=True, name=title).start()
 
     @property
     def elapsed(self) -> float:
@@ -196,7 +195,8 @@ class Job:
         self._worker.process.terminate()  # who listens ends it
         self.over.set()
 
-    def _listen(self) -> None:
+    def _listen(self, task: Task) -> None:
+        self._worker.send(partial(_do, task))  # takes until the worker has its libraries
         while not isinstance(word := self._worker.hear(), TaskEnd):
             self.what, self.share = word
         try:

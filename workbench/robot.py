@@ -24,7 +24,6 @@ class RobotFile:
 
     file: Path  # URDF or MJCF
     joints: tuple[str, ...] | None = None  # that move; None: all that can
-    bolted: bool = False  # whether a base that floats is bolted down
     rotors: bool | None = None  # whether motors have inertia of their own; None: as the file has it
     weightless: bool = False  # whether the driver takes gravity's torque off what it logs
 
@@ -39,7 +38,7 @@ class RobotFile:
         """Copy with every joint held that has no columns in the sources, unless the moving joints are named."""
         if self.joints is not None or not sources:
             return self
-        every = find_movable_joints(self.file, self.bolted)
+        every = find_movable_joints(self.file, bolted=True)
         logged = [find_logged_joints(source.file, every, source.columns) for source in sources]
         moving = tuple(joint for joint in every if all(joint in own for own in logged))
         return replace(self, joints=moving) if moving and moving != every else self
@@ -67,7 +66,7 @@ class RobotFile:
 @lru_cache(maxsize=8)
 def _read_body(robot: RobotFile, held: tuple[tuple[str, float], ...], changed: Hashable) -> Body:
     """Read the links of a file, and keep the last ones by time and size of the file."""
-    body = read_body(robot.file, joints=robot.joints, held=dict(held), bolted=robot.bolted, rotors=robot.rotors)
+    body = read_body(robot.file, joints=robot.joints, held=dict(held), bolted=True, rotors=robot.rotors)
     return body.weightless if robot.weightless else body
 
 

@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import dash
 import numpy as np
-from dash import ALL, Dash, Input, Output, dcc, html
+from dash import dcc, html
 from dash.development.base_component import Component
-from dash.exceptions import PreventUpdate
 
 from pendulum_env._typing import Array
 from pendulum_env.arms.recording import strip_units
@@ -27,7 +25,6 @@ from pendulum_env.thinning import thin
 from workbench.app.parts import UNWRAP, label_control, make_aria, make_button, make_graph, make_panel, make_table
 from workbench.figure import Figure, axis, line
 
-COLUMN = "column"  # kind of a plot that a range is brushed in
 NEEDED = 2  # columns with numbers: time and position
 PLAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # what is written alone is a gain
 ASKED = "Time and position are needed, and torque if anything drives the joint; velocity and reference are of use."
@@ -202,9 +199,6 @@ class ColumnCard:
 
 def show(card: ColumnCard) -> Component:
     """Render the content of the file, and the choices of its columns."""
-    brush = "Drag over a plot to choose the range."
-    if card.seconds is None:
-        brush = "The range can be chosen once time is."
     ends = [
         label_control(label, dcc.Input(value, type="number", id=_make_id(end), min=0, placeholder=empty, debounce=True))
         for label, end, value, empty in (
@@ -219,7 +213,7 @@ def show(card: ColumnCard) -> Component:
             f"{ASKED_OF_ARM if card.joints else ASKED} What is written in the last "
             "column is done to a column one after the other, as by --columns: a gain, a ratio, an offset. For the "
             "current, voltage or duty cycle of a motor that is its torque constant"
-            f"{'' if card.joints else ', or *? to find it from known loads'}. {brush}",
+            f"{'' if card.joints else ', or *? to find it from known loads'}.",
             className="note",
         ),
         make_table(
@@ -256,7 +250,7 @@ def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
     first, plot = "no numbers", None
     if values is not None:
         first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"  # that are shown
-        plot = make_graph(_plot(k, header, values, card.seconds), kind=COLUMN, bar=False)
+        plot = make_graph(_plot(k, header, values, card.seconds), bar=False)
     roles = {"": "unused"} | {role: role for role in card.roles}
     unsaid = replace(choice, unit="").write_expression(header)
     unit = (describe_unit(choice.role, unsaid, card.preview.headers) if choice.role else "") or "–"
@@ -294,26 +288,8 @@ def _plot(k: int, header: str, values: Array, seconds: Array | None) -> Figure:
         "xaxis": bare,
         "yaxis": bare,
         "margin": {"l": 2, "r": 2, "t": 2, "b": 2},
-        "dragmode": "select" if x is seconds else False,
-        "selectdirection": "h",
+        "dragmode": False,
         "showlegend": False,
     }
     data = [line(x[kept], values[kept], header, "--train", "", hoverinfo="skip", hovertemplate=None)]
-    return Figure(f"{COLUMN}-{k}", f"Column {header} over {'time' if x is seconds else 'rows'}", data, layout, 54)
-
-
-def connect(app: Dash) -> None:
-    """Wire the range that is brushed in a plot."""
-
-    @app.callback(
-        Output({"field": "from", "of": ALL}, "value"),
-        Output({"field": "to", "of": ALL}, "value"),
-        Input({"kind": COLUMN, "of": ALL}, "selectedData"),
-        prevent_initial_call=True,
-    )
-    def brush(_: list[Any]) -> tuple[list[float], list[float]]:
-        drawn = (dash.ctx.triggered[0]["value"] or {}).get("range", {}).get("x")
-        if not drawn:
-            raise PreventUpdate
-        first, last = sorted(map(float, drawn))
-        return [round(max(first, 0.0), 3)], [round(last, 3)]
+    return Figure(f"column-{k}", f"Column {header} over {'time' if x is seconds else 'rows'}", data, layout, 54)

@@ -51,9 +51,5 @@ class SearchChoices:
         """Write some fields as words of a command."""
         return [f"--{field}={getattr(self, field)}" for field in fields if getattr(self, field)]
 
-    def write_arguments(self, *kinds: dict[str, Any]) -> str:
-        """Write the given arguments of Python, each with a comma before it."""
-        return "".join(f", {name}={value!r}" for kind in kinds for name, value in kind.items() if value)
-
 
 NO_CHOICES = SearchChoices()  # every effect is looked for, and nothing is known

@@ -63,16 +63,16 @@ def make_button(
     return html.Button(label, id=id, type="button", **(look | more))
 
 
-def make_save_button(file: str, what: str, of: str = "", primary: bool = False, **more: Any) -> Component:
+def make_save_button(file: str, what: str, primary: bool = False) -> Component:
     """Make a button that saves a file; `what` is one of `export.FILES`."""
-    return make_button(file, {"save": what, "of": of}, primary=primary, **more)
+    return make_button(file, {"save": what}, primary=primary)
 
 
-def list_choices(body: Mechanism = PENDULUM, nothing: str = "", tables: bool = False) -> dict[str, str]:
-    """List names of effects by id, perhaps with tables and none; of an arm at single joints and at every joint."""
+def list_choices(body: Mechanism = PENDULUM, tables: bool = False) -> dict[str, str]:
+    """List names of effects by id, perhaps with tables; of an arm at single joints and at every joint."""
     kinds = list_effects(body) | (TABLES if tables else {})
     ids = dict.fromkeys([*([] if tables else kinds), *(kind.id for kind in place_effects(kinds.values(), body))])
-    return ({"": nothing} if nothing else {}) | {id: capitalise(name_effect(id)) for id in ids}
+    return {id: capitalise(name_effect(id)) for id in ids}
 
 
 def name_field(name: str) -> dict[str, str]:
@@ -83,17 +83,6 @@ def name_field(name: str) -> dict[str, str]:
 def make_dropdown(name: str, options: Mapping[str, str] | Sequence[Any], value: Any, **more: Any) -> Component:
     """Make a choice of one thing."""
     return dcc.Dropdown(options, value, id=name_field(name), clearable=False, **more)
-
-
-def make_number_field(name: str, value: float | None, **more: Any) -> Component:
-    """Make a field for a number, which a tab keeps."""
-    return dcc.Input(value, type="number", id=name_field(name), **more, **KEPT)
-
-
-def make_drop_area(label: Content, does: str, several: bool = False) -> Component:
-    """Make an area for files to choose or drop; assets/app.js reads them and names the action that takes them."""
-    told: dict[str, Any] = {"data-files": "several" if several else "one"}
-    return html.Button(label, id=does, type="button", className="drop", **told)
 
 
 def label_control(label: str, control: Component, note: str = "") -> Component:

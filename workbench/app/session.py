@@ -27,7 +27,7 @@ from workbench.inputs import read_model
 from workbench.processes import Job, Task, TaskEnd, Workers
 from workbench.robot import RobotFile
 
-MOST, IDLE = 16, 12 * 3600.0  # sessions, and time [s] after which one that no page has asked for ends
+MOST = 16  # sessions; of more, the one that was used least recently ends
 UNDONE = 20  # changes that can be taken back
 GRACE = 1.0  # [s] that an end waits for an answer that is being made
 ID = re.compile(r"[0-9a-f]{32}")  # of a session: random, drawn by the page; never part of a path
@@ -48,8 +48,8 @@ class Session:
         self.cards: tuple[ColumnCard, ...] = ()  # recordings whose columns a person is asked about, the first one now
         self.notice = ""  # a sentence for the user: what went wrong
         self.version = time.time_ns() // 1_000_000  # grows with all that the page shows; no two sessions share one
-        self.asked = time.monotonic()  # time of the last request
         self.job: Job | None = None
+        self._fitting: State | None = None  # the state whose base model a job fits
         self._begun = self._over = False
 
     def begin(self, sources: Sequence[Source], robot: RobotFile | None) -> None:
@@ -84,7 +84,10 @@ class Session:
         self.cards = tuple(card for card in self.cards if not card.known or card.known in known)
 
     def act(self, do: Callable[[], object]) -> None:
-        """Do what a user asked for; a mistake becomes the notice. Nothing changes while a job works on the state."""
+        """Do what a user asked for, then fit what has changed; a mistake becomes the notice.
+
+        Nothing changes while another job than a fit works on the state.
+        """
         with self.lock:
             self.notice = ""
             self.version += 1
@@ -96,6 +99,8 @@ class Session:
                 do()
             except USER_ERRORS as mistake:
                 self.notice = self.describe_mistake(mistake)
+            if not self.is_busy():
+                self._fit()
 
     def describe_mistake(self, mistake: Exception) -> str:
         """Describe a mistake as the command line does, without the folders of files from the page."""
@@ -104,27 +109,56 @@ class Session:
     # ------------------------------------------------------------------------------------------------- work
 
     def is_busy(self) -> bool:
-        """Return whether a job is running."""
-        return self.job is not None and self.job.running
+        """Return whether a job is running that no change may disturb."""
+        return self.job is not None and self.job.running and self._fitting is None
 
     def work(self, title: str, task: Task, keep: Callable[[Any], None]) -> None:
         """Do a task in the background and keep what comes of it, unless the user lets go of it; called by `act`."""
+        self._stop()
+        self.run(title, task, lambda word: self.act(lambda: keep(word.result)))
 
-        def ended(job: Job, word: TaskEnd) -> None:
+    def run(self, title: str, task: Task, ended: Callable[[TaskEnd], None]) -> None:
+        """Start the job of the session."""
+
+        def hear(job: Job, word: TaskEnd) -> None:
             with self.lock:
                 if self.job is job:
-                    self.job = None
-                    self.act(lambda: keep(word.result))
+                    self.job = self._fitting = None
+                    ended(word)
 
-        self.job = Job(title, task, self.workers, ended)
+        self.job = Job(title, task, self.workers, hear)
+
+    def _fit(self) -> None:
+        """Fit the base model of the present state in the background, if it has none; a fit of another state ends."""
+        state = self.state
+        if state is self._fitting or self._over:
+            return
+        self._stop()
+        if not state.needs_fit:
+            return
+
+        def ended(word: TaskEnd) -> None:
+            self.state = state.with_fit(word.why or word.came)
+            self.version += 1
+
+        self._fitting = state
+        self.run("Fitting the model", state.make_fit_task(), ended)
+
+    def _stop(self) -> None:
+        if self.job is not None:
+            self.job.cancel()
+        self.job = self._fitting = None
 
     def cancel(self) -> None:
-        """Let go of the job."""
+        """Let go of the job; without its fit, a change is taken back."""
         with self.lock:
-            if self.job is not None:
-                self.job.cancel()
-            self.job = None
+            is_fit = self._fitting is not None
+            self._stop()
             self.version += 1
+            if is_fit:
+                self.act(self.undo)
+            else:
+                self._fit()
 
     # ------------------------------------------------------------------------------------------- recordings
 
@@ -142,7 +176,7 @@ class Session:
         if came.robots:
             joints = next((source.joints for source in came.sources), None)
             made = ModelOptions.read_from_model(came.models[-1]) if came.models else ModelOptions()
-            robot = RobotFile(came.robots[-1], joints or made.joints, True, made.rotors, made.weightless)
+            robot = RobotFile(came.robots[-1], joints or made.joints, made.rotors, made.weightless)
             self.take_robot(robot)
         refused = [*came.refused, *self._read(came.sources)]
         if came.models:
@@ -275,13 +309,9 @@ class Sessions:
         """Return the session of an id, a new one if there is none; raises InputError if it is no id."""
         if not isinstance(id, str) or ID.fullmatch(id) is None:
             raise InputError("this page has no session: load it again")
-        now = time.monotonic()
         with self._lock:
             session = self._all.pop(id, None) or Session(Path(self._folder.name), self.workers)
-            late = [k for k, other in self._all.items() if now - other.asked > IDLE and not other.is_busy()]
-            late += list(self._all)[: max(0, len(self._all) + 1 - MOST)]
-            ended = [self._all.pop(k) for k in dict.fromkeys(late)]
-            session.asked = now
+            ended = [self._all.pop(k) for k in list(self._all)[: max(0, len(self._all) + 1 - MOST)]]
             self._all[id] = session
         session.begin(self._recordings, self._robot)  # no other session waits for it
         for other in ended:

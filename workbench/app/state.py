@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
+from estimators.checks.homogeneity import Disagreement
+from estimators.data.fit_data import FitData
+from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.findings import Finding
-from estimators.regression.equations import IdentificationError
 from estimators.schemes.identifiability import find_undetermined
+from estimators.schemes.result import Identification
+from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
+from estimators.signals.residual import Region, make_region_everywhere
+from pendulum_env._typing import Array
 from pendulum_env.arms.joints import arm_base, arrange_terms, find_links
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.errors import UserError
@@ -23,27 +28,32 @@ from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.recording import Recording, RecordingError, Source
 from workbench.app.choices import NO_CHOICES, SearchChoices
-from workbench.app.prepared import PreparedRecordings, find_unexplained, prepare, prepare_arm
+from workbench.app.fits import BaseFit, fit_base
 from workbench.app.recordings import LoadedRecording, read_one
 from workbench.app.uploads import clean_name
 from workbench.errors import InputError
+from workbench.processes import Task
 from workbench.report.data import ReportData
 from workbench.robot import RobotFile, find_straying
 
 NO_RECORDING = "load a recording first"
+ALL_HELD_OUT = "every recording is held out: keep one to fit the model to"
+FITTING = "the model is being fitted"
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Choices of the user and results of jobs; other values are computed from these on demand."""
+    """Choices of the user and results of jobs. Nothing is fitted here: see `fits`."""
 
     loaded: tuple[LoadedRecording, ...] = ()  # recordings
     terms: tuple[Term, ...] = ()  # of the base model, of an arm those at its joints; empty: the usual ones
     model_file: str = ""  # name of the file that they came from; empty for the usual ones
     is_aligned: bool = False  # whether torque that was logged late or filtered is corrected
     asked: SearchChoices = NO_CHOICES  # which effects are looked for, and which values are known
-    # The ladder once effects were added: the base model, then one step for each; empty before
-    grown: tuple[Step, ...] = ()
+    fit: BaseFit | None = None  # result of the worker; None before, or if nothing can be fitted
+    failure: str = ""  # reason why recordings cannot be fitted
+    ladder: tuple[Step, ...] = ()  # the base model, then one step for each added effect; empty without a fit
+    schemes: Identification | None = None  # of the last model, of an arm of the base model
     diagnosis: Diagnosis | None = None  # the last one of these recordings
     started: tuple[Step, ...] = ()  # the ladder that it started from
     robot: RobotFile | None = None  # whose recordings they are; None of a pendulum
@@ -82,12 +92,28 @@ class State:
 
     def restart(self, **choices: Any) -> State:
         """Return other choices, from which the ladder begins anew."""
-        return replace(self, **choices, grown=(), diagnosis=None, started=())
+        return replace(self, **choices, fit=None, failure="", ladder=(), schemes=None, diagnosis=None, started=())
+
+    def make_fit_task(self) -> Task:
+        """Make the task to fit the base model, for a worker."""
+        train, holdout = (tuple(one.recording for one in self.loaded if one.held_out is own) for own in (False, True))
+        return partial(fit_base, train, holdout, self.base_terms, self.is_aligned, self.asked.limits)
+
+    def with_fit(self, fit: BaseFit | str) -> State:
+        """Return the state with the fit of its base model, or with the reason why there is none."""
+        if isinstance(fit, str):
+            return replace(self, failure=fit)
+        return replace(self, fit=fit, ladder=(fit.step,), schemes=fit.schemes)
+
+    @property
+    def needs_fit(self) -> bool:
+        """Return whether the base model has to be fitted."""
+        return self.trouble == FITTING
 
     def add_recordings(self, loaded: Sequence[LoadedRecording]) -> State:
         """Return the state with more recordings; raises InputError if they are not of its arm."""
         if self.robot is not None and not all(isinstance(one.recording, ArmRecording) for one in loaded):
-            raise InputError("this session is of an arm: leave the robot first, in the stage Data")
+            raise InputError("this session is of an arm: open another tab for others")
         return self.restart(loaded=(*self.loaded, *loaded))
 
     def swap_recording(self, old: LoadedRecording, *new: LoadedRecording) -> State:
@@ -114,34 +140,21 @@ class State:
                 return one
         raise InputError(f"{clean_name(id)}: is not loaded any more")
 
-    @cached_property
-    def _prepared(self) -> PreparedRecordings | str:
-        """Return the data for fits, or the reason why there are none."""
-        if all(one.held_out for one in self.loaded):
-            return "every recording is held out: keep one to fit the model to" if self.loaded else NO_RECORDING
-        try:
-            known = SearchChoices(fix=self.asked.fix, bound=self.asked.bound)
-            make = prepare if self.body.can_simulate else prepare_arm
-            return make(self.loaded, self.base_terms, self.is_aligned, known)
-        except (UserError, IdentificationError) as error:
-            return str(error)
-
-    @property
-    def prepared(self) -> PreparedRecordings:
-        """Return the data for fits; raises InputError if there are none."""
-        if isinstance(self._prepared, str):
-            raise InputError(self._prepared)
-        return self._prepared
-
     @property
     def trouble(self) -> str:
-        """Return the reason why nothing can be fitted; empty if there is a model."""
-        return self._prepared if isinstance(self._prepared, str) else ""
+        """Return the reason why there is no model; empty if there is one."""
+        if self.fit is not None:
+            return ""
+        if all(one.held_out for one in self.loaded):
+            return ALL_HELD_OUT if self.loaded else NO_RECORDING
+        return self.failure or FITTING
 
     @property
-    def ladder(self) -> tuple[Step, ...]:
-        """Return the base model, then one step for each effect that was added; empty while nothing can be fitted."""
-        return () if self.trouble else self.grown or (self.prepared.base,)
+    def data(self) -> FitData:
+        """Return the data for fits; raises InputError if there are none."""
+        if self.fit is None:
+            raise InputError(self.trouble)
+        return self.fit.data
 
     @property
     def recordings(self) -> list[Recording]:
@@ -154,12 +167,12 @@ class State:
     @property
     def train(self) -> tuple[Recording, ...]:
         """Return the recordings that are fitted."""
-        return self.prepared.data.recordings
+        return self.data.recordings
 
     @property
     def holdout(self) -> tuple[Recording, ...]:
         """Return the recordings to check on; empty if the ends of the fitted ones are."""
-        return self.prepared.data.holdout
+        return self.data.holdout
 
     @property
     def model(self) -> Model:
@@ -190,14 +203,11 @@ class State:
         """Return the state with a diagnosis that started from its ladder."""
         return replace(self, diagnosis=found, started=self.ladder)
 
-    def add_step(self, addition: Addition) -> State:
+    def add_step(self, addition: Addition, schemes: Identification | None = None) -> State:
         """Return the state with one more step; the effect's own refit of the model before it replaces the last step."""
         last = replace(addition.before, added=self.ladder[-1].added)
-        return replace(self, grown=(*self.ladder[:-1], last, addition.after))
-
-    def drop_step(self) -> State:
-        """Return the state without the last effect that was added."""
-        return replace(self, grown=self.ladder[:-1]) if self.added else self
+        ladder = (*self.ladder[:-1], last, addition.after)
+        return replace(self, ladder=ladder, schemes=schemes if self.body.can_simulate else self.schemes)
 
     @cached_property
     def doubts(self) -> tuple[Finding, ...]:
@@ -208,17 +218,11 @@ class State:
         measured = [segment for recording in fitted for segment in measure_segments(recording)]
         return find_undetermined(measured, BASE if self.trouble else self.model.terms) if measured else ()
 
-    @cached_property
+    @property
     def disagreements(self) -> tuple[Disagreement, ...]:
         """Return the recordings that show another plant than the others."""
-        if self.diagnosis is not None:
-            return self.diagnosis.disagreements
-        if self.trouble:
-            return ()
-        parts = self.prepared.data.parts[: 2 if self.holdout else 1]
-        return find_disagreements(
-            fit_each_recording([part.data for part in parts], self.model.terms), only_if_all_fit=True
-        )
+        found = self.diagnosis or self.fit
+        return found.disagreements if found is not None else ()
 
     @cached_property
     def result(self) -> Diagnosis:
@@ -231,24 +235,20 @@ class State:
             return found
         if found is not None and set(self.added) < set(self.called):
             return replace(found, steps=self.called_for)
-        data = self.prepared.data
+        data = self.data
         if data.terms and self.added:  # perhaps what joints share
             data = replace(data, terms=self.model.terms)
-        if found is not None:
-            left = found.unexplained if self.added == self.called else find_unexplained(data.parts[0], self.model)
-            return replace(found, steps=self.ladder, unexplained=left)
+        if found is not None and self.added == self.called:
+            return replace(found, steps=self.ladder)
         left = find_unexplained(data.parts[0], self.model)
+        if found is not None:
+            return replace(found, steps=self.ladder, unexplained=left)
         return Diagnosis(self.ladder, (), (), left, data.parts[0].floors, self.doubts, data=data)
-
-    @cached_property
-    def case(self) -> ReportData:
-        """Return the data of the sections of the report."""
-        return ReportData(self.result)
 
     @cached_property
     def standing(self) -> ReportData:
         """Return the state with all recordings and added steps, without the effects of the diagnosis."""
-        return ReportData(replace(self.result, steps=self.ladder, data=self.prepared.data))
+        return ReportData(replace(self.result, steps=self.ladder, data=self.data), identified=self.schemes)
 
     @property
     def seconds(self) -> float:
@@ -259,3 +259,14 @@ class State:
 def list_added(steps: Sequence[Step]) -> tuple[str, ...]:
     """List the effects that steps added."""
     return tuple(step.added for step in steps if step.added is not None)
+
+
+def find_unexplained(prepared: RegressionData, model: Model) -> tuple[Region, ...]:
+    """Find regions of the residual above noise in the fitted data, by joint."""
+    residual: Array = prepared.with_link_states(model).residual(model.terms, model.theta)
+    felt, data, regions = prepared.inertias(prepared.base), prepared.data, list[Region]()
+    for at in data.joints:
+        structure = data.part(at).structure(residual[data.where(at)], felt[at])
+        if not Criterion().is_noise(structure, prepared.floors[at]):
+            regions += prepared.stand_out(residual, at) or [make_region_everywhere(at=at)]
+    return tuple(regions)

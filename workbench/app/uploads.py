@@ -39,13 +39,7 @@ class UploadedFiles:
 
 
 def sort_files(place: Path, coming: Sequence[tuple[str, str]], unwrap: bool) -> UploadedFiles:
-    """Write files from the page to a folder, and tell what they are.
-
-    Args:
-        place: folder.
-        coming: name and data URL of each file.
-        unwrap: whether recordings that no study speaks of are unwrapped.
-    """
+    """Write files, names and data URLs, to a folder, and sort them; recordings that no study names may be unwrapped."""
     files, of_study, uploaded = list[Path](), list[Source](), UploadedFiles()
     for name, content in coming:
         try:

@@ -48,6 +48,7 @@ class ReportData:
     diagnosis: Diagnosis  # what was found
     first: str = "base model"  # what the model is called that the diagnosis started from
     command: str = ""  # lines that do the same, if it came from the command line or the app
+    identified: Identification | None = None  # all schemes with the terms of the final model, if they are known
 
     @property
     def data(self) -> FitData:
@@ -59,6 +60,8 @@ class ReportData:
     @cached_property
     def schemes(self) -> Identification | None:
         """Return all schemes with the terms of the final model, None where the recordings are too poor for them."""
+        if self.identified is not None:
+            return self.identified
         try:
             return identify(self.data.recordings, self.diagnosis.model.terms, SCHEMES)
         except IdentificationError:

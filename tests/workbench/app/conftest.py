@@ -1,10 +1,32 @@
 """What tests of the app share; they are left out where Dash is not installed."""
 
+import pickle
 from importlib.util import find_spec
 
 import pytest
 
+from estimators.progress import no_progress
+
 collect_ignore_glob = ["test_*.py"] if find_spec("dash") is None else []
+
+
+@pytest.fixture(autouse=True)
+def jobs_end_at_once(request, monkeypatch):
+    """Jobs of sessions, as they travel to another process, are done in this one at once."""
+    from workbench.app.session import Session
+    from workbench.errors import USER_ERRORS, format_mistake
+    from workbench.processes import TaskEnd
+
+    def run(self, title, task, ended):
+        try:
+            word = TaskEnd(pickle.loads(pickle.dumps(task))(no_progress))
+        except USER_ERRORS as mistake:
+            word = TaskEnd(why=format_mistake(mistake))
+        self._fitting = None
+        ended(pickle.loads(pickle.dumps(word)))
+
+    if "workers" not in request.fixturenames:
+        monkeypatch.setattr(Session, "run", run)
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimators.progress import no_progress
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model
@@ -40,11 +41,6 @@ def url(content: bytes) -> str:
     return f"data:application/octet-stream;base64,{base64.b64encode(content).decode()}"
 
 
-def run_form(excitation: str = "paper", **fields: object) -> dict[str, object]:
-    """Controls of a run as the page has them."""
-    return {"excitation": excitation, "seconds": 10.0, "effect": "", "amplitude": None, "seed": 0} | fields
-
-
 def press(does: str) -> str:
     """Selector of a button by the action that it does."""
     return f'[id*=\'"do":"{does}"\']'
@@ -70,7 +66,7 @@ def reloaded(state, folder: Path):
     from workbench.app.session import Session
     from workbench.app.stages.export import make_file
 
-    made = dict(make_file(state, what, "") for what in ("study", "model"))
+    made = dict(make_file(state, what) for what in ("study", "model"))
     read = [one.source.file for one in state.loaded] + ([] if state.robot is None else [state.robot.file])
     made |= {one.name: one.read_bytes() for one in read}
     session = Session(folder)
@@ -78,16 +74,17 @@ def reloaded(state, folder: Path):
     return session
 
 
-def comes_to_the_same(state, *languages: str) -> None:
-    """Whether what the stage Export shows makes the state's model, in the working directory with its files."""
-    from workbench.app.stages.export import write_commands, write_snippet
+def fitted(state):
+    """The state with its base model fitted."""
+    return state.with_fit(state.make_fit_task()(no_progress))
 
-    for language in languages:
-        Path("model.json").unlink(missing_ok=True)
-        if language == "Python":
-            exec(write_snippet(state), {})
-        else:
-            assert [main(shlex.split(line)[1:]) for line in write_commands(state).splitlines()].count(2) == 0
-        made = Model.load("model.json")
-        assert made.effects == state.model.effects
-        assert made.theta == pytest.approx(state.model.theta, rel=1e-6)
+
+def comes_to_the_same(state) -> None:
+    """Whether the commands of the stage Export make the state's model, in the working directory with its files."""
+    from workbench.app.stages.export import write_commands
+
+    Path("model.json").unlink(missing_ok=True)
+    assert [main(shlex.split(line)[1:]) for line in write_commands(state).splitlines()].count(2) == 0
+    made = Model.load("model.json")
+    assert made.effects == state.model.effects
+    assert made.theta == pytest.approx(state.model.theta, rel=1e-6)

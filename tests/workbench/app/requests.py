@@ -8,8 +8,6 @@ from typing import Any
 from hypothesis import strategies as st
 
 from workbench.app.page.server import make_app
-from workbench.app.session import Session
-from workbench.errors import InputError
 
 ANYTHING = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just(10**400) | st.just(1e308),
@@ -19,16 +17,11 @@ ANYTHING = st.recursive(
 
 
 class Page:
-    """The app without a browser, and without work that goes on by itself."""
+    """The app without a browser."""
 
     ID = "f" * 32
 
     def __init__(self) -> None:
-        def idle(*_: object) -> None:
-            raise InputError("nothing is started here")
-
-        self._before = Session.work
-        Session.work = idle  # type: ignore[assignment, method-assign]
         app, self.sessions = make_app()
         self.client = app.server.test_client()
         self.client.get("/_dash-layout")
@@ -36,7 +29,6 @@ class Page:
         self.session = self.sessions.find_session(self.ID)
 
     def close(self) -> None:
-        Session.work = self._before  # type: ignore[method-assign]
         self.sessions.close()
 
     def ask(self, callback: dict[str, Any], values: list[Any]) -> int:

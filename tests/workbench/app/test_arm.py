@@ -1,15 +1,12 @@
 """Sessions of an arm, without a browser."""
 
 import json
-import pickle
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from benchmarks.two_link import TwoLink
-from estimators.progress import no_progress
 from pendulum_env.arms import place_effect
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
@@ -21,7 +18,6 @@ from workbench.app.card import ColumnChoice
 from workbench.app.choices import SearchChoices
 from workbench.app.page.layout import describe_state
 from workbench.app.parts import list_choices
-from workbench.app.session import Session
 from workbench.app.stages import STAGES, data, export
 from workbench.app.stages.export import make_file, write_study_text
 from workbench.cli import main
@@ -35,18 +31,6 @@ def two_link(folder: Path, seconds: float = 6.0) -> tuple[Path, Path]:
     (folder / "arm.urdf").write_text(TWO.urdf())
     write_recording(recorded(TWO, seconds=seconds, rate=500.0, offset=(0.0, OFFSET)), folder / "run.csv")
     return folder / "arm.urdf", folder / "run.csv"
-
-
-@pytest.fixture
-def session(tmp_path, monkeypatch):
-    """A session whose jobs, as they travel to another process, are done in this one at once."""
-    monkeypatch.setattr(
-        Session, "work", lambda self, title, task, keep: keep(pickle.loads(pickle.dumps(task))(no_progress))
-    )
-    session = Session(tmp_path / "session")
-    yield session
-    session.end()
-    session.workers.close()
 
 
 def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkeypatch):
@@ -66,28 +50,27 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.ladder)
     assert state.added == ("torque_offset@elbow",) and not state.found and after < 0.2 * before
     assert all(stage.show(session) for stage in STAGES)
-    assert "torque_offset@elbow" in make_file(state, "report", "")[1].decode()
+    assert "torque_offset@elbow" in make_file(state, "report")[1].decode()
 
     for name in ("study", "model"):
-        saved, content = make_file(state, name, "")
+        saved, content = make_file(state, name)
         (tmp_path / saved).write_bytes(content)
     theta = json.loads((tmp_path / "model.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(OFFSET, rel=0.05)
     monkeypatch.chdir(tmp_path)
     lines = [line.split()[1:] for line in export.write_commands(state).splitlines()]
-    for same in (lambda: exec(export.write_snippet(state), {}), lambda: [main(line) for line in lines]):
-        Path("model.json").unlink()
-        same()
-        assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
+    Path("model.json").unlink()
+    assert [main(line) for line in lines] == [0] * len(lines)
+    assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
 
     session.act(lambda: session.begin_from(Path("model.json")))
     assert session.notice == "" and session.state.terms[-1].id == "torque_offset@elbow" and not session.state.trouble
     session.act(session.undo)
-    session.act(lambda: add.undo(session))
+    session.act(session.undo)
     assert session.state.added == () and session.state.found == ("torque_offset@elbow",)
 
 
-def test_a_robot_may_come_after_its_recordings_and_be_left(session, tmp_path):
+def test_a_robot_may_come_after_its_recordings(session, tmp_path):
     robot, run = two_link(tmp_path, 4.0)
     drop(session, run)
     assert session.state.loaded == () and len(session.cards) == 1
@@ -97,11 +80,6 @@ def test_a_robot_may_come_after_its_recordings_and_be_left(session, tmp_path):
     upload(session, "swing.csv", b"time,position,torque\n0,0,1\n0.01,0.1,1\n0.02,0.3,1\n")
     (card,) = session.cards
     assert "position_shoulder" in card.why and card.roles[1:3] == ("position_shoulder", "torque_shoulder")
-    session.cards = ()
-    session.act(lambda: data.ACTIONS["leave-robot"](session, "", {}))
-    assert session.state.loaded == () and session.state.robot is None
-    session.act(session.undo)
-    assert session.state.robot is not None and len(session.state.loaded) == 1
 
 
 def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
@@ -126,7 +104,7 @@ def stage_text(session) -> str:
 
 def test_a_saved_study_and_model_bring_back_the_robot_its_recordings_and_its_terms(session, tmp_path):
     robot, run = two_link(tmp_path, 4.0)
-    session.act(lambda: session.take_robot(RobotFile(robot, bolted=True, rotors=True, weightless=True)))
+    session.act(lambda: session.take_robot(RobotFile(robot, rotors=True, weightless=True)))
     drop(session, run)
     session.act(lambda: session.hold_out("run.csv", True))
     (tmp_path / "more.csv").write_bytes(run.read_bytes())
@@ -147,28 +125,9 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     from workbench.app.stages import diagnose
 
     file, run = two_link(tmp_path, 4.0)
-    session.act(lambda: session.take_robot(RobotFile(file, bolted=True, rotors=True, weightless=True)))
+    session.act(lambda: session.take_robot(RobotFile(file, rotors=True, weightless=True)))
     drop(session, run)
     session.act(lambda: diagnose.start(session, SearchChoices("torque_offset,spring@elbow", "torque_offset@shoulder")))
     first, second = export.write_commands(session.state).splitlines()
     assert first.endswith("--rotors --no-gravity --scheme filtered_dynamic -o model.json")
     assert "--only=torque_offset,spring@elbow --without=torque_offset@shoulder" in second
-    snippet = export.write_snippet(session.state)
-    assert "RobotFile(Path('arm.urdf'), None, bolted=True, rotors=True, weightless=True)" in snippet
-    assert "only=['torque_offset', 'spring@elbow'], without=['torque_offset@shoulder'])" in snippet
-
-
-def test_gravity_that_the_driver_takes_off_is_one_press_away(session, tmp_path):
-    robot, run = two_link(tmp_path, 4.0)
-    header, *_ = run.read_text().splitlines()
-    rows = np.loadtxt(run, delimiter=",", skiprows=1)
-    rows[:, 3:] -= [TWO.bias(q, np.zeros(2)) for q in rows[:, 1:3]]
-    np.savetxt(run, rows, delimiter=",", header=header, comments="")
-    drop(session, robot, run)
-    before = session.state.body.names
-    assert "Its torques are without gravity" in stage_text(session)
-    session.act(lambda: data.ACTIONS["turn-gravity"](session, "", {}))
-    assert session.state.robot.weightless and session.state.body.names != before
-    assert "Its torques are with gravity" in stage_text(session)
-    session.act(lambda: data.ACTIONS["turn-gravity"](session, "", {}))
-    assert session.state.body.names == before

@@ -27,10 +27,10 @@ from tests.notes import noted
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import (
     comes_to_the_same,
+    fitted,
     loaded,
     recorded,
     reloaded,
-    run_form,
     upload,
     url,
     written,
@@ -38,14 +38,12 @@ from tests.workbench.app.plants import (
 from workbench.app.card import ColumnCard, ColumnChoice, describe_unit
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.page.server import make_app
-from workbench.app.parts import UNWRAP
-from workbench.app.recorder import read_options
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
 from workbench.app.stages import compare, data, diagnose, export
 from workbench.app.stages.compare import MAP, PHASE, TIME, highlight, select_box, select_region
 from workbench.app.stages.export import write_commands, write_study_text
-from workbench.app.state import State
+from workbench.app.state import FITTING, State
 from workbench.app.uploads import clean_name, unpack
 from workbench.cli import main
 from workbench.errors import InputError
@@ -64,7 +62,7 @@ def swing() -> Recording:
 @pytest.fixture(scope="module")
 def state(swing: Recording) -> State:
     """A session's that looks for two effects alone."""
-    return State((loaded(swing),), asked=SearchChoices(only="stribeck,quadratic_drag"))
+    return fitted(State((loaded(swing),), asked=SearchChoices(only="stribeck,quadratic_drag")))
 
 
 # ------------------------------------------------------------------------------------------------ files
@@ -95,10 +93,8 @@ def test_of_several_files_those_that_can_be_read_stay(session, swing, tmp_path):
 def test_the_page_says_where_it_undoes_jumps(session, swing, tmp_path):
     content = written(replace(swing, position=np.mod(swing.position, 2 * np.pi)), tmp_path).file.read_bytes()
     for unwrap in ([], ["unwrap"]):
-        came = {"files": [("swing.csv", url(content))], "unwrap": bool(unwrap)}
-        session.act(lambda came=came: data.STAGE.actions["upload"](session, "", came))
+        session.act(lambda unwrap=unwrap: session.receive([("swing.csv", url(content))], bool(unwrap)))
         assert len(session.state.loaded) == len(unwrap) and ("unwrap" in session.notice) != bool(unwrap)
-    assert UNWRAP.startswith("unwrap") and UNWRAP in str(data.show(session))
     session.act(lambda: session.hold_out("swing.csv", True))
     assert session.state.ladder == () and "every recording is held out" in session.state.trouble
 
@@ -250,17 +246,17 @@ def late() -> Recording:
 
 
 def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(session, late):
-    session.state = State((loaded(late),))
+    session.state = fitted(State((loaded(late),)))
     said = str(data.show(session))
     assert "The torque is logged " in said and "ms late" in said and "'do': 'align'" in said
     before = session.state
-    session.state = after = before.restart(is_aligned=True)
+    session.act(lambda: data.ACTIONS["align"](session, "", {}))
+    after = session.state
     assert "corrected in all that follows" in str(data.show(session))
     errors = [one.ladder[-1].errors["holdout"].torque_rms for one in (before, after)]
     assert errors[1] < 1.15 * after.result.noise_floor < 0.5 * errors[0]
     session.act(lambda: session.keep(loaded(replace(late, name="again"), held_out=True)))
     assert session.state.is_aligned and all("aligned: " in noted(one)[-1] for one in session.state.recordings)
-    assert session.state.restart(is_aligned=False).recordings == [one.recording for one in session.state.loaded]
 
 
 # ------------------------------------------------------------------------------------------------ sessions
@@ -325,26 +321,13 @@ def test_only_this_computer_is_answered():
     sessions.close()
 
 
-def test_a_form_becomes_options_and_cannot_pass_for_others():
-    assert {"--excitation=rl", "--policy=rms"} <= set(read_options(run_form("rl-rms")))
-    assert "--excitation=rl-/tmp/own.npz" in read_options(run_form("rl-/tmp/own.npz"))  # which knows no such name
-    words = read_options(run_form(effect="stribeck=0.4 --output=elsewhere.csv", seed=3))
-    assert all(word.count("--") <= 1 or word.startswith("--effect=") for word in words)
-    assert words[-1] == "--seed=3"
-    with pytest.raises(InputError, match="lasts from 1"):
-        read_options(run_form(seconds=None))
-    with pytest.raises(InputError, match="bound of its own"):
-        read_options(run_form("rl-rms", amplitude=3.0))
-
-
 # ------------------------------------------------------------------------------------------------ states
 
 
 def test_the_report_tells_the_diagnosis_until_the_ladder_has_all_that_it_calls_for(state, worked):
     assert state.result.candidates == () and state.result.unexplained
     grown = worked["paper"]
-    diagnosed = grown.drop_step()
-    assert diagnosed.added == () and diagnosed.drop_step() is diagnosed
+    diagnosed = state.add_diagnosis(grown.diagnosis)
     assert diagnosed.model.theta == pytest.approx(state.model.theta, rel=1e-9)
     assert diagnosed.result.selected == diagnosed.found == ("stribeck",)
     assert grown.found == () and grown.result.steps == grown.ladder and not grown.result.unexplained
@@ -358,7 +341,7 @@ def test_the_report_tells_the_diagnosis_until_the_ladder_has_all_that_it_calls_f
 def worked(state: State) -> dict[str, State]:
     """States with a diagnosis and its effect added: from the paper's terms, and from a model file with one more."""
     drag = add(state.model, "quadratic_drag", state.train).after.model
-    begun = state.restart(terms=drag.terms, model_file="start.json")
+    begun = fitted(state.restart(terms=drag.terms, model_file="start.json"))
     states = {}
     for name, one in (("paper", state), ("file", begun)):
         named = one.add_diagnosis(diagnosed(one.train, base=one.base_terms, **one.asked.effects))
@@ -366,15 +349,14 @@ def worked(state: State) -> dict[str, State]:
     return states
 
 
-@pytest.mark.parametrize("language", slow.but_first(["shell", "Python"]))
 @pytest.mark.parametrize("begun", slow.but_first(["file", "paper"]))
-def test_the_command_line_and_python_come_to_the_same_model(worked, begun, language, tmp_path, monkeypatch):
+def test_the_command_line_comes_to_the_same_model(worked, begun, tmp_path, monkeypatch):
     state = worked[begun]
     written(state.train[0], tmp_path)
     state.ladder[0].model.save(tmp_path / "start.json")
     monkeypatch.chdir(tmp_path)
     assert {"stribeck"} <= set(state.model.effects)
-    comes_to_the_same(state, language)
+    comes_to_the_same(state)
     assert "Stribeck friction is missing" in Path("report.html").read_text(encoding="utf-8")
 
 
@@ -383,7 +365,7 @@ def test_where_identify_fits_more_than_the_workbench_the_page_says_so(session, s
     recordings = [swing, recorded("check", 2, 4.0)][: 1 + held_out]
     for recording in recordings:
         written(recording, tmp_path)
-    session.state = State(tuple(loaded(one, held_out=one is not swing) for one in recordings))
+    session.state = fitted(State(tuple(loaded(one, held_out=one is not swing) for one in recordings)))
     monkeypatch.chdir(tmp_path)
     (line,) = write_commands(session.state).splitlines()
     assert main(shlex.split(line)[1:]) == 0
@@ -398,12 +380,12 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(s
         session.act(lambda part=part: session.answer(session.cards[0].set_choices(SERVO, False, part)))
         (tmp_path / file).write_bytes(servo(late))
     session.act(lambda: session.hold_out("check.csv", True))
-    session.state = session.state.restart(is_aligned=True)
+    session.act(lambda: data.ACTIONS["align"](session, "", {}))
     (tmp_path / "study.toml").write_text(write_study_text(session.state))
     monkeypatch.chdir(tmp_path)
     assert write_commands(session.state) == "pendulum-ident identify study.toml --align -o model.json"
     assert export.BESIDE in str(export.show(session))
-    comes_to_the_same(session.state, "shell", "Python")
+    comes_to_the_same(session.state)
 
 
 # ------------------------------------------------------------------------------------------------ stages
@@ -421,11 +403,11 @@ def test_every_effect_has_a_picture_beside_the_residual(session, worked):
 
 def test_an_experiment_that_is_suggested_is_saved(session, tmp_path):
     with pytest.raises(InputError, match="the diagnosis suggests no experiment"):
-        export.make_file(session.state, "experiment", "")
+        export.make_file(session.state, "experiment")
     wagging, found = wagged("a spring at small angles")
     session.act(lambda: session.load([written(wagging, tmp_path)]))
     session.state = session.state.add_diagnosis(found)
-    rows = np.loadtxt(io.BytesIO(export.make_file(session.state, "experiment", "")[1]), delimiter=",", skiprows=1)
+    rows = np.loadtxt(io.BytesIO(export.make_file(session.state, "experiment")[1]), delimiter=",", skiprows=1)
     assert rows.shape[1] == 2 and np.abs(rows[:, 1]).max() > 1.0
 
 
@@ -484,20 +466,45 @@ ASKED = SearchChoices(
 )
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
+def asked(session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
+    """A session with `swing.csv`, which lies in the working directory as well."""
+    monkeypatch.chdir(tmp_path)
+    source = written(recorded("swing", 1, 10.0), tmp_path)
+    session.act(lambda: session.load([source]))
+    return session
+
+
+@pytest.fixture
 def workers() -> Iterator[Workers]:
     workers = Workers()
     yield workers
     workers.close()
 
 
-@pytest.fixture
-def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) -> Session:
-    """A session with `swing.csv`, which lies in the working directory as well."""
-    monkeypatch.chdir(tmp_path)
-    asked = Session(tmp_path / "session", workers)
-    asked.load([written(recorded("swing", 1, 10.0), tmp_path)])
-    return asked
+def test_a_worker_fits_the_latest_state_and_a_cancelled_fit_takes_the_change_back(workers, tmp_path):
+    session = Session(tmp_path / "session", workers)
+
+    def load(name: str, seed: int) -> None:
+        session.act(lambda: session.load([written(recorded(name, seed, 4.0), tmp_path)]))
+
+    def wait() -> None:
+        assert session.job is not None and session.job.over.wait(PATIENCE)
+
+    load("swing", 1)
+    assert session.state.trouble == FITTING and not session.is_busy()
+    load("check", 2)  # ends the first fit
+    assert session.state.ladder == ()
+    wait()
+    assert not session.state.trouble and len(session.state.train) == 2
+    both = session.state
+    load("third", 3)
+    session.cancel()
+    assert session.state is both and session.job is None
+    session.act(session.undo)
+    wait()
+    assert len(session.state.train) == 1 and session.notice == ""
+    session.end()
 
 
 @pytest.mark.slow
@@ -511,19 +518,21 @@ def test_what_is_asked_for_gives_what_the_command_line_gives(asked):
     assert found is not None and {one.effect for one in found.candidates} == {"stribeck", "quadratic_drag"}
     made = asked.state.model.estimates
     assert made["gravity"].value == 2.01 and made["viscous"].value <= 0.2
-    comes_to_the_same(asked.state, "shell", "Python")
+    comes_to_the_same(asked.state)
     assert json.loads(Path("diagnosis.json").read_text()) == json.loads(json.dumps(write_diagnosis(found)))
 
 
 def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(asked):
     before = asked.state
-    diagnose.choose_search(asked, SearchChoices(only="stribeck"))
-    assert asked.state.prepared is before.prepared
-    diagnose.choose_search(asked, SearchChoices(bound="gravity=:1.5"))
+
+    def choose(choices: SearchChoices) -> None:
+        asked.act(lambda: diagnose.choose_search(asked, choices))
+
+    choose(SearchChoices(only="stribeck"))
+    assert asked.state.fit is before.fit
+    choose(SearchChoices(bound="gravity=:1.5"))
     assert asked.state.model.estimates["gravity"].value == pytest.approx(1.5)
-    asked.state = asked.state.restart(loaded=asked.state.loaded)  # perhaps other recordings: the same bounds
-    assert asked.state.model.estimates["gravity"].value == pytest.approx(1.5)
-    diagnose.choose_search(asked, NO_CHOICES)
+    choose(NO_CHOICES)
     assert asked.state.model.theta == pytest.approx(before.model.theta)
 
 

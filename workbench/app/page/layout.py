@@ -1,6 +1,6 @@
 """The page around the stages: navigation, the story so far, what is running, and what went wrong."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,15 +12,15 @@ from dash.exceptions import PreventUpdate
 from pendulum_env.formatting import capitalise, format_number, join_words
 from pendulum_env.lookup import find
 from workbench.app import uploads
-from workbench.app.card import COLUMN
-from workbench.app.parts import LINKED, PLOT, SPEC, make_aria, make_button
-from workbench.app.session import Form, Session, Sessions, Stage
+from workbench.app.parts import LINKED, PLOT, SPEC, UNWRAP, make_aria, make_button, make_panel
+from workbench.app.session import Session, Sessions, Stage
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import describe_errors, describe_result
 from workbench.narrator.effects import name_effect
 from workbench.narrator.results import get_end_errors
+from workbench.options import FORMATS
 from workbench.report.page import read_shared
 
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
@@ -54,7 +54,6 @@ def write_index() -> str:
 
 def make_page() -> Component:
     """Lay out what every visitor gets; the rest follows from the session."""
-    most: dict[str, Any] = {"data-most": str(uploads.LARGEST)}  # so that the page can say why it refuses a file
     brand = html.Span("pendulum-ident", className="brand")
     stages = html.Nav(make_navigation(STAGES[0], NO_RECORDING), id="nav", **make_aria(label="Stages"))
     switch = make_aria(label="Switch between light and dark")
@@ -67,17 +66,31 @@ def make_page() -> Component:
             dcc.Store(id="session"),  # the id, kept by the tab
             dcc.Store(id="version", data=0),  # of the session's state; 0 until something changes
             dcc.Store(id="theme-now"),
-            dcc.Store(id="came"),  # files, and the action that takes them
             dcc.Download(id="download"),
-            html.Div(id="warm", hidden=True),
             dcc.Interval(id="poll", interval=300, disabled=True),  # [ms] between two looks at a job
             html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
             html.Header(html.Div([brand, stages, theme], className="inner"), className="bar"),
             html.Div("Working …", id="waiting", role="status"),
-            html.Main([story, html.Div(id="notice", role="alert"), html.Div(id="job"), stage], id="main"),
-        ],
-        **most,
+            html.Main(
+                [story, html.Div(id="notice", role="alert"), html.Div(id="job"), show_upload(), stage], id="main"
+            ),
+        ]
     )
+
+
+def show_upload() -> Component:
+    """Show the upload of files, which stays while stages come and go, so that no file is lost on its way."""
+    choose = html.Button([html.Strong("Choose recordings"), " or drop them here"], type="button", className="drop")
+    about = (
+        f"{FORMATS} with time, position and torque; 0 hangs down. What columns mean is asked where their names do not "
+        f"tell, or told by a {uploads.STUDY} among the files. Of an arm, its URDF or MJCF among the files tells the "
+        f"links. {uploads.STUDY} and {uploads.MODEL} of the stage Export, loaded together with the recordings, go on "
+        f"from there; a {uploads.MODEL} alone is another model to start from. Up to {uploads.LARGEST / 1e6:.0f} MB at "
+        "once; nothing leaves this computer."
+    )
+    unwrap = dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id="unwrap")
+    upload = dcc.Upload(choose, id="upload", multiple=True)
+    return html.Div(make_panel("Load recordings", upload, html.P(about, className="note"), unwrap), id="files")
 
 
 def make_navigation(here: Stage, trouble: str) -> list[Component]:
@@ -121,7 +134,8 @@ def describe_state(state: Work) -> tuple[str, str, str]:
     robot = f"{state.robot.file.name} · " if state.robot is not None else ""
     kicker = f"{robot}{count} recording{'s' if count != 1 else ''}, {state.seconds:.3g} s"
     if state.trouble:
-        return kicker, "Nothing can be fitted yet", f"{capitalise(state.trouble)}."
+        title = "Fitting the model" if state.needs_fit else "Nothing can be fitted yet"
+        return kicker, title, f"{capitalise(state.trouble)}."
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name_effect(effect)}' for effect in state.added)}"
     lead = f"{capitalise(describe_errors(replace(state.result, steps=state.ladder)))}."
     if state.found:
@@ -171,6 +185,7 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
 
     @app.callback(
         *(Output(part, "children") for part in ("nav", "story", "notice", "stage")),
+        Output("files", "hidden"),
         *inputs,
     )
     def draw(id: str | None, hash: str | None, _: int) -> tuple[Any, ...]:
@@ -186,6 +201,7 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
             [*show_state(session.state), *show_undo(session)],
             session.notice,
             html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
+            stage is not STAGES[0],
         )
 
     @app.callback(
@@ -202,10 +218,10 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
             raise PreventUpdate
         session = sessions.find_session(id)
         with session.lock:
-            busy = session.is_busy()
+            runs = session.job is not None and session.job.running
             # a page that has just been loaded is drawn already: it only has to learn when its job is over
-            changed = session.version != version if version else ctx.triggered_id == "poll" and not busy
-            return show_job(session), not busy, session.version if changed else no_update
+            changed = session.version != version if version else ctx.triggered_id == "poll" and not runs
+            return show_job(session), not runs, session.version if changed else no_update
 
 
 def _connect_actions(app: Dash, sessions: Sessions) -> None:
@@ -214,9 +230,9 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
     actions["back"] = lambda session, *_: session.undo()
     fields = State({"field": ALL}, "value"), State({"field": ALL, "of": ALL}, "value")
 
-    def act(session: Session, does: str, of: str, form: Form) -> int:
+    def act(session: Session, do: Callable[[], object]) -> int:
         """Do it under the session's lock, not while a job does; a user's mistake becomes the notice on the page."""
-        session.act(lambda: find("action", does, actions)(session, of, form))
+        session.act(do)
         if (job := session.job) is not None:
             job.over.wait(0.4)  # [s] that an answer waits for a job, so that short ones need no progress bar
         return session.version
@@ -239,11 +255,23 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
         if asked["do"] == "cancel":  # at once, whatever goes on
             session.cancel()
             return session.version
-        return act(session, asked["do"], asked["of"], collect_form(ctx.states_list))
+        form = collect_form(ctx.states_list)
+        return act(session, lambda: find("action", asked["do"], actions)(session, asked["of"], form))
 
-    @app.callback(VERSION, Input("came", "data"), State("session", "data"), prevent_initial_call=True)
-    def take(came: Form, id: str) -> int:
-        return act(sessions.find_session(id), came["place"], "", came)
+    @app.callback(
+        VERSION,
+        Output("upload", "contents"),
+        Input("upload", "contents"),
+        State("upload", "filename"),
+        State("unwrap", "value"),
+        State("session", "data"),
+        prevent_initial_call=True,
+    )
+    def take(contents: list[str] | None, names: list[str], unwrap: list[str], id: str) -> tuple[int, None]:
+        if not contents:
+            raise PreventUpdate
+        session, files = sessions.find_session(id), list(zip(names, contents, strict=True))
+        return act(session, lambda: session.receive(files, bool(unwrap))), None  # so that it may come again
 
     @app.callback(
         VERSION,
@@ -279,11 +307,9 @@ def _connect_scripts(app: Dash) -> None:
     theme = Input("theme-now", "data")
     in_the_page("session", Output("session", "data"), Input("url", "pathname"))
     in_the_page("theme", Output("theme-now", "data"), Input("theme", "n_clicks"))
-    for kind in (PLOT, COLUMN):
-        figure = Output({"kind": kind, "of": MATCH}, "figure")
-        in_the_page("draw", figure, Input({"kind": f"{kind}-{SPEC}", "of": MATCH}, "data"), theme)
+    plot, spec = ({"kind": kind, "of": MATCH} for kind in (PLOT, f"{PLOT}-{SPEC}"))
+    in_the_page("draw", Output(plot, "figure"), Input(spec, "data"), theme)
     linked_spec = Input({"kind": f"{LINKED}-{SPEC}", "of": MATCH}, "data")
     in_the_page("brush", Output(linked, "figure"), linked_spec, theme, Input("lit", "data"), State(linked, "id"))
     in_the_page("fragment", Output(text, "title"), Input({"kind": "markup", "of": MATCH}, "data"), State(text, "id"))
     in_the_page("reveal", Output("nav", "title"), Input("nav", "children"))
-    in_the_page("warm", Output("warm", "children"), Input("stage", "children"))

@@ -32,16 +32,8 @@ POLICY = (  # nothing comes from elsewhere, and nothing goes there
 )
 
 
-def make_app(
-    recordings: Sequence[Source] = (),
-    robot: RobotFile | None = None,
-) -> tuple[Dash, Sessions]:
-    """Make the app, and its sessions with their workers; close them in the end.
-
-    Args:
-        recordings: what every session begins with.
-        robot: whose recordings they are; None: a pendulum's.
-    """
+def make_app(recordings: Sequence[Source] = (), robot: RobotFile | None = None) -> tuple[Dash, Sessions]:
+    """Make the app, and its sessions, which begin with the recordings; close them in the end."""
     app = Dash(
         "pendulum-ident",
         assets_folder=str(Path(__file__).parents[1] / "assets"),
@@ -50,6 +42,7 @@ def make_app(
         update_title="",
         suppress_callback_exceptions=True,  # stages come and go
         serve_locally=True,
+        eager_loading=True,  # of plotly.js, while the user reads the first stage
         compress=False,
         enable_mcp=False,
         add_log_handler=False,
@@ -106,9 +99,7 @@ def _describe_error(error: Exception) -> str:
 
 
 class _SilentHandler(WSGIRequestHandler):
-    """Says nothing about requests, and ends those that do not go on."""
-
-    timeout = 60.0  # [s] in the middle of a request, after which it is not waited for
+    """Says nothing about requests."""
 
     def log(self, type: str, message: str, *args: object) -> None:
         """Say nothing."""

@@ -1,4 +1,4 @@
-"""Add: one effect more, the errors before and after, and the way back."""
+"""Add: one effect more, and the errors before and after."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -8,10 +8,11 @@ from typing import Any
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators.diagnosis.addition import add
 from estimators.diagnosis.result import Addition
+from estimators.schemes.result import Identification
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.formatting import capitalise
+from workbench.app.fits import fit_effect
 from workbench.app.parts import (
     label_control,
     list_choices,
@@ -34,15 +35,14 @@ from workbench.report.numbers import make_errors
 def show(session: Session) -> list[Component]:
     """Render possible effects, the added steps, and their errors."""
     state, busy = session.state, session.is_busy()
-    undo = [make_button(f"Take {name_effect(state.added[-1])} out", "undo", disabled=busy)] if state.added else []
     offer = show_choice(state, busy, list_choices(state.body, tables=True))
     if state.robot is not None:
         rungs = [("base model" if rung.added is None else f"+ {rung.added}", "", rung) for rung in state.ladder]
         section = make_joints(rungs, "held-out data", "", state.result.floors)
-        return [offer, make_panel("Errors step by step", make_fragment(section), *undo)]
+        return [offer, make_panel("Errors step by step", make_fragment(section))]
     section = make_errors(state.standing)
     plots = html.Div([make_graph(figure) for figure in section.figures], className="columns even")
-    fall = make_panel(section.title, html.P(describe_step(state), className="before-after"), plots, *undo)
+    fall = make_panel(section.title, html.P(describe_step(state), className="before-after"), plots)
     return [
         *([offer, fall] if state.found or not state.added else [fall, offer]),
         make_panel("Errors step by step", make_fragment(section)),
@@ -102,19 +102,12 @@ def start(session: Session, id: str | None) -> None:
     kind = find_kind(id, state.body)
     if kind.id in state.model.effects:
         raise InputError(f"{name_effect(id)} is in the model already")
-    task = partial(add, state.model, id, state.train, state.holdout, **state.asked.limits)
+    task = partial(fit_effect, state.model, id, state.train, state.holdout, state.asked.limits)
 
-    def keep(added: Addition) -> None:
-        session.change(f"add {name_effect(id)}", session.state.add_step(added))
+    def keep(found: tuple[Addition, Identification | None]) -> None:
+        session.change(f"add {name_effect(id)}", state.add_step(*found))
 
     session.work(f"Adding {name_effect(id)}", task, keep)
-
-
-def undo(session: Session) -> None:
-    """Take the last effect out of the ladder."""
-    state = session.state
-    if state.added:
-        session.change(f"take {name_effect(state.added[-1])} out", state.drop_step())
 
 
 STAGE = Stage(
@@ -124,6 +117,5 @@ STAGE = Stage(
     {
         "add": lambda session, id, _: start(session, id),
         "add-any": lambda session, _, form: start(session, form.get("any")),
-        "undo": lambda session, *_: undo(session),
     },
 )

@@ -1,44 +1,32 @@
 """Data: recordings come in, are checked, and say what they can and cannot tell."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from dash import dcc, html
+from dash import html
 from dash.development.base_component import Component
 
 from pendulum_env.arms.body import Body
-from pendulum_env.formatting import capitalise, format_number, format_percent, join_words
+from pendulum_env.formatting import capitalise, format_number, join_words
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
 from pendulum_env.units import JointUnits
-from workbench.app import card, recorder, uploads
-from workbench.app.parts import (
-    UNWRAP,
-    make_aria,
-    make_button,
-    make_drop_area,
-    make_graph,
-    make_panel,
-    make_save_button,
-    make_table,
-    name_field,
-)
+from workbench.app import card, demo
+from workbench.app.parts import make_aria, make_button, make_graph, make_panel, make_save_button, make_table
 from workbench.app.recordings import LoadedRecording
-from workbench.app.session import Action, Form, Session, Stage
+from workbench.app.session import Action, Session, Stage
 from workbench.app.state import State
-from workbench.app.uploads import MODEL, STUDY
+from workbench.app.uploads import STUDY
 from workbench.figure import Figure, line, stacked
 from workbench.narrator.diagnosis import describe_disagreement
 from workbench.narrator.effects import name_effect
 from workbench.narrator.findings import describe, describe_late
 from workbench.narrator.notes import describe_note
-from workbench.options import FORMATS
 from workbench.robot import describe_held
 
 WHY = "No effect of the library does that, but several imitate it."
-NUMBERS = ("Length [s]", "Rate [Hz]", "Samples", "In stick", "Turns", "Peak torque [N m]")
+NUMBERS = ("Length [s]", "Rate [Hz]", "Samples", "Turns", "Peak torque [N m]")
 HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": False, "": False}  # are they numbers?
 
 
@@ -46,8 +34,10 @@ def show(session: Session) -> list[Component]:
     """Show the ways to get recordings, then the recordings."""
     state = session.state
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
-    beside = _show_recorder() if not isinstance(state.body, Body) else _show_robot(state, state.body)
-    parts.append(html.Div([show_upload(state), beside], className="columns"))
+    if isinstance(state.body, Body):
+        parts.append(_show_robot(state, state.body))
+    elif not state.loaded:
+        parts.append(_show_demo())
     if state.loaded:
         plots = [
             make_graph(figure) for k, own in enumerate(state.recordings[:4]) for figure in _plot_joints(state, k, own)
@@ -65,10 +55,7 @@ def _show_robot(state: State, body: Body) -> Component:
         "columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
         "(joints) and what other columns mean",
     ]
-    is_light = state.robot is not None and state.robot.weightless
-    gravity = make_button(f"Its torques are with{'' if is_light else 'out'} gravity", "turn-gravity")
-    leave = make_button("Leave the robot", "leave-robot")
-    return make_panel("The robot", *(html.P(f"{capitalise(text)}.") for text in texts), leave, " ", gravity)
+    return make_panel("The robot", *(html.P(f"{capitalise(text)}.") for text in texts))
 
 
 def _plot_joints(state: State, k: int, recording: Recording) -> list[Figure]:
@@ -86,45 +73,14 @@ def _plot_joints(state: State, k: int, recording: Recording) -> list[Figure]:
     ]
 
 
-def show_upload(state: State) -> Component:
-    """Render the upload of files."""
-    ways = [
-        make_drop_area([html.Strong("Choose recordings"), " or drop them here"], "upload", several=True),
-        html.P(
-            f"{FORMATS} with time, position and torque; 0 hangs down. What columns mean is "
-            f"asked where their names do not tell, or told by a {STUDY} among the files. Of an arm, its URDF or MJCF "
-            f"among the files tells the links. {STUDY} and {MODEL} of the stage Export, loaded together with the "
-            "recordings, go on from there. "
-            f"Up to {uploads.LARGEST / 1e6:.0f} MB at once; nothing leaves this computer.",
-            className="note",
-        ),
-        dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id=name_field("unwrap")),
-    ]
-    if not state.loaded:
-        ways += [
-            html.P(["No recording at hand? The demo has two of a pendulum that hides something."], className="or"),
-            make_button("Try the demo", "demo", primary=True),
-        ]
-    return make_panel("Load recordings", *ways)
-
-
-def _show_recorder() -> Component:
-    return make_panel(
-        "Or record a simulated pendulum",
-        html.P(
-            "The paper's pendulum at 1 kHz, behind its encoder, with "
-            "0.02\N{NO-BREAK SPACE}N\N{NO-BREAK SPACE}m of torque noise.",
-            className="note",
-        ),
-        html.Div(recorder.make_fields(), className="fields"),
-        make_button("Record", "record"),
-    )
+def _show_demo() -> Component:
+    about = "The demo has two of a pendulum that hides something. "
+    return make_panel("No recording at hand?", html.P([about, make_button("Try the demo", "demo")]))
 
 
 def show_recordings(state: State) -> Component:
     """Render the table of recordings; for an arm, turns and torque are the largest of its joints."""
-    stick = _compute_stick(state) if state.body.can_simulate else {}
-    rows = [_show_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
+    rows = [_show_row(one, recording) for one, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
     note = [] if any(one.held_out for one in state.loaded) else [html.P(split, className="note")]
     how = html.Span("how these are read and used, for the command line and to load again with them", className="note")
@@ -132,17 +88,13 @@ def show_recordings(state: State) -> Component:
     return make_panel("Recordings", make_table(HEADERS, rows, "Recordings"), *note, save, className="recordings")
 
 
-def _show_row(one: LoadedRecording, recording: Recording, stick: dict[int, float]) -> tuple[Any, ...]:
+def _show_row(one: LoadedRecording, recording: Recording) -> tuple[Any, ...]:
     """Render a recording and its actions."""
     label = recording.name
     columns = make_button("Columns", "columns", one.id, className="link", **make_aria(label=f"Columns of {label}"))
     roles = [
         make_button(role, role, one.id, className="", **make_aria(pressed=is_so, label=f"{role} {label}"))
         for role, is_so in (("fit", str(not one.held_out).lower()), ("check", str(one.held_out).lower()))
-    ]
-    ways = [
-        make_save_button("Save", "recording", one.id, **make_aria(label=f"Save {label}")),
-        make_button("Remove", "remove", one.id, **make_aria(label=f"Remove {label}")),
     ]
     return (
         [
@@ -153,21 +105,11 @@ def _show_row(one: LoadedRecording, recording: Recording, stick: dict[int, float
         f"{recording.duration:.3g}",
         f"{recording.rate:.4g}",
         f"{len(recording):,}".replace(",", " "),
-        format_percent(stick[id(recording)]) if id(recording) in stick else "–",
         format_number(float(np.ptp(recording.position, axis=0).max()) / (2 * np.pi), 2),
         format_number(float(np.abs(recording.torque).max()), 2),
         html.Div(roles, className="views", role="group"),
-        html.Div(ways, className="row"),
+        make_button("Remove", "remove", one.id, **make_aria(label=f"Remove {label}")),
     )
-
-
-def _compute_stick(state: State) -> dict[int, float]:
-    """Compute the share of each recording at rest, by its identity; of a split recording, that of the first part."""
-    if state.trouble:
-        return {}
-    training, testing = state.prepared.data.parts
-    windows = [*testing.data.windows, *training.data.windows]
-    return {id(w.recording): 1.0 - float(np.mean(w.moving)) for w in windows}
 
 
 def _show_findings(state: State) -> Component:
@@ -184,18 +126,16 @@ def _show_findings(state: State) -> Component:
 
 def show_timing(state: State) -> list[Component]:
     """Render the finding on timing as on the command line; empty without one."""
-    if state.trouble:
+    if state.fit is None or not (state.fit.late or state.fit.slow):
         return []
-    late, acts = (state.prepared.timed.find_timing(is_late) for is_late in (True, False))
-    if late and state.is_aligned:
-        said = [html.P(describe_late(own, "It is corrected in all that follows.")) for own in late]
-        press = [make_button("Take it as it was logged", "align-back")]
-    elif late:
-        said = [html.P(describe_late(own, WHY)) for own in late]
-        press = [make_button("Correct it", "align", primary=True)]
+    press = []
+    if state.fit.late:
+        said = "It is corrected in all that follows." if state.is_aligned else WHY
+        texts = [describe_late(own, said) for own in state.fit.late]
+        press = [] if state.is_aligned else [make_button("Correct it", "align", primary=True)]
     else:
-        said, press = [html.P(describe(own)) for own in acts], []
-    return [make_panel("Torque and motion in time", *said, *press)] if said else []
+        texts = [describe(own) for own in state.fit.slow]
+    return [make_panel("Torque and motion in time", *map(html.P, texts), *press)]
 
 
 def plot_recording(r: Recording, id: str, title: str, units: JointUnits, height: int = 340) -> Figure:
@@ -213,34 +153,18 @@ def plot_recording(r: Recording, id: str, title: str, units: JointUnits, height:
     return Figure(id, f"Position and torque over time, {title}", data, layout, height)
 
 
-def _record(session: Session, _: str, form: Form) -> None:
-    recorder.start(session, {recorder.choose_name(session.state): recorder.read_options(form)})
-
-
-def _align(session: Session, is_aligned: bool, what: str) -> None:
-    session.change(what, session.state.restart(is_aligned=is_aligned))
-
-
-def _turn_gravity(session: Session, *_: object) -> None:
-    """Take the robot's torques for those without gravity, or again for those with it; the ladder starts anew."""
-    if (robot := session.state.robot) is not None:
-        robot = replace(robot, weightless=not robot.weightless)
-        session.change("take gravity off, or back", session.state.restart(robot=robot))
+def _align(session: Session, *_: object) -> None:
+    session.change("correct the torque", session.state.restart(is_aligned=True))
 
 
 ACTIONS: dict[str, Action] = {
-    "upload": lambda session, _, came: session.receive(came["files"], came["unwrap"]),
-    "demo": lambda session, *_: recorder.start_demo(session),
-    "record": _record,
+    "demo": lambda session, *_: demo.start(session),
     "columns": lambda session, id, _: session.ask(id),
     "card-load": lambda session, _, form: session.answer(session.cards[0].fill_form(form)),
     "card-close": lambda session, *_: setattr(session, "cards", session.cards[1:]),
     "fit": lambda session, id, _: session.hold_out(id, False),
     "check": lambda session, id, _: session.hold_out(id, True),
     "remove": lambda session, id, _: session.remove(id),
-    "align": lambda session, *_: _align(session, True, "correct the torque"),
-    "align-back": lambda session, *_: _align(session, False, "take the torque as it was logged"),
-    "leave-robot": lambda session, *_: session.change("leave the robot", State()),
-    "turn-gravity": _turn_gravity,
+    "align": _align,
 }
-STAGE = Stage("data", "Data", show, ACTIONS, lambda app, _: card.connect(app), needs_model=False)
+STAGE = Stage("data", "Data", show, ACTIONS, needs_model=False)

@@ -2,15 +2,12 @@
 
 from dataclasses import replace
 from functools import partial
-from math import inf
 
 from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
-from pendulum_env.formatting import join_words
-from workbench.app import recorder
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.parts import KEPT, label_control, list_choices, make_button, make_fragment, make_panel, name_field
 from workbench.app.session import Session, Stage
@@ -18,10 +15,9 @@ from workbench.app.stages.add import show_calls
 from workbench.app.stages.data import show_timing
 from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import describe_result
-from workbench.narrator.findings import describe_aim
 from workbench.options import parse_effects
 from workbench.report.arm import make_joints
-from workbench.report.data import list_ends
+from workbench.report.data import ReportData, list_ends
 from workbench.report.story import make_story, rank_candidates
 
 
@@ -46,11 +42,10 @@ def show(session: Session) -> list[Component]:
     if state.robot is not None:
         result = make_joints(list_ends(state.ladder), "held-out data", describe_result(found), found.floors, found)
     else:
-        result = make_story(state.case)
+        result = make_story(ReportData(state.result))
     return [
         make_panel("What was found", make_fragment(result), className=kind),
         *show_timing(state),
-        *_show_next(state, busy),
         make_panel(
             "Ranking",
             show_calls(state, busy),
@@ -95,17 +90,6 @@ def show_choices(state: Work, is_open: bool) -> Component:
     return html.Details([summary, *groups], open=is_open)
 
 
-def _show_next(state: Work, busy: bool) -> list[Component]:
-    """Show the next experiment, with a button to record it on a simulated pendulum."""
-    suggestion = state.diagnosis.suggestion if state.diagnosis is not None else None
-    if suggestion is None or recorder.find_plant_options(state) is None:
-        return []
-    aims = join_words([describe_aim(own.effect, own.instead) for own in suggestion.settles])
-    what = f"The same simulated pendulum can play it now: {suggestion.seconds:g} s to {aims}."
-    press = make_button("Record the next experiment", "record-next", primary=not state.found, disabled=busy)
-    return [make_panel("The next experiment", html.P(what), press)]
-
-
 def choose_search(session: Session, asked: SearchChoices) -> None:
     """Look for some effects, or with some values known, from now on.
 
@@ -125,10 +109,7 @@ def start(session: Session, asked: SearchChoices) -> None:
     def keep(found: Diagnosis) -> None:
         session.change("diagnose", state.add_diagnosis(found))
 
-    limits = {**asked.effects, **asked.limits}
-    if recorder.find_plant_options(state) is not None:  # it bears all
-        limits |= {"max_angle": inf, "max_speed": inf}
-    task = partial(diagnose, state.train, state.holdout, state.model.terms, **limits)
+    task = partial(diagnose, state.train, state.holdout, state.model.terms, **asked.effects, **asked.limits)
     session.work("Diagnosing", task, keep)
 
 
@@ -136,8 +117,5 @@ STAGE = Stage(
     "diagnose",
     "Diagnose",
     show,
-    {
-        "diagnose": lambda session, _, form: start(session, SearchChoices.of(form)),
-        "record-next": lambda session, *_: recorder.start_suggested(session),
-    },
+    {"diagnose": lambda session, _, form: start(session, SearchChoices.of(form))},
 )

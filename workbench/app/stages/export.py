@@ -1,11 +1,10 @@
 """Export: the report, the model, and how to do the same without a browser."""
 
-import ast
 import json
 import shlex
 import tempfile
 from base64 import b64encode
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from estimators.schemes.result import SAVED
 from pendulum_env.lookup import find
 from pendulum_env.recording.study import collect_log_format, write_study
 from workbench.app.parts import make_panel, make_save_button
-from workbench.app.recorder import DIAGNOSIS
 from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State, list_added
 from workbench.app.uploads import MODEL, STUDY
@@ -28,26 +26,17 @@ from workbench.errors import InputError
 from workbench.narrator.diagnosis import write_diagnosis
 from workbench.report import render
 
-PROGRAM, REPORT, EXPERIMENT = "pendulum-ident", "report.html", "experiment.csv"
+PROGRAM = "pendulum-ident"
+REPORT, DIAGNOSIS, EXPERIMENT = "report.html", "diagnosis.json", "experiment.csv"
 WHOLE = (
-    "This fits the whole of each recording. The workbench and Python hold the last 30 % back to check on, so that "
+    "This fits the whole of each recording. The workbench holds the last 30 % back to check on, so that "
     "their estimates differ a little."
 )
 BESIDE = f"The recordings are read as {STUDY} says: save it beside them."
-IMPORTED = {  # names of a snippet, by where they are from
-    "pathlib": ("Path",),
-    "estimators": ("FitData", "add", "diagnose", "fit", "identify", "split_recordings"),
-    "estimators.arguments": ("apply_limits",),
-    "pendulum_env.arms": ("ArmModel", "arm_base"),
-    "pendulum_env.physics": ("BASE", "Model"),
-    "pendulum_env.recording": ("read_recording", "read_study"),
-    "workbench.report": ("write_report",),
-    "workbench.robot": ("RobotFile",),
-}
 
 
 def show(session: Session) -> list[Component]:
-    """Render the downloads, and the equivalent commands and Python code."""
+    """Render the downloads, and the equivalent commands."""
     state = session.state
     fits_more = not (state.added or state.holdout or state.model_file)  # `add` would hold the last 30 % out as well
     notes = [BESIDE] * _is_study_needed(state) + [WHOLE] * fits_more
@@ -56,7 +45,6 @@ def show(session: Session) -> list[Component]:
     return [
         show_downloads(state),
         make_panel("The same on the command line", *beside, show_code(write_commands(state), "commands")),
-        make_panel("The same in Python", show_code(write_snippet(state), "snippet")),
     ]
 
 
@@ -129,53 +117,6 @@ def _is_study_needed(state: State) -> bool:
     return state.robot is not None or any(own.columns or own.unwrap or own.range or own.load for own in sources)
 
 
-def write_snippet(state: State) -> str:
-    """Write Python that comes to the same model."""
-    train, holdout = _list_files(state)
-    limits, looked = (state.asked.write_arguments(one) for one in (state.asked.limits, state.asked.effects))
-    lines = [
-        f"recordings = [read_recording(path) for path in {train!r}]",
-        f"holdout = [read_recording(path) for path in {holdout!r}]",
-    ]
-    if _is_study_needed(state):
-        lines = [f"study = read_study({STUDY!r})", "recordings, holdout = study.fitted, study.held_out"]
-    if (robot := state.robot) is not None:
-        lines = [
-            f"robot = RobotFile(Path({robot.file.name!r}), {robot.joints!r}, bolted={robot.bolted}, "
-            f"rotors={robot.rotors}, weightless={robot.weightless})",
-            f"body, recordings, holdout = robot.read_study({STUDY!r})",
-        ]
-    if state.is_aligned:
-        lines.append("given = FitData.of(recordings, holdout).with_timing()")
-        lines.append("recordings, holdout = given.recordings, given.holdout")
-    terms = f"Model.load({state.model_file!r}).terms" if state.model_file else "BASE"
-    if robot is not None:
-        terms = f"ArmModel.load({state.model_file!r}, body).terms" if state.model_file else "arm_base(body)"
-    if limits:
-        lines.append(f"terms, _ = apply_limits({terms}, {{}}{limits})")
-        terms = "terms"
-    fitted = f"fit(*split_recordings(recordings, holdout), {terms})"
-    if robot is not None:
-        fitted = f"identify(recordings, {terms}, {SAVED!r})[{SAVED!r}]"
-    lines.append(f"model = {fitted}.model")
-    for effect in list_moves(state):
-        if effect:
-            lines.append(f"model = add(model, {effect!r}, recordings, holdout{limits}).after.model")
-        else:
-            lines.append(f"found = diagnose(recordings, holdout, model.terms{looked}{limits})")
-            lines.append(f"write_report(found, {REPORT!r})")
-    return add_imports([*lines, f"model.save({MODEL!r})"])
-
-
-def add_imports(lines: Sequence[str]) -> str:
-    """Add imports of the used names to lines of Python."""
-    body = "\n".join(lines)
-    used = {node.id for node in ast.walk(ast.parse(body)) if isinstance(node, ast.Name)}
-    named = {module: [name for name in names if name in used] for module, names in IMPORTED.items()}
-    imports = [f"from {module} import {', '.join(names)}" for module, names in named.items() if names]
-    return "\n".join([*imports, "", body])
-
-
 def write_study_text(state: State) -> str:
     """Write a study that names the recordings as they are read, for a folder that holds them."""
     with tempfile.TemporaryDirectory() as folder:
@@ -209,11 +150,8 @@ FILES: dict[str, tuple[str, Callable[[State], str]]] = {  # name and content of 
 }
 
 
-def make_file(state: State, what: str, of: str) -> tuple[str, bytes]:
-    """Name and content of one of `FILES`, or of a recording's own."""
-    if what == "recording":
-        path = state.find(of).source.file
-        return path.name, path.read_bytes()
+def make_file(state: State, what: str) -> tuple[str, bytes]:
+    """Name and content of one of `FILES`."""
     name, content = find("file", what, FILES)
     return name, content(state).encode()
 
@@ -223,15 +161,14 @@ def connect(app: Dash, sessions: Sessions) -> None:
 
     @app.callback(
         Output("download", "data"),
-        Input({"save": ALL, "of": ALL}, "n_clicks"),
+        Input({"save": ALL}, "n_clicks"),
         Value("session", "data"),
         prevent_initial_call=True,
     )
     def save(_: list[int], id: str) -> dict[str, Any]:
         if not any(entry["value"] for entry in dash.ctx.triggered):
             raise PreventUpdate
-        asked = dash.ctx.triggered_id
-        name, content = make_file(sessions.find_session(id).state, asked["save"], asked["of"])
+        name, content = make_file(sessions.find_session(id).state, dash.ctx.triggered_id["save"])
         return {"filename": name, "content": b64encode(content).decode(), "base64": True}
 
 

@@ -1,0 +1,108 @@
+"""Fits of a session's recordings, which run in a worker process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from estimators.arguments import apply_limits
+from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
+from estimators.checks.torque_constant import add_torque_constant
+from estimators.data.fit_data import FitData
+from estimators.data.split import split_arm
+from estimators.diagnosis.addition import add, fit
+from estimators.diagnosis.result import Addition
+from estimators.findings import Finding
+from estimators.free_swings import make_swing_terms, restore_known
+from estimators.progress import Progress
+from estimators.regression.equations import IdentificationError
+from estimators.schemes.identification import identify
+from estimators.schemes.result import SAVED, Identification
+from estimators.schemes.six import SCHEMES
+from estimators.selection.errors import Step
+from pendulum_env.arms.joints import find_body
+from pendulum_env.physics import Model, Term
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import PER_INERTIA
+from workbench.errors import InputError
+from workbench.narrator.findings import describe
+
+SCHEMES_OF_ARM = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")
+
+
+@dataclass(frozen=True, eq=False)
+class BaseFit:
+    """Recordings as models are fitted to them, and the base model fitted to them."""
+
+    data: FitData  # in N m, with their torque in time if that is asked for
+    step: Step  # the base model
+    schemes: Identification | None  # of the base model; None for recordings that are too poor
+    disagreements: tuple[Disagreement, ...] = ()  # recordings that show another plant than the others
+    late: tuple[Finding, ...] = ()  # on torque that was logged late
+    slow: tuple[Finding, ...] = ()  # on torque that acts late
+
+
+def fit_base(
+    recordings: tuple[Recording, ...],
+    holdout: tuple[Recording, ...],
+    terms: tuple[Term, ...],
+    is_aligned: bool,
+    limits: dict[str, Any],
+    _: Progress,
+) -> BaseFit:
+    """Fit the base model.
+
+    Raises InputError if no known load determines a gain, and IdentificationError if there is too little motion.
+    """
+    if not find_body(terms).can_simulate:
+        return _fit_arm(recordings, holdout, terms)
+    return _fit_pendulum(recordings, holdout, apply_limits(terms, {}, **limits)[0], is_aligned)
+
+
+def _fit_arm(recordings: tuple[Recording, ...], holdout: tuple[Recording, ...], terms: tuple[Term, ...]) -> BaseFit:
+    found = identify(split_arm(recordings, holdout)[0], terms, SCHEMES_OF_ARM)
+    model = found[SAVED].model
+    data = FitData.of(recordings, holdout, model.terms)
+    errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
+    return BaseFit(data, Step(None, model, errors), found)
+
+
+def _fit_pendulum(
+    recordings: tuple[Recording, ...], holdout: tuple[Recording, ...], terms: tuple[Term, ...], is_aligned: bool
+) -> BaseFit:
+    given = FitData.of(recordings, holdout, terms)
+    if given.doubt is not None and given.unit != PER_INERTIA:
+        raise InputError(f"{describe(given.doubt)} Or give the gain itself.")
+    timed = given.with_timing()
+    data = timed if is_aligned else given
+    step = fit(*data.parts, make_swing_terms(terms, data.recordings))
+    model = restore_known(add_torque_constant(step.model, data.parts[0].data), terms, data.recordings)
+    parts = [part.data for part in data.parts[: 2 if holdout else 1]]
+    return BaseFit(
+        data,
+        replace(step, model=model),
+        identify_schemes(data.recordings, model),
+        find_disagreements(fit_each_recording(parts, model.terms), only_if_all_fit=True),
+        *(timed.find_timing(is_late) for is_late in (True, False)),
+    )
+
+
+def identify_schemes(recordings: tuple[Recording, ...], model: Model) -> Identification | None:
+    """Identify a pendulum by all schemes; None where recordings are too poor for them."""
+    try:
+        return identify(recordings, model.terms, SCHEMES)
+    except IdentificationError:
+        return None
+
+
+def fit_effect(
+    model: Model,
+    effect: str,
+    recordings: tuple[Recording, ...],
+    holdout: tuple[Recording, ...],
+    limits: dict[str, Any],
+    progress: Progress,
+) -> tuple[Addition, Identification | None]:
+    """Refit a model with one more effect, and identify the result by all schemes if it is a pendulum."""
+    added = add(model, effect, recordings, holdout, progress, **limits)
+    return added, identify_schemes(recordings, added.after.model) if model.body.can_simulate else None
