@@ -35,7 +35,7 @@ def _show_schemes(state: Work) -> list[Component]:
             capitalise(name_effect(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)
         }
         return [make_table(headers, found.rows, "Schemes"), html.P(f"{capitalise(TRUST)}.")]
-    section = make_schemes(state.standing)
+    section = make_schemes(state.standing) if state.schemes is not None else None
     if section is None:
         return [html.P("These recordings are too poor for the schemes.")]
     plots = [make_graph(figure) for figure in section.figures]
