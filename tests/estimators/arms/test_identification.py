@@ -20,7 +20,6 @@ from pendulum_env.physics import BASE, Model, ModelError
 from pendulum_env.recording import Recording
 from tests.pendulum_env.arms.test_body import chain, written
 from tests.two_link import recorded
-from workbench.narrator.comparison import describe_comparison
 
 ARM = TwoLink()
 RATE = 1000.0
@@ -101,14 +100,6 @@ def test_torque_of_another_run_is_predicted(found, body, tmp_path):
     path.write_text(path.read_text().replace('"shoulder",', '"hip",'))
     with pytest.raises(ModelError, match=r"arm\.json: is of an arm with joints hip, elbow, not shoulder, elbow"):
         ArmModel.load(path, body)
-
-
-def test_results_show_themselves_joint_by_joint(found, recording):
-    page = found._repr_html_()
-    assert "relative error" in page and "coulomb@elbow" in page
-    compared = compare(found["filtered_dynamic"].model, recording)
-    page = compared._repr_html_()
-    assert describe_comparison(compared)[1:] in page and "Torque errors" in page and "nan" not in page
 
 
 def test_recordings_of_another_plant_are_refused(recording, body):

@@ -131,12 +131,6 @@ def test_what_is_missing_is_told_with_its_joint(links, plant, group):
         assert found.theta["quadratic_drag@elbow"] == pytest.approx(0.05, rel=0.15)
 
 
-def test_false_alarms_are_counted_in_blocks_of_all_joints(links):
-    """Two joints fill twice as many blocks an hour."""
-    of_one, of_two = (Diagnoser(RATE, terms, library={}).threshold for terms in (BASE, links))
-    assert of_two - of_one == pytest.approx(np.log(2))
-
-
 @pytest.mark.parametrize(
     ("after", "kind", "name"),
     [

@@ -61,9 +61,3 @@ def test_it_ends_where_a_step_is_short_against_standard_errors_or_gains_little()
         found = gauss_newton(START, counted, best, rule)
         assert len(turns) < every
         assert near(found).cost < 1.02 * near(closest).cost or len(turns) == 2
-
-
-def test_a_turn_that_gains_little_may_be_followed_by_others():
-    near, best = decay(noise=0.1)
-    costs = [near(gauss_newton(START, near, best, Rule(50, (1.0,), of_cost=0.9, patience=k))).cost for k in (1, 4)]
-    assert costs[1] < costs[0]

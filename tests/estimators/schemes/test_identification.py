@@ -138,9 +138,3 @@ def test_torque_that_was_asked_of_an_open_motor_did_not_act():
     assert describe_result(diagnose(run, only=["stribeck"])) == "Nothing is missing"
     short = run.slice(1450, 1510)
     assert len(cut(short, 0.04).centers) == 0  # the motor is off in half of it
-
-
-def test_an_identification_maps_schemes_to_what_they_find(swing):
-    found = identify(swing, schemes=["dynamic", "energy"])
-    assert {id: own.scheme for id, own in found.items()} == {"dynamic": "dynamic", "energy": "energy"}
-    assert "energy" in found and "enrgy" not in found

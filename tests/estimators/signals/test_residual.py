@@ -85,14 +85,6 @@ def test_white_noise_has_no_region():
     assert [find_regions(motion(seed), noise(seed), NOISE) for seed in range(40)] == [[]] * 40
 
 
-def test_the_most_telling_region_comes_first_and_their_number_is_limited():
-    x = motion()
-    residual = noise(0) + 0.1 * np.sign(np.sin(4 * x.position))
-    regions = find_regions(x, residual, NOISE, most=3)
-    assert len(regions) == 3
-    assert [r.significance for r in regions] == sorted((r.significance for r in regions), reverse=True)
-
-
 def test_a_profile_is_the_mean_in_bins_of_equal_count_with_its_standard_error():
     x = motion()
     residual = noise(0)

@@ -85,8 +85,7 @@ def chain(count, place="0 0 -0.1"):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (chain(65), "has 65 joints that move, of which at most 64 can be identified"),
-        (chain(2, "1e200 0 0"), r"behind joint 'joint0' holds a number beyond 1e\+09"),
+        (chain(2, "1e200 0 0"), r"holds a number beyond 1e\+09"),
         (chain(2).replace('"0 0.02 -0.3"', '"0 nan 0"'), "holds a number beyond|cannot read it"),
         (chain(2).replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>'), "has a joint without an axis"),
     ],

@@ -89,11 +89,3 @@ def test_temperatures_of_some_joints_may_be_there(tmp_path):
     write_recording(recording, tmp_path / "again.csv")
     again = read_arm_recording(tmp_path / "again.csv", ("hip", "knee"))
     np.testing.assert_allclose(again.temperature, recording.temperature)
-
-
-def test_the_gain_of_a_current_is_asked_for_and_not_to_be_found(tmp_path):
-    time = np.arange(400) / 100
-    np.savez(tmp_path / "run.npz", time=time, position_a=np.sin(3 * time), current=np.cos(3 * time))
-    with pytest.raises(RecordingError, match=r"run.npz: joint 'a': .* 'torque_a=current:A\*0.1") as refusal:
-        read_arm_recording(tmp_path / "run.npz", ["a"], columns={"torque_a": "current"})
-    assert "*?" not in str(refusal.value)
