@@ -262,8 +262,9 @@ class ChannelFits:
         fits = [balance.fit(clusters) for clusters in self.clusters]
         errors = np.max([fit.std for fit in fits], axis=0)
         delay_std, lag_std = (float(std) for std in errors[count:] @ ways)
-        if channel.lag > 0:  # d lag / d shift
-            lag_std *= channel.lag**2 / (x[1] * (x[1] + self.period))
+        if channel.lag > 0:  # d lag / d shift, which is infinite where there is no filter
+            steep = channel.lag**2 / (x[1] * (x[1] + self.period))
+            lag_std = min(steep * lag_std, self.channel(x + np.array([0.0, lag_std])).lag)
         gain = float(fits[0].theta[0]), float(errors[0])
         density = cross_validated(balance, self.where)
         raised = np.log(self.compute_noise_gain(channel)) * np.bincount(self.where.block)
