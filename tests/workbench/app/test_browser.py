@@ -90,7 +90,7 @@ class Tab:
 
     def go(self, stage: str) -> None:
         self.page.evaluate("scrollTo(0, 500)")
-        self.page.click(f"#to-{stage}")
+        self.page.click(f"#to-{stage}[href]")  # once the model is fitted
         self.page.wait_for_selector(STAGES[stage])
         assert self.page.evaluate("scrollY") == 0  # a stage begins at its top
 
@@ -370,6 +370,7 @@ def test_a_keyboard_is_enough(tab):
 
     reach(press("demo"))
     page.wait_for_selector("td:has-text('demo-holdout')")
+    page.wait_for_selector("#to-compare[href]")  # the model is fitted
     reach("#to-compare")
     page.wait_for_selector(STAGES["compare"])
     reach(".regions-list button")
