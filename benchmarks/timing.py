@@ -39,7 +39,7 @@ LIMITS = {  # [s]
 # algorithm, and most CPU time of a sample at 1 kHz [us]
 ONLINE = {
     "DiagnoseOnline, all effects": ("Diagnoser(1000.0)", 200.0),
-    "EstimateParameters, six schemes": ("OnlineEstimator(1000.0, counts=1_024_000)", 60.0),
+    "EstimateParameters, six schemes": ("OnlineEstimator(1000.0)", 60.0),
 }
 FEED = """
 import time
