@@ -2,7 +2,9 @@
 
 import json
 import shutil
+import socket
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plotly.utils import PlotlyJSONEncoder
 
+from tests.patience import PATIENCE
 from tests.workbench.app.plants import upload
 from tests.workbench.app.requests import Page, ask_anything
 from workbench.app.page import server
@@ -73,6 +76,24 @@ def test_a_file_that_has_vanished_is_a_sentence_and_no_failure(page):
             assert page.ask(one, [1] * 9) in (200, 204)
     answer = page.client.post("/_dash-update-component", json={"output": "nothing.at_all", "inputs": []})
     assert answer.status_code == 400
+
+
+@pytest.mark.parametrize(
+    "begun", [b"GET / HT", b"GET / HTTP/1.1\r\nHost: a", b"POST / HTTP/1.1\r\nContent-Length: 9\r\n\r\n{"]
+)
+def test_a_request_that_does_not_go_on_is_not_waited_for(monkeypatch, capfd, begun):
+    monkeypatch.setattr(server._SilentHandler, "timeout", 0.05)
+    here = server.Server()
+    thread = Thread(target=here._server.serve_forever)
+    thread.start()
+    with socket.create_connection(here._server.server_address, PATIENCE) as half:
+        half.sendall(begun)
+        while half.recv(1000):
+            pass  # ends when the server has closed its side
+    here._server.shutdown()
+    thread.join()
+    here.close()
+    assert capfd.readouterr().err == ""
 
 
 def test_a_fault_of_a_callback_is_one_line_on_the_terminal(page, caplog):

@@ -4,7 +4,6 @@ import io
 import json
 import shlex
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread
@@ -260,29 +259,6 @@ def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(s
 
 
 # ------------------------------------------------------------------------------------------------ sessions
-
-
-def test_a_session_that_is_still_reading_its_recordings_holds_up_no_other(monkeypatch):
-    sessions = Sessions()
-    other = sessions.find_session(IDS[0])
-    reading, read = Event(), Event()
-
-    def slow(self: Session, sources: object) -> None:
-        reading.set()
-        assert read.wait(PATIENCE)
-        self.notice = "read"
-
-    monkeypatch.setattr(Session, "load", slow)
-    sessions._recordings = (Source(Path("swing.csv")),)
-    with ThreadPoolExecutor(2) as pool:
-        first = pool.submit(sessions.find_session, IDS[1])
-        assert reading.wait(PATIENCE)
-        try:
-            assert pool.submit(sessions.find_session, IDS[0]).result(PATIENCE / 2) is other and not first.done()
-        finally:
-            read.set()
-        assert first.result(PATIENCE).notice == "read"
-    sessions.close()
 
 
 def test_nothing_is_done_while_a_job_works_on_the_state(session):

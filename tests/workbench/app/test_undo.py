@@ -2,7 +2,7 @@
 
 from tests.workbench.app.plants import recorded, upload, written
 from workbench.app.choices import SearchChoices
-from workbench.app.session import UNDONE, Session
+from workbench.app.session import Session
 from workbench.app.stages.diagnose import choose_search
 from workbench.app.state import State
 
@@ -46,12 +46,3 @@ def test_a_recording_that_was_removed_comes_back_though_another_took_its_name(tm
         assert session.last_change == "load swing"
         session.act(session.undo)
     assert session.state.loaded == () and session.last_change == ""
-
-
-def test_only_the_latest_changes_are_taken_back(tmp_path):
-    session = Session(tmp_path / "session")
-    for k in range(UNDONE + 1):
-        session.act(lambda k=k: choose_search(session, SearchChoices(fix=f"gravity={k + 1}")))
-    for _ in range(UNDONE):
-        session.act(session.undo)
-    assert session.notice == "" and session.last_change == "" and session.state.asked.fix == "gravity=1"

@@ -99,7 +99,9 @@ def _describe_error(error: Exception) -> str:
 
 
 class _SilentHandler(WSGIRequestHandler):
-    """Says nothing about requests."""
+    """Says nothing about requests, and ends those that do not go on."""
+
+    timeout = 60.0  # [s] in the middle of a request, after which it is not waited for
 
     def log(self, type: str, message: str, *args: object) -> None:
         """Say nothing."""
