@@ -2,9 +2,10 @@
 
 import errno
 import os
-import shutil
+import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from io import FileIO
 from pathlib import Path
 from typing import BinaryIO
@@ -27,7 +28,11 @@ def check_output(path: str | Path) -> Path:
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
-    """Write a file so that a reader sees the old one or the new one, never half of it."""
+    """Write a file so that a reader sees the old one or the new one, never half of it.
+
+    Raises:
+        OSError: as `replace_file`.
+    """
     with replace_file(path) as file:
         file.write(content.encode() if isinstance(content, str) else content)
 
@@ -36,26 +41,33 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
 def replace_file(path: str | Path) -> Iterator[BinaryIO]:
     """Open a file that takes its name only when all of it is on the disk.
 
-    Until then it lies beside its place under a hidden name. Links are followed. A device or pipe, such as /dev/null,
-    is written to rather than replaced. A file that is replaced keeps its permissions.
+    Until then it lies beside its place under a hidden name, which goes away if anything is raised. Links are followed,
+    except one of the hidden name, which another user may have made. A device or pipe, such as /dev/null, is written to
+    rather than replaced. A file that is replaced keeps its permissions.
+
+    Raises:
+        OSError: if it cannot be written; it names the file.
     """
     place = Path(os.path.realpath(path))
-    is_special = place.exists() and not place.is_file()
-    target = place if is_special else place.with_name(f".{place.name}.{os.getpid()}.part")
+    special = place.exists() and not place.is_file()
+    target = place if special else place.with_name(f".{place.name}.{os.getpid()}.part")
+    permissions = stat.S_IMODE(place.stat().st_mode) if place.is_file() else 0o666
     try:
-        with open(target, "wb") as file:
-            if place.is_file():
-                shutil.copymode(place, target)
-            yield file
-            file.flush()
-            sync_file(file)
-        if not is_special:
-            target.replace(place)
+        if not special:
+            target.unlink(missing_ok=True)  # of a program that was killed, or a link
+        try:
+            with open(target, "wb" if special else "xb", opener=partial(os.open, mode=permissions)) as file:
+                yield file
+                file.flush()
+                sync_file(file)
+            if not special:
+                target.replace(place)
+        finally:
+            if not special:
+                with suppress(OSError):  # what went wrong before is what counts
+                    target.unlink(missing_ok=True)
     except OSError as error:
         raise OSError(error.errno, error.strerror or " ".join(str(error).split()), str(path)) from error
-    finally:
-        if not is_special:
-            target.unlink(missing_ok=True)
 
 
 def open_nonblocking(path: str, flags: int) -> int:
@@ -64,7 +76,11 @@ def open_nonblocking(path: str, flags: int) -> int:
 
 
 def sync_file(file: BinaryIO | FileIO) -> None:
-    """Wait until the content is on the disk: some disks report only then that they are full."""
+    """Wait until the content is on the disk: some disks report only then that they are full.
+
+    Raises:
+        OSError: if it does not get there.
+    """
     try:
         os.fsync(file.fileno())
     except OSError as error:

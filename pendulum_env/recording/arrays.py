@@ -115,7 +115,7 @@ def is_data(given: object) -> bool:
 
 
 def read_hdf5(path: Path, find: ColumnFinder) -> RawTable:
-    """Read datasets of HDF5 by their paths, `run/position`.
+    """Read datasets of HDF5 by their paths, `run/position`; external links are not followed.
 
     Of MATLAB 7.3, structures and their arrays are named as in older files: `run.position`, `out.signals[0].values[1]`.
     Texts, names and sizes are no columns.
@@ -132,11 +132,26 @@ def read_hdf5(path: Path, find: ColumnFinder) -> RawTable:
 
 
 def _collect_datasets(group: Any, path: str) -> Iterator[tuple[str, Any]]:
-    for name, item in group.items():
+    for name, item in _find_members(group):
         if hasattr(item, "keys"):
             yield from _collect_datasets(item, f"{path}{name}/")
-        elif getattr(item, "shape", None) is not None:  # of a named type or an empty dataset
+        else:
             yield path + name, item
+
+
+def _find_members(group: Any) -> Iterator[tuple[str, Any]]:
+    """Map names to groups and datasets of a group, without links and external datasets."""
+    import h5py
+
+    for name in group:
+        if isinstance(group.get(name, getlink=True), h5py.HardLink):
+            item = group[name]
+            if isinstance(item, h5py.Group) or (isinstance(item, h5py.Dataset) and _is_whole(item)):
+                yield name, item
+
+
+def _is_whole(dataset: Any) -> bool:
+    return dataset.shape is not None and not (dataset.external or dataset.is_virtual)
 
 
 def _read_matlab_value(item: Any) -> Any:
@@ -147,13 +162,13 @@ def _read_matlab_value(item: Any) -> Any:
     import h5py
 
     if isinstance(item, h5py.Group):
-        fields = {name: own for name, own in item.items() if name[0] != "#" and name not in DESCRIPTIONS}
+        fields = {name: own for name, own in _find_members(item) if name[0] != "#" and name not in DESCRIPTIONS}
         arrays = {name: own for name, own in fields.items() if _has_references(own) and "MATLAB_class" not in own.attrs}
         rows = zip(*(_follow_reference(own) for own in arrays.values()), strict=True)
         structures = [dict(zip(arrays, row, strict=True)) for row in rows]
         return structures or {name: _read_matlab_value(own) for name, own in fields.items()}
     kind = item.attrs.get("MATLAB_class")
-    if "MATLAB_empty" in item.attrs or kind == b"function_handle" or item.shape is None:
+    if "MATLAB_empty" in item.attrs or kind == b"function_handle" or not _is_whole(item):
         return None
     if kind == b"char":
         return "".join(map(chr, item[()].flat))

@@ -1,5 +1,6 @@
 """Documents, their values, and policies: read, or refused in one sentence."""
 
+import os
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,6 +11,7 @@ from msgspec import Struct
 from agents.network import POLICY_FOLDER, Network
 from pendulum_env.errors import FileError
 from pendulum_env.reading import Number, Text, convert, read_json, read_toml
+from pendulum_env.recording import read_recording
 
 
 @pytest.mark.parametrize(
@@ -84,3 +86,12 @@ def test_nothing_is_unpickled(tmp_path: Path) -> None:
     np.savez(path, weight0=np.array([print], dtype=object))
     with pytest.raises(FileError, match="Object arrays cannot be loaded"):
         Network.load(path)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes and devices of Unix")
+def test_a_pipe_and_a_device_are_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "link.csv").symlink_to("/dev/zero")
+    for name in ("pipe.csv", "link.csv"):
+        with pytest.raises(ValueError, match=rf"{name}: cannot be read \(it is a folder, a device or a pipe\)"):
+            read_recording(tmp_path / name)

@@ -1,5 +1,6 @@
 """Files of other programs: HDF5, Excel, Parquet of robot learning, bags of ROS and MCAP."""
 
+import os
 import sqlite3
 import zipfile
 from contextlib import closing
@@ -41,6 +42,23 @@ def test_hdf5_whose_datasets_have_two_names(tmp_path: Path) -> None:
             file[f"bench/a_{name}"] = values
             file[f"bench/joint/{name}"] = file[f"bench/a_{name}"]
     assert_read(read_recording(tmp_path / "run.h5"))
+
+
+def test_hdf5_reads_no_other_file_and_ends(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    os.mkfifo(tmp_path / "pipe")  # reading it would wait
+    layout = h5py.VirtualLayout((1000,), "f8")
+    layout[:] = h5py.VirtualSource("/dev/zero", "torque", shape=(1000,))
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["group/time"] = TIME
+        file.create_dataset("position", (1000,), "f8", external=[(str(tmp_path / "pipe"), 0, 8000)])
+        file.create_virtual_dataset("torque", layout)
+    with pytest.raises(RecordingError, match=r"run\.h5: no column for position, torque among 'group/time'"):
+        read_recording(tmp_path / "run.h5")
+    with h5py.File(tmp_path / "run.h5", "a") as file:
+        file["group/below"] = file["group"]
+    with pytest.raises(RecordingError, match=r"run\.h5: not a readable .h5 file \(maximum recursion depth"):
+        read_recording(tmp_path / "run.h5")
 
 
 def test_npz_with_a_note_beside_its_arrays(tmp_path: Path) -> None:
