@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.gauss_newton import Near, Rule, gauss_newton
+from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.search_hints import find_hints
 from estimators.simulation.free_running import (
@@ -309,16 +309,11 @@ def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) ->
         points = [place.point.at(values + share * step * size) for share in SHOOTING.shares]
         tried = [_follow(own, points, step, move) for own, move in zip(place.every, slopes.parts, strict=True)]
         costs = np.sum([w @ own.T for (_, _, own), w in zip(tried, slopes.weights, strict=True)], axis=0)
-        k = int(np.argmin(costs))
-        refined = [
-            refine_states(own, [points[k]], states[k][None], damped[k][None], 1)
+        k, cost = choose_least(range(len(points)), costs)
+        every = [
+            replace(own, states=states[k], damping=damped[k])
             for own, (states, damped, _) in zip(place.every, tried, strict=True)
         ]
-        every = [
-            replace(own, states=states[0], damping=damped[0])
-            for own, (states, damped, _) in zip(place.every, refined, strict=True)
-        ]
-        cost = sum(float(w @ own[0]) for w, (_, _, own) in zip(slopes.weights, refined, strict=True))
         if cost > near.cost * (1 - SHOOTING.gain):
             anew = [initialise_states(own, points[k]) for own in every]
             every = [own for own, _ in anew]
@@ -341,11 +336,10 @@ def _follow(
     squares = np.sum(
         shooting.errors(repeat_points(points, tried.shape[1]), tried.reshape(-1, *stay.shape[1:])) ** 2, axis=2
     )
-    squares = squares.reshape(*tried.shape[:2], -1)
-    best = np.argmin(squares, axis=1)[:, None]
+    best = np.argmin(squares.reshape(*tried.shape[:2], -1), axis=1)[:, None]
     states = np.take_along_axis(tried, best[:, :, None], 1)[:, 0]
     factors = np.append(DAMPING, DAMPING[-1])[best[:, 0]]
-    return states, np.clip(shooting.damping * factors, 1e-6, 1e3), squares.min(axis=1)
+    return refine_states(shooting, points, states, np.clip(shooting.damping * factors, 1e-6, 1e3), 1)
 
 
 def estimate(every: Sequence[Windows], model: Model) -> Model:
