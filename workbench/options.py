@@ -148,7 +148,7 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
         action=MergeAction,
         default={},
         type=keep_message(parse_values),
-        help="known values of parameters, as gravity=2.01 (may be repeated)",
+        help="known values, as gravity=2.01 (may be repeated)",
     )
     parser.add_argument(
         "--bound",
@@ -157,7 +157,7 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
         action=MergeAction,
         default={},
         type=keep_message(parse_bounds),
-        help="bounds of parameters, as viscous=0:0.5 or cogging.order=10:14 (may be repeated)",
+        help="limits, as viscous=0:0.5 or cogging.order=10:14 (may be repeated)",
     )
 
 
@@ -166,44 +166,31 @@ def add_instruments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--instruments",
         choices=("reference",),
-        help="fit the base model with instrumental variables made of the controller's reference: removes the bias from "
-        "feedback",
+        help="remove the bias from feedback by instrumental variables made of the controller's reference",
     )
 
 
 def add_alignment(parser: argparse.ArgumentParser) -> None:
     """Declare the correction of late torque."""
-    parser.add_argument(
-        "--align", action="store_true", help="correct torque that is logged late or through a low-pass filter"
-    )
+    parser.add_argument("--align", action="store_true", help="correct torque that is logged late or filtered")
 
 
 def add_degrees(parser: argparse.ArgumentParser) -> None:
     """Declare the unit of what is printed."""
-    parser.add_argument(
-        "--degrees",
-        action="store_true",
-        help="print and draw angles and speeds in degrees; options, files of models and --json stay in rad",
-    )
+    parser.add_argument("--degrees", action="store_true", help="print and draw degrees; options and files stay in rad")
 
 
 def add_verbose(parser: argparse.ArgumentParser) -> None:
     """Declare the level of detail."""
     parser.add_argument(
-        "-v",
-        "--verbose",
-        action="store_true",
-        help="print errors, parameters, candidates and their gates as tables, and all remarks",
+        "-v", "--verbose", action="store_true", help="print tables, the gates of the candidates, and all remarks"
     )
 
 
 def add_report(parser: argparse.ArgumentParser) -> None:
     """Declare the report."""
     parser.add_argument(
-        "--report",
-        metavar="FILE.html",
-        type=keep_message(_parse_page),
-        help="write a report with plots, one file to share",
+        "--report", metavar="FILE.html", type=keep_message(_parse_page), help="write a report with plots"
     )
 
 
@@ -218,7 +205,7 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         "--workers",
         type=convert_whole(1, 1000),
         default=os.cpu_count() or 1,
-        help="processes on this computer (default: one for each core)",
+        help="processes on this computer (default: one a core)",
     )
 
 

@@ -11,7 +11,6 @@ import pytest
 
 import estimators.arguments
 from estimators import diagnose
-from pendulum_env.formatting import draw_bar, format_estimate, join_words
 from pendulum_env.physics import Model, effects
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import read_recording
@@ -212,21 +211,3 @@ def test_interrupting_ends_with_one_line(runs, tmp_path, capsys, monkeypatch):
     assert main(["diagnose", "train.csv", "-o", "m.json"]) == 130
     assert capsys.readouterr().err == "pendulum-ident: interrupted\n"
     assert {*tmp_path.iterdir()} == before
-
-
-# ------------------------------------------------------------------------------------------------ words
-
-
-@pytest.mark.parametrize(
-    ("told", "text"),
-    [
-        (format_estimate(0.0895123, 0.00012), "0.08951 ± 0.00012"),
-        (format_estimate(1234.5, 56.0), "1234 ± 56"),
-        (format_estimate(2.01, float("inf")), "2.01"),
-        (join_words(["a", "b", "c"]), "a, b and c"),
-        (draw_bar(0.0, 10) + draw_bar(0.001, 10), "█"),  # what is not nothing stays visible
-        (draw_bar(7.0, 10), 10 * "█"),
-    ],
-)
-def test_numbers_lists_and_bars_are_as_a_reader_wants_them(told, text):
-    assert told == text

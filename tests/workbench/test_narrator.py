@@ -9,7 +9,7 @@ import pytest
 from estimators.diagnosis.result import Detectable
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind, Quantity
-from estimators.signals.residual import Region, make_region_everywhere
+from estimators.signals.residual import Region
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Description, Term, effects, list_nameable
 from pendulum_env.physics.description import Symptom
@@ -111,23 +111,16 @@ def outlier(share: float) -> Finding:
 FALL = {f"{kind}.{end}": Quantity(size, unit=unit) for kind, unit in (("torque_rms", "A"), ("position_rms", "rad"))
         for end, size in (("before", 0.2), ("after", 0.1))}  # fmt: skip
 SAID = [  # numbers as they are shown: their unit, sign and digits
-    (describe, Finding(Kind.INCOMPLETE, NUMBERS, ("coulomb",)), "11 times the noise floor.* coulomb by 8.5 standard"),
     (describe, Finding(Kind.ACTS_LATE, {"delay": Quantity(0.01196, 2e-5, "s")}), r"11\.96 ± 0\.02 ms after"),
     (describe, outlier(0.12), r"Recording 3 \(run 2\).*viscous 12 % higher"),
-    (describe, outlier(-0.12), "viscous 12 % lower"),
     (describe, Finding(Kind.ZERO_SHIFTED, {"angle": Quantity(0.0524, 0.0018, "rad")}), r"3\.0 ± 0\.1 degrees"),
     (describe, Finding(Kind.BEYOND_LIMITS, {"torque": Quantity(6.0, unit="A")}, pairs=PAIR), "within 6 A .*--max-t"),
     (describe, Finding(Kind.UNIDENTIFIABLE, {"gravity": Quantity(2.0, 3.0, "A")}, ("gravity",)), r"2\.0 ± 3\.0 A"),
     (describe_region, Region("position", -1.0, 0.5, -0.2, 12.0, "rad", units=CURRENT), "0.5 rad .*0.2 A less torque"),
     (describe_region, Region("velocity", -1.0, 0.5, 0.2, 900.0, "m/s", units=SLIDE), "m/s .*0.2 N more force.* 100 "),
-    (describe_region, Region("time", 0.0, 9.0, 0.2, 20.0, held_out=("run 4",)), "held-out data .run 4.: everywhere"),
     (describe_region, Region("frequency", 2.9, 3.1, 0.2, 9.0, "Hz", units=CURRENT), r"Around 3 Hz .* by 0\.2 A"),
-    (describe_region, make_region_everywhere(at="elbow"), "^$"),
     (describe_objection, limits("holdout_torque", 0.2, 0.1, "A"), r"0\.1 -> 0\.2 A"),
-    (describe_objection, limits("negative_inertia", -0.1, 0.0), "a negative inertia"),
-    (describe_objection, limits("variants", 0, 0), "not tried"),
     (describe_objection, Finding(Kind.ERRORS_FALL, FALL), r"0\.2 -> 0\.1 A, .*0\.2 -> 0\.1 rad"),
-    (describe_objection, Finding(Kind.TIES, effects=("spring",)), "as well as spring"),
     (describe_detectable, Detectable("stribeck", 0.05, "A"), r"above 0\.05 A"),
     (describe_detectable, Detectable("hard_stop", between=(-1.2, 0.9)), r"-1\.2 to 0\.9 rad"),
     (

@@ -21,10 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recordings", metavar="RECORDING", nargs="*", help=f"{options.KINDS}; to begin with")
     options.add_reading(parser)
     parser.add_argument(
-        "--port",
-        type=options.convert_whole(0, 65535),
-        default=8050,
-        help="of this computer (default 8050); 0: any",
+        "--port", type=options.convert_whole(0, 65535), default=8050, help="of this computer (default 8050); 0: any"
     )
     parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
     options.add_robot(parser)

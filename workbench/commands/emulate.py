@@ -27,10 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="FILE", default="rig.toml", help="configuration to write (default rig.toml)"
     )
     parser.add_argument(
-        "--rate",
-        type=options.convert_number(10.0, 5000.0),
-        default=RATE,
-        help=f"of the loop [Hz] (default {RATE:g})",
+        "--rate", type=options.convert_number(10.0, 5000.0), default=RATE, help=f"of the loop [Hz] (default {RATE:g})"
     )
     options.add_plant(parser)
 

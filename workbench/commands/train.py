@@ -18,9 +18,7 @@ NEEDED = ("torch", "stable_baselines3")
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what is trained and where it goes."""
     parser.add_argument(
-        "--config",
-        metavar="FILE",
-        help="TOML with other settings of agents.config.Config, such as seed and steps",
+        "--config", metavar="FILE", help="TOML with other settings of agents.config.Config, such as seed and steps"
     )
     parser.add_argument(
         "--constraint",

@@ -53,17 +53,6 @@ def explain_trust(shown: TextTable) -> str:
     return TRUST if any(row[0] == TIMES for row in shown.rows) else ""
 
 
-def classify_scheme(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
-    """Return the style of a scheme: its family, which sets the colour, and whether it is filtered.
-
-    A scheme of another name is drawn as of the family `otherwise`, modulo three.
-    """
-    families = (("dynamic",), ("energy", "power"), ("hamiltonian",))
-    other = otherwise % len(families)
-    family = next((k for k, words in enumerate(families) if any(word in scheme for word in words)), other)
-    return family, "filtered" in scheme
-
-
 def list_warnings(found: Identification) -> list[str]:
     """List what an identification found besides its estimates, with the next step."""
     texts = []

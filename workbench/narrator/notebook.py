@@ -35,13 +35,12 @@ from workbench.narrator.html import (
     make_card,
     make_details,
     make_heading,
-    make_legend,
     make_note,
     make_paragraph,
     make_plot,
     make_table,
 )
-from workbench.narrator.identification import classify_scheme, explain_trust, list_warnings, tabulate_schemes
+from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes
 from workbench.narrator.notes import describe_note
 from workbench.narrator.parts import Part
 from workbench.narrator.results import (
@@ -53,10 +52,6 @@ from workbench.narrator.results import (
     narrate_disagreements,
     tabulate_parameters,
 )
-
-SETTLED = 0.25  # share of a recording after which estimates are in the picture
-COLORS = (BLUE, ORANGE, GREEN)
-
 
 headlines.register(Note, describe_note)
 
@@ -77,8 +72,8 @@ headlines.register(Addition, describe_addition)
 
 @render_html.register
 def show_identification(found: Identification) -> str:
-    """Show the estimates of the schemes side by side, how they settle, and what the recordings cannot tell."""
-    results, estimates = list(found.schemes.values()), tabulate_schemes(found)
+    """Show the estimates of the schemes side by side, and what the recordings cannot tell."""
+    estimates = tabulate_schemes(found)
     return make_card(
         f"Estimates from {join_words(found.recordings)}",
         *_note_constant(found.torque_constant),
@@ -86,11 +81,6 @@ def show_identification(found: Identification) -> str:
         make_note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
         make_note(explain_trust(estimates)),
         make_bullets(f"warning: {text}" for text in list_warnings(found)),
-        make_details(
-            "how the estimates settle",
-            make_legend((r.scheme, _make_curve(r, 0, k)) for k, r in enumerate(results)),
-            *_plot_convergence(results),
-        ),
     )
 
 
@@ -117,38 +107,14 @@ def show_recording(recording: Recording) -> str:
 
 @render_html.register
 def show_identified(found: Identified) -> str:
-    """Show the estimates of one scheme and how they settle."""
+    """Show the estimates of one scheme."""
     rows = [(name, e.shown.text, e.shown.unit) for name, e in found.model.estimates.items()]
     used, all_of_them = found.used
     return make_card(
         f"Estimates by the scheme {found.scheme}",
         make_table(TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))),
         make_note(f"residual {found.residual_rms:.3g} {found.unit}, {used} of {all_of_them} samples used"),
-        *_plot_convergence([found]),
     )
-
-
-def _plot_convergence(results: Sequence[Identified]) -> list[Html]:
-    """Plot the estimates over time, one plot a parameter; the wild start is out of the picture."""
-    plots = []
-    for k, column in enumerate(results[0].model.columns):
-        curves = [_make_curve(result, k, place) for place, result in enumerate(results)]
-        time = results[0].convergence.time
-        late = time >= time[0] + SETTLED * (time[-1] - time[0])
-        middle = float(np.median([curve.values[-1] for curve in curves]))
-        settled = np.concatenate([curve.values[late] for curve in curves])
-        reach = 1.6 * max(float(np.abs(settled - middle).max()), 0.005 * abs(middle), 1e-12)
-        label = (
-            f"{column.name} [{format_unit(results[0].model.units().unit(column.unit)) or '1'}] over {time[-1]:.3g} s"
-        )
-        plots.append(make_plot(label, time, curves, span=(middle - reach, middle + reach)))
-    return plots
-
-
-def _make_curve(result: Identified, column: int, place: int) -> PlotCurve:
-    """Make the course of one estimate: one colour for a plain scheme and its filtered sister, which is dashed."""
-    family, is_filtered = classify_scheme(result.scheme, place)
-    return PlotCurve(result.convergence.theta[:, column], COLORS[family], is_filtered)
 
 
 @render_html.register

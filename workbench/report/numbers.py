@@ -14,7 +14,7 @@ from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.figure import DRAWING, Figure, axis, band, line, segment
 from workbench.narrator.effects import name_effect
-from workbench.narrator.identification import classify_scheme, list_warnings, tabulate_schemes
+from workbench.narrator.identification import list_warnings, tabulate_schemes
 from workbench.narrator.parts import Content, Key, Part
 from workbench.narrator.results import narrate_errors, tabulate_parameters
 from workbench.report.data import ReportData, Section
@@ -132,8 +132,10 @@ def make_schemes(case: ReportData) -> Section | None:
 
 def choose_stroke(place: int, scheme: str) -> JSON:
     """Choose the line of a scheme: one colour for the plain scheme and its filtered sister, which is dashed."""
-    family, is_filtered = classify_scheme(scheme, place)
-    return {"color": COLORS[family], "width": 1.8, "dash": "dash" if is_filtered else "solid"}
+    families = (("dynamic",), ("energy", "power"), ("hamiltonian",))
+    known = (k for k, words in enumerate(families) if any(word in scheme for word in words))
+    color = COLORS[next(known, place % len(COLORS))]
+    return {"color": color, "width": 1.8, "dash": "dash" if "filtered" in scheme else "solid"}
 
 
 def plot_convergence(found: Identification, column: int, strokes: dict[str, JSON], of: str) -> Figure:
