@@ -12,7 +12,7 @@ Source: Fischer, Generalized Hyperbolic Secant Distributions, 2014.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +37,8 @@ class LoopSettings:
     starts: int = 3  # of a link, from the likeliest values of the parameter with many local minima,
     shares: tuple[float, ...] = (0.3, 0.6, 0.85)  # of the inertia at first,
     stiffnesses: tuple[float, ...] = (1.0, 2.5)  # and factors of its resonance, as torque favours a soft contact
+    link_friction: float = 0.1  # of the dry friction, that a link has at first,
+    p_value: float = 0.05  # largest one of the gain by which it has any
     leap: float = 1.0  # of a parameter, the largest step of any
     polls: int = 5  # times that each parameter is tried by itself,
     poll: tuple[float, ...] = (0.1, 0.4)  # and shares by which it is moved
@@ -120,7 +122,7 @@ def linearise_errors(rollouts: Rollouts, point: Point, typical: Array, nonlinear
     _, high = find_bounds(point)
     steps = difference * size[:count]
     steps = np.where(values[:count] + steps > high[:count], -steps, steps)  # into the bounds
-    nearby = [point.at(values + own) for own in np.eye(count, len(values)) * steps[:, None]]
+    nearby = [_bind_terms(point.at(values + own)) for own in np.eye(count, len(values)) * steps[:, None]]
     errors = rollouts.position_errors([point, *nearby])
     slopes = (errors[:, 1:] - errors[:, :1]) / steps  # zero by known parameters, which `Point.at` keeps
     scale = compute_error_scales(rollouts, errors[:, :1])[0]
@@ -149,6 +151,7 @@ def fit(
         share: of the gain so far; a turn that gains less is the last.
     """
     made: list[Near[Linear]] = []
+    point = _bind_terms(point)
 
     def near(point: Point) -> Near[Linear]:
         local = linearise_errors(rollouts, point, typical, nonlinear)
@@ -183,10 +186,14 @@ def _choose_likeliest_step(
     """Return the likeliest of the points at some steps (S,), in sizes of parameters, and its negative density."""
     point = near.known.point
     values, size, rest = point.values, compute_parameter_sizes(point, typical), len(point.values) - near.slopes.shape[1]
-    found, gain = choose_likeliest_point(
-        rollouts, [point.at(values + np.pad(step, (0, rest)) * size) for step in steps]
-    )
+    tried = [_bind_terms(point.at(values + np.pad(step, (0, rest)) * size)) for step in steps]
+    found, gain = choose_likeliest_point(rollouts, tried)
     return found, -gain
+
+
+def _bind_terms(point: Point) -> Point:
+    """Return the point with nonlinear parameters within the bounds that linear ones set them."""
+    return replace(point, terms=tuple(term.bind(point.linear_values) for term in point.terms))
 
 
 def choose_likeliest_point(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:

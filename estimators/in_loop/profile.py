@@ -111,7 +111,8 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
     estimate = float(np.exp(log_value))
     closest = min(near, key=lambda value: abs(np.log(value / estimate)))
     last = fit_near(fits[closest].point, estimate).point
-    paths = np.array([fits[value].point.values for value in near])
+    named = [fits[value].point.named_values for value in near]  # a parameter at zero may be none
+    paths = np.array([[own.get(text, 0.0) for text in last.named_values] for own in named])
     shifts = np.array(near) - np.mean(near)
     slopes = shifts @ (paths - paths.mean(axis=0)) / (shifts @ shifts)
     released = tuple(replace(old, **new.nonlinear_values) for old, new in zip(start.terms, last.terms, strict=True))

@@ -15,12 +15,13 @@ from typing import Self
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import FOLDS, FittedTerms, FoldFits, RowLayout, ScoredTerms, Terms
+from estimators.data.rows import BLOCK, FOLDS, FittedTerms, FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.in_loop.fit import (
     LOOP,
     Linear,
     choose_likeliest_point,
     compute_likelihood,
+    densities,
     fit,
     linearise_errors,
     scale_of,
@@ -30,6 +31,7 @@ from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.search_hints import find_hints
+from estimators.selection.score import Bootstrap
 from estimators.simulation.output_error import Point
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_continuous_parameters, set_values
@@ -157,7 +159,7 @@ class RolloutRows:
         near, name = self.near(terms).point, find_hints(type(variants[0])).profiled
         if not name:
             return min((self.trial((*terms, own)) for own in variants), key=lambda trial: trial.fitted_rms)
-        theta = dict(zip((column.name for term in near.terms for column in term.columns), near.theta, strict=True))
+        theta = near.linear_values
         inertia, weight = theta.get("inertia", 0.0), abs(theta.get("gravity", 0.0))
         points = []
         for variant, factor, share in product(variants, LOOP.stiffnesses, LOOP.shares):
@@ -174,9 +176,24 @@ class RolloutRows:
             fit(self.rollouts, point, self.typical(point.terms), nonlinear=True)
             for point in [*starts.values()][: LOOP.starts]
         ]
-        found = min(fits, key=lambda one: scale_of(self.rollouts, one.error))
+        found = self._release_friction(min(fits, key=lambda one: scale_of(self.rollouts, one.error)))
         self._keep(found.point.terms, found)
         return self.trial(found.point.terms)
+
+    def _release_friction(self, known: Linear) -> Linear:
+        """Return the fit with a part of the dry friction at the link, if it is significantly likelier."""
+        *others, link = known.point.terms
+        friction = known.point.linear_values.get("coulomb", 0.0) / max(known.point.theta[-1], 1e-9)
+        sought = [own for own in link.nonlinear_parameters if own.name == "friction"]
+        if not sought or friction <= 0:
+            return known
+        rubs = set_values(link, sought, [LOOP.link_friction * friction])
+        start = Point.within((*others, rubs), known.point.theta)
+        found = fit(self.rollouts, start, self.typical(start.terms), nonlinear=True)
+        blocks, _, of_block = self.rollouts.blocks(BLOCK)
+        more, less = (np.bincount(blocks, densities(self.rollouts, one.error)).astype(float) for one in (found, known))
+        gain = Bootstrap(of_block, np.random.default_rng(0)).gain(more, less)
+        return found if gain.p_value <= LOOP.p_value else known
 
     def typical(self, terms: Terms) -> Array:
         """Return a typical size of each linear parameter (P,)."""
@@ -197,7 +214,7 @@ class RolloutRows:
         if not parents:
             return self._starts.get(terms) or choose_likeliest_point(self.rollouts, [*self._first(terms)])[0]
         parent = self._linear[parents[0]].point
-        values = dict(zip((c.name for term in parent.terms for c in term.columns), parent.theta, strict=True))
+        values = parent.linear_values
         names = [column.name for term in terms for column in term.columns]
         sizes = list(zip(names, self.typical(terms), strict=True))
         starts = [

@@ -16,6 +16,7 @@ from estimators.signals.motion import get_known_load, get_temperature
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad
+from pendulum_env.physics.model import SIGNIFICANT
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.recording.record import NEWTON_METRE
@@ -254,13 +255,15 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
 
 
 def _estimate_initial_velocity(recording: Recording) -> float:
+    """Return the velocity at the first sample [rad/s]; zero if it is not significant, as most logs begin at rest."""
     beginning = 0.08  # [s], that tells the speed at the start, where it is a cubic for so long,
     shortest = 6  # samples that do at least
     few = min(len(recording), max(shortest, round(beginning * recording.rate)))
     noise = estimate_encoder_noise(recording.position)
     while True:
-        time, position = recording.time[:few] - recording.time[0], recording.position[:few]
-        cubic = np.polyfit(time, position, min(3, few - 1))
-        if few <= shortest or np.std(np.polyval(cubic, time) - position) < 1.2 * noise:
-            return float(cubic[-2])
+        powers = np.vander(recording.time[:few] - recording.time[0], min(4, few), increasing=True)
+        cubic = np.linalg.lstsq(powers, recording.position[:few])[0]
+        if few <= shortest or np.std(powers @ cubic - recording.position[:few]) < 1.2 * noise:
+            std = noise * float(np.linalg.norm(np.linalg.pinv(powers)[1]))
+            return float(cubic[1]) if abs(cubic[1]) > SIGNIFICANT * std else 0.0
         few = max(shortest, few // 2)  # a servo that was told to go at once is no cubic for long

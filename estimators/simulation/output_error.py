@@ -59,6 +59,21 @@ class Point:
         ]
         return np.concatenate([self.theta, nonlinear])
 
+    @property
+    def linear_values(self) -> dict[str, float]:
+        """Linear parameters by name."""
+        names = (column.name for term in self.terms for column in term.columns)
+        return dict(zip(names, self.theta.tolist(), strict=True))
+
+    @property
+    def named_values(self) -> dict[str, float]:
+        """All free parameters by name."""
+        names = (
+            term.get_full_name(parameter.name) for term in self.terms for parameter in list_continuous_parameters(term)
+        )
+        nonlinear = self.values[len(self.theta) :].tolist()
+        return self.linear_values | dict(zip(names, nonlinear, strict=True))
+
     @classmethod
     def of(cls, model: Model) -> Point:
         """Return the point of a model."""
@@ -73,22 +88,18 @@ class Point:
     def at(self, values: Array) -> Point:
         """Return the point with other values (P + S,), clipped to their bounds."""
         rest = list(values[len(self.theta) :])
-        terms = []
+        linear, terms = Point(self.terms, values[: len(self.theta)]).linear_values, []
         for term in self.terms:
             sought = list_continuous_parameters(term)
             own, rest = np.array(rest[: len(sought)]), rest[len(sought) :]
             term = set_values(term, sought, own) if sought else term
             following = {
-                parameter.name: self._named(values, parameter.follows)
+                parameter.name: linear.get(parameter.follows, 0.0)
                 for parameter in term.nonlinear_parameters
                 if parameter.follows
             }
             terms.append(replace(term, **following))
         return Point(tuple(terms), np.clip(values[: len(self.theta)], *list_bounds(terms)))
-
-    def _named(self, values: Array, name: str) -> float:
-        names = [column.name for term in self.terms for column in term.columns]
-        return float(values[names.index(name)]) if name in names else 0.0
 
 
 PERTURBATION = np.array([1e-4, 1e-3])  # of the initial position [rad] and velocity [rad/s], for their sensitivities

@@ -248,6 +248,10 @@ class Term:
         """Compute derived parameters with units by short name; theta (P,) are the linear parameters."""
         return {}
 
+    def bind(self: T, linear: Mapping[str, float]) -> T:
+        """Return the term with nonlinear parameters within the bounds that linear ones set them, of a model by name."""
+        return self
+
     @property
     def open_ends(self) -> tuple[bool, bool]:
         """Return whether the term may act below and above the angles of a motion, as a stop that was never met."""

@@ -2,29 +2,32 @@
 
 The encoder and the friction sit at the motor; the link, of inertia J and weight mgl, hangs on the transmission:
 
-    (I - J) q'' + friction + T = tau          J ql'' + mgl sin ql = T
+    (I - J) q'' + friction + T = tau          J ql'' + mgl sin ql + fl sgn ql' = T
 
 so that, beside the rigid model, J (ql'' - q'') + mgl (sin ql - sin q) is part of the torque. A known load counts as
-if it hung on the motor's side. The link's own motion follows from the measured motion of the motor: with w^2 = k / J,
-damping c = d / J and g = mgl / J,
+if it hung on the motor's side. Play may have a part fl of the dry friction at the link, as of a bearing behind the
+gear. It decides on which side of the play a link of little weight stays; `coulomb` is the friction of both sides. The
+link's own motion follows from the measured motion of the motor: with w^2 = k / J, damping c = d / J, g = mgl / J and
+f = fl / J,
 
-    ql'' = a(q - ql, q' - ql') - g sin ql,     a = w^2 s + c s'
+    ql'' = a(q - ql, q' - ql') - g sin ql - f sgn ql',     a = w^2 s + c s'
 
 where s is the extension of the transmission. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.simulation import clip_state, count_substeps
-from pendulum_env.physics.symbols import make_symbol
-from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, Term
+from pendulum_env.physics.simulation import LEAST, clip_state, count_substeps
+from pendulum_env.physics.symbols import make_symbol, may_be_true
+from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, T, Term, zero
 
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
@@ -45,18 +48,45 @@ class Transmission(Term):
         return 0.0
 
     @property
+    def link_friction(self) -> ArrayLike:
+        """Return the dry friction of the link, per unit of its inertia [rad/s^2]."""
+        return 0.0
+
+    @property
     def columns(self) -> tuple[Column, ...]:
         def force(x: Samples) -> ArrayLike:  # T - mgl sin q, per unit of J
             position, velocity = x.memory[self.id]
             pull = self._pull(x.position - position, x.velocity - velocity, self.resonance**2, self.damping)
             return pull - self.gravity * np.sin(x.position)
 
-        return (Column(self.id, "kg m^2", mass=lambda x: -np.ones_like(x.velocity), force=force, least=0.0),)
+        def dry(x: Samples) -> ArrayLike:  # of the link, which is none of the motor
+            return -self.link_friction
+
+        own = dry if may_be_true(self.link_friction) else zero
+        return (Column(self.id, "kg m^2", mass=lambda x: -np.ones_like(x.velocity), force=force, dry=own, least=0.0),)
 
     def _pull(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
         """Return the acceleration of the link by the transmission [rad/s^2]."""
         extension = twist - np.minimum(np.maximum(twist, -self.play), self.play)
         return stiffness * extension + damping * speed * (extension != 0)
+
+    def bind(self: T, linear: Mapping[str, float]) -> T:
+        """Return the transmission with no more weight and dry friction at the link than the joint has."""
+        most = {"gravity": linear.get("gravity", np.inf), "friction": linear.get("coulomb", np.inf)}
+        inertia = max(linear.get(self.id, 0.0), LEAST)
+        values = {
+            own.name: min(getattr(self, own.name), max(most[own.name] / inertia, own.low))
+            for own in self.nonlinear_parameters
+            if own.name in most
+        }
+        return replace(self, **values)
+
+    def _rub(self, velocity: Array, duration: ArrayLike) -> Array:
+        """Return a velocity of the link after its dry friction has acted, which stops it at most."""
+        if not may_be_true(self.link_friction):
+            return velocity
+        most = duration * self.link_friction
+        return velocity - np.minimum(np.maximum(velocity, -most), most)
 
     def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
         return {
@@ -81,14 +111,16 @@ class Transmission(Term):
         stiffness = np.minimum(self.resonance**2, 1 / h**2)  # stiffer contacts would be unstable at this step
         damping = np.minimum(self.damping, 0.5 / h)
 
-        def acceleration(elapsed: ArrayLike, position: ArrayLike, velocity: ArrayLike) -> ArrayLike:
-            twist, speed = x.position + elapsed * x.velocity - position, x.velocity - velocity
-            return self._pull(twist, speed, stiffness, damping) - self.gravity * np.sin(position)
+        def accelerate(elapsed: ArrayLike, position: Array, now: Array, duration: ArrayLike) -> Array:
+            """Return the velocity after a duration, from `velocity` with the acceleration of a state."""
+            twist, speed = x.position + elapsed * x.velocity - position, x.velocity - now
+            pull = self._pull(twist, speed, stiffness, damping) - self.gravity * np.sin(position)
+            return self._rub(velocity + duration * pull, duration)
 
         for k in range(steps):
             middle_q = position + 0.5 * h * velocity
-            middle_v = velocity + 0.5 * h * acceleration(k * h, position, velocity)
-            velocity = clip_state(velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v))
+            middle_v = accelerate(k * h, position, velocity, 0.5 * h)
+            velocity = clip_state(accelerate((k + 0.5) * h, middle_q, middle_v, h))
             position = clip_state(position + h * middle_v)
         return position, velocity
 
@@ -130,6 +162,7 @@ class Backlash(Transmission):
     resonance: float = 100.0
     damping: float = 15.0
     gravity: float = 25.0
+    friction: float = 0.0
 
     id = "backlash"
     law = "J (ql'' - q'') + mgl (sin ql - sin q) with play of +-gap"
@@ -139,11 +172,20 @@ class Backlash(Transmission):
         NonlinearParameter("resonance", "rad/s", 10.0, 5e3, is_frequency=True),
         NonlinearParameter("damping", "1/s", 1e-2, 1e4),
         NonlinearParameter("gravity", "1/s^2", 0.1, 1e4),
+        NonlinearParameter("friction", "1/s^2", 0.0, 1e4, nominal=0.0),
     )
 
     @property
     def play(self) -> float:
         return self.gap
+
+    @property
+    def link_friction(self) -> ArrayLike:
+        return self.friction
+
+    def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
+        own = {"link_coulomb": (theta[0] * self.friction, "N m")} if self.friction else {}
+        return super().derived(theta) | own
 
 
 @cache

@@ -115,10 +115,10 @@ def test_standard_errors_hold_what_a_late_log_does(plain):
     assert max(moved.values()) < 2.0 and max(moved.values()) > 0.3  # which is most of some
 
 
-def test_goals_run_on_where_only_a_model_that_lacks_something_would_have_them_held():
+def test_parameters_come_back_where_goals_are_said_to_run_on():
     """Under control of the speed, which a goal that is half a sample late disturbs as much as what hides."""
     case = servos.goal(5)
-    recordings = [case.recorded(k, run) for k, run in enumerate(simulate(case.runs))]
+    recordings = list(with_goals([case.recorded(k, run) for k, run in enumerate(simulate(case.runs))], is_held=False))
     found = diagnose(recordings[:-1], recordings[-1:], only=("coulomb_asymmetry", "stribeck"))
     assert found.selected == case.hidden == ("coulomb_asymmetry",) and not found.unexplained
     for name, value in case.truth.items():

@@ -1,5 +1,7 @@
 """Parameters with many local minima in the loop: several starts, and intervals of the profile likelihood."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,8 @@ def test_gap_comes_back_within_its_profile_interval(case):
     assert profile is not None
     gap, std = profile.point.values[profile.place], np.sqrt(profile.variance)
     assert abs(gap - case["gap"]) < 3 * std < 0.3 * case["gap"]
+    values = profile.point.named_values  # all dry friction is that of the motor
+    assert values.get("backlash.friction", 0.0) * values["backlash"] < 0.1 * values["coulomb"]
 
 
 def test_terms_without_local_minima_have_no_profile():
@@ -71,3 +75,50 @@ def test_parabola_has_the_variance_of_a_likelihood_and_scatter_adds_to_it():
 def test_maxima_that_bend_upwards_leave_half_their_range():
     x = np.linspace(0.0, 1.0, 5)
     assert fit_parabola(x, (x - 0.4) ** 2) == (1.0, 0.25)
+
+
+def record_link_friction(share: float, friction: float) -> tuple[Recording, ...]:
+    """Goals and positions of a servo whose link has a share of the dry friction, semi-implicit steps of 50 us.
+
+    Gravity of 0.736 N m hangs on a link of 0.0113 kg m^2 behind a play of 8.73 mrad.
+    """
+    motor, link, gap, stiffness, damping, h = 0.006, 0.0113, 8.73e-3, 570.0, 0.56, 5e-5
+    rng, found = np.random.default_rng(63), []
+    time = np.arange(1000) / 100
+    for kp, pace in ((4.0, 0.2), (4.0, 0.35), (8.0, 0.5)):
+        goal = 0.6 * np.sin(2 * np.pi * pace * time) + 0.4 * np.sin(2 * np.pi * 2.6 * pace * time)
+        q = v = ql = vl = 0.0
+        path = np.empty(len(time))
+        for k, wanted in enumerate(goal.tolist()):
+            path[k] = q
+            for _ in range(10):
+                command = 3.0 * max(-1.0, min(1.0, kp * (wanted - q)))
+                for _ in range(20):
+                    twist = q - ql
+                    stretch = twist - max(-gap, min(gap, twist))
+                    torque = stiffness * stretch + damping * (v - vl) if stretch else 0.0
+                    v += h * (command - torque - 0.3 * v) / motor
+                    v -= max(-h * (1 - share) * friction / motor, min(h * (1 - share) * friction / motor, v))
+                    vl += h * (torque - 0.736 * math.sin(ql)) / link
+                    vl -= max(-h * share * friction / link, min(h * share * friction / link, vl))
+                    q, ql = q + h * v, ql + h * vl
+        count = 2 * np.pi / 4096
+        position = np.round((path + rng.normal(0.0, 3e-4, len(path))) / count) * count
+        drive = ServoDrive(kp=kp, supply=12.0, gain=0.25, rate=1000.0, goal="held")
+        found.append(
+            Recording(f"{kp:g}, {pace:g}", time, position, 3 * kp * (goal - position), reference=goal, drive=drive)
+        )
+    return tuple(found)
+
+
+def test_friction_of_the_link_is_told_from_friction_of_the_motor_and_leaves_the_gap_right():
+    recordings = record_link_friction(share=0.12, friction=0.09)
+    rows = RolloutRows(Rollouts(recordings), RegressionData.of(recordings).torque)
+    x = rows.torque.data.samples
+    profile = rows.scan(rows.search_basins(TERMS, make_grid(Backlash, x, x.torque)[::3]).terms)
+    assert profile is not None
+    values, std = profile.point.named_values, np.sqrt(profile.variance)
+    assert abs(values["backlash.gap"] - 8.73e-3) < 3 * std < 2.6e-3
+    assert values["backlash.friction"] * values["backlash"] == pytest.approx(0.12 * 0.09, rel=0.25)
+    assert values["coulomb"] == pytest.approx(0.09, rel=0.03)
+    assert values["backlash.gravity"] * values["backlash"] <= values["gravity"]  # of a balanced rotor
