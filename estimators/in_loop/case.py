@@ -39,6 +39,8 @@ from estimators.selection.physical import compute_significant_sign
 from estimators.selection.search import SearchResult, search
 from estimators.signals.residual import Region, make_region_everywhere
 from estimators.simulation.output_error import Point
+from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import cut_all
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
@@ -85,7 +87,7 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
         setting = replace(setting, base=(*setting.base, BackEmf()))
     windows = RegressionData.of(fitted, part=first).torque
     train = RolloutRows(Rollouts(fitted, shares=first), windows)
-    check = RolloutRows(Rollouts(unseen, shares=last), RegressionData.of(unseen, part=last).torque, guide=train)
+    check = RolloutRows(Rollouts(unseen, shares=last), TorqueRows(cut_all(unseen, part=last)), guide=train)
     return setting.evaluator((train.data, check.data))
 
 
@@ -95,8 +97,13 @@ def refit(found: SearchResult, start: Model | None = None) -> SearchResult:
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
-    """Refit all steps, and drop effects that do not predict better with shorter steps of the integrator."""
+    """Refit all steps with shorter steps of the integrator, and drop effects that are not needed then.
+
+    An effect is needed if it predicts better and its size is not zero within 3 standard errors. The prediction alone
+    does not decide: a servo that sticks a little earlier or later changes whole seconds of the motion.
+    """
     found = refit(trial.found)
+    model = found.steps[-1].model
     train, unseen = refine_rows(found.evaluator)
     evaluator, steps = replace(found.evaluator, train=train.data, holdout=unseen.data), found.steps
     fitted = {list_ids(step.model.terms): step.model.terms for step in steps}
@@ -105,7 +112,8 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     def without(*left_out: str | None) -> Terms:
         return tuple(term for term in terms if term.id not in left_out)
 
-    while idle := [id for id in named if not evaluator.is_significant(terms, without(id))]:
+    sizeless = {term.id for term in terms if term.columns and not has_significant_column(model, term)}
+    while idle := [id for id in named if id in sizeless or not evaluator.is_significant(terms, without(id))]:
         named.remove(idle[-1])
         rest = without(idle[-1])
         terms = fitted.get(list_ids(rest)) or train.with_nonlinear(rest)
@@ -113,6 +121,11 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
         return found, ()
     kept = [fit_step(found.evaluator, id, without(*named[k + 1 :])) for k, id in enumerate(named)]
     return replace(found, steps=[steps[0], *kept]), ()
+
+
+def has_significant_column(model: Model, term: Term) -> bool:
+    """Return whether a linear parameter of a term is more than 3 standard errors away from zero."""
+    return any(compute_significant_sign(model, column.name) for column in term.columns)
 
 
 def present(trial: Trial, step: Step) -> Step:

@@ -201,9 +201,13 @@ class RolloutRows:
 
     @memoized
     def _typical_of(self, term: Term) -> Array:
+        if self.guide is not None:
+            return self.guide._typical_of(term)
         rms = np.sqrt(np.mean(self.torque.data.torque() ** 2))
         own = np.sqrt(np.mean(self.torque.data.columns([term])[0][0] ** 2, axis=0))
-        return np.asarray(LOOP.typical * rms / np.maximum(own, 1e-9))
+        (x,) = self.torque.data.trace([term])  # windows omit slow motion, in which friction may be largest
+        peaks = [np.max(np.abs(column.force(x) + column.dry(x) * np.sign(x.velocity))) for column in term.columns]
+        return np.asarray(LOOP.typical * rms / np.maximum(np.maximum(own, peaks), 1e-9))
 
     def _begin(self, terms: Key) -> Point:
         """Return the start of a fit: the likeliest of the fits of similar models and of linear fits."""
