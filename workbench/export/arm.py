@@ -138,11 +138,20 @@ class Stop:
         return max(self.lower, -FAR), min(self.upper, FAR)
 
     @classmethod
-    def of(cls, model: Model) -> Stop:
-        """Return the stop of a model."""
+    def of(cls, model: Model, speed: float = 1.0) -> Stop:
+        """Return the stop of a model.
+
+        A hysteresis becomes the damper that gives back as much of an impact at that speed [rad/s]: of a spring and a
+        damper with the small damping ratio z the share exp(-pi z) of the speed comes back.
+        """
         stop = next((term for term in model.terms if isinstance(term, HardStop)), None)
+        stiffness = get_value(model, "hard_stop.stiffness")
         if stop is None:
             return cls()
-        stiffness = get_value(model, "hard_stop.stiffness")
-        missing = ("the hysteresis of hard_stop: it is left out",) if stop.hysteresis else ()
-        return cls(stop.lower, stop.upper, stiffness, stiffness * stop.damping_time, missing)
+        damping, missing = stiffness * stop.damping_time, []
+        if stop.hysteresis:
+            lost = min(2.0 * stop.hysteresis * speed / 3.0, 0.9)
+            ratio = -math.log(1.0 - lost) / math.pi
+            damping += 2.0 * ratio * math.sqrt(stiffness * get_value(model, "inertia"))
+            missing.append(f"the hysteresis of hard_stop: a damper loses as much of an impact at {speed:g} rad/s")
+        return cls(stop.lower, stop.upper, stiffness, damping, tuple(missing))

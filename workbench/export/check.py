@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -63,11 +64,16 @@ def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording
         raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
     rollouts = replace(make_rollouts(model, recordings)[0], steps=steps)
 
-    theirs = rollouts.compare_paths(_follow(model, request, rollouts.servos, steps))
+    def error(request: Request) -> float:
+        return _compute_mean_size(rollouts.compare_paths(_follow(model, request, rollouts.servos, steps)))
+
+    exported = replace(request, callback="python") if request.callback else request  # C says the same
     errors = {
         "this project's simulation": _compute_mean_size(rollouts.position_errors([Point(model.terms, model.theta)])),
-        "MuJoCo with the exported model": _compute_mean_size(theirs),
+        "MuJoCo with what is exported": error(exported),
     }
+    if request.callback:
+        errors["MuJoCo without the callback"] = error(replace(request, callback=None, approximate=True))
     motion = _compute_mean_size(rollouts.position - rollouts.position.mean())
     return CheckResult("In the loop, whole recordings from their goals alone, mean error", errors, motion)
 
@@ -96,10 +102,21 @@ def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array
         world = mujoco.MjModel.from_xml_string(made[drive].content)
         data = mujoco.MjData(world)
         data.qpos[0], data.qvel[0] = servos.position[lane], servos.velocity[lane]
+        program, state = ModuleType("callback"), None
+        if made[drive].callback:
+            exec(made[drive].callback, program.__dict__)  # what is exported is what is run
+            state = program.start(*map(float, (data.qpos[0], data.qvel[0])))
+        volts = drive.output == "duty"
         paths[0, 0, lane] = data.qpos[0]
-        for k, (goal, on) in enumerate(zip(servos.goal[:, lane], servos.on[:, lane], strict=True)):
-            data.ctrl[0] = goal
-            world.opt.disableactuator = int(not on)  # bit 0 is the group of actuators by default
+        for k, (goal, supply, on) in enumerate(
+            zip(*(part[:, lane].tolist() for part in (servos.goal, servos.supply, servos.on)), strict=True)
+        ):
+            if state is None:
+                data.ctrl[0] = goal
+                world.opt.disableactuator = int(not on)  # bit 0 is the group of actuators by default
+            else:
+                given = {"supply": supply} if volts else {}
+                state = program.before_step(world, data, state, goal, on=on, **given)
             mujoco.mj_step(world, data)
             if (k + 1) % every == 0:
                 paths[(k + 1) // every, 0, lane] = data.qpos[0]
