@@ -22,6 +22,8 @@ from agents.observer import ARM, mirror_observation
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
 
+CHECKPOINT = "training.zip"  # model of stable-baselines3, in the folder of a training
+
 
 class DiscreteActions(VectorWrapper):
     """Wrapper with discrete actions: indices of the levels of the configuration (B, n)."""
@@ -84,14 +86,19 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
     """Train a policy; the same configuration gives the same policy on the same machine.
 
     `tell` is called with the progress, as text and as a share. A folder gets policies `steps-N.npz` on the way, and a
-    log for TensorBoard if that is installed. Raises OSError if the folder is not writable.
+    log for TensorBoard if that is installed. An interrupted training goes on from the model in its folder, with new
+    plants. Raises OSError if the folder is not writable.
     """
     torch.set_num_threads(1)  # one thread: results repeat, and small networks gain nothing from more
     model = make_model(config)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
+        if (folder / CHECKPOINT).exists():
+            model = PPO.load(folder / CHECKPOINT, env=model.get_env(), device="cpu")
         model.tensorboard_log = str(folder / "tensorboard") if find_spec("tensorboard") else None
-    model.learn(config.steps, _TrainingCallback(config, tell, folder), tb_log_name="training")
+    if (left := config.steps - model.num_timesteps) > 0:
+        callback = _TrainingCallback(config, tell, folder)
+        model.learn(left, callback, tb_log_name="training", reset_num_timesteps=model.num_timesteps == 0)
     return export_network(model, config)
 
 
@@ -165,3 +172,5 @@ class _TrainingCallback(BaseCallback):
             assert isinstance(self.model, PPO)
             self._kept = done
             export_network(self.model, config).save(self._folder / f"steps-{done}.npz")
+            self.model.save(self._folder / "written.zip")
+            (self._folder / "written.zip").replace(self._folder / CHECKPOINT)

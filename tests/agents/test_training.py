@@ -33,6 +33,20 @@ def test_training_repeats_itself_and_keeps_policies_on_the_way(tmp_path):
     assert (weights(other) != weights(first)).any()
 
 
+def test_an_interrupted_training_goes_on_from_its_last_policy(tmp_path):
+    def interrupt(text: str, share: float) -> None:
+        if share > 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(Config.of(SMALL), interrupt, tmp_path)
+    kept = {int(path.stem.split("-")[1]) for path in tmp_path.glob("steps-*.npz")}
+    shares = []
+    train(Config.of(SMALL), lambda text, share: shares.append(share), tmp_path)
+    assert shares[0] > max(kept) / SMALL["steps"] > 0
+    assert (tmp_path / "steps-288.npz").exists()
+
+
 def test_a_policy_acts_as_the_one_that_was_trained():
     """The network in NumPy answers as torch does."""
     config = Config.of(SMALL)

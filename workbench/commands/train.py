@@ -29,7 +29,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--checkpoints",
         metavar="FOLDER",
-        help="keep policies on the way and a log for TensorBoard there",
+        help="keep policies on the way, a log for TensorBoard, and the model there, from which the same command goes "
+        "on after an interruption. Reading the model runs the pickles in it: name only folders of your own",
     )
     parser.add_argument("-o", "--output", metavar="NAME.npz", required=True, help="policy")
 
@@ -52,7 +53,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             network = training.train(config, tell, folder)
     except KeyboardInterrupt:
         kept = folder is not None and any(folder.glob("steps-*.npz"))
-        raise Interrupted(f"policies on the way are kept in {folder}" if kept else "nothing was kept") from None
+        raise Interrupted(f"run it again to go on from {folder}" if kept else "nothing was kept") from None
     network.save(arguments.output)
     terminal.say(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
     if config.constraint != ARM:
