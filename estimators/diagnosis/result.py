@@ -23,7 +23,6 @@ from pendulum_env.errors import UserError
 from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import Model
 from pendulum_env.physics.mechanism import Mechanism
-from pendulum_env.physics.terms import has_link
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 
 SCHEMA = "pendulum-ident/diagnosis@2"
@@ -173,7 +172,6 @@ class Diagnosis:
         torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
         data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
         left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
-        by_torque: of a servo in the loop, effects that its torque calls for by itself; None if none was logged.
         treatments: of the recordings that were tried, in order; what was done to them before is in the data.
         refit: to free-running motion over a horizon; None if none was asked for.
         evaluator: fits and scores of the search; `evaluator.model(candidate.terms)` is a candidate. Not pickled.
@@ -196,7 +194,6 @@ class Diagnosis:
     torque_constant: TorqueConstant | None = None
     data: FitData | None = field(default=None, compare=False, repr=False)
     left: Mapping[str, float] = field(default_factory=dict)
-    by_torque: tuple[str, ...] | None = None
     evaluator: ModelEvaluator | None = field(default=None, compare=False, repr=False)
     treatments: tuple[TriedTreatment, ...] = ()
     refit: HorizonRefit | None = None
@@ -258,14 +255,6 @@ class Diagnosis:
         return bool(self.candidates or self.left)
 
     @property
-    def is_contradicted(self) -> bool:
-        """True if the torque of a servo calls for other effects by itself than the loop does."""
-        alone = self.by_torque
-        if alone is None or has_link(self.model.terms):  # torque alone is not searched for those
-            return False
-        return not (len(alone) == len(self.effects) and all({*group} & {*alone} for group in self.effects))
-
-    @property
     def headline(self) -> str:
         """The result in one sentence: `Stribeck friction is missing`."""
         return summarise(self)
@@ -308,7 +297,6 @@ class Diagnosis:
             "alignments": [alignment.json() for alignment in self.alignments],
             "detectable": [one.json() for one in self.detectable],
             "horizon": None if self.refit is None else self.refit.json(),
-            "by_torque": None if self.by_torque is None else {"effects": [*self.by_torque]},
         }
 
 

@@ -7,7 +7,6 @@ on motion omits rest, and torque of a controller is a function of the position i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +16,6 @@ from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import HELD_OUT
 from estimators.diagnosis.case import Case, Setting, Trial
-from estimators.diagnosis.pendulum import PENDULUM
 from estimators.diagnosis.result import Diagnosis
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LOOP
@@ -31,8 +29,6 @@ from estimators.in_loop.goals import (
 from estimators.in_loop.refit import fit_step, refine_rows, refit_step
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
-from estimators.progress import no_progress
-from estimators.regression.equations import IdentificationError
 from estimators.selection.errors import Step, Terms, get_single
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import compute_significant_sign
@@ -157,12 +153,12 @@ def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
 
 
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
-    """Add findings on the drive, and the effects that a search by logged torque alone selects."""
+    """Add findings on the drive and on the reading of the goals."""
     data = trial.data
     dropped = list_ids(trial.found.terms) - list_ids(trial.final.terms)
     doubts = (data.doubt, find_speed_rate(found.model, data.recordings), find_torque_scale(data.recordings))
     readings = [one for one in data.treatments if one.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
-    found = replace(
+    return replace(
         found,
         candidates=tuple(
             replace(own, reason=Finding(Kind.LONG_STEPS)) if own.effect in dropped else own for own in found.candidates
@@ -175,17 +171,6 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         ),
         forbidden=Finding(Kind.CHECK_DRIVE) if found.unexplained else None,
     )
-    if not all(own.has_logged_torque for own in (*data.recordings, *data.holdout)):
-        return found
-    # Backlash and flexible links are searched in the loop only: by torque they take longer than all other effects
-    trial.setting.progress("looking at the torque", 0.96)
-    library = {id: kind for id, kind in trial.setting.library.items() if kind.kind != "transmission"}
-    base = found.steps[0].model.terms
-    alone = replace(trial.setting, base=base, library=library, progress=no_progress)
-    with suppress(IdentificationError):  # too little motion for a regression
-        by_torque = search(replace(PENDULUM.evaluator(data.with_timing(), alone), tables=()))
-        found = replace(found, by_torque=tuple(sorted(list_ids(by_torque.terms) - list_ids(base))))
-    return found
 
 
 def find_speed_rate(model: Model, recordings: Sequence[Recording]) -> Finding | None:

@@ -184,21 +184,9 @@ def list_advice(found: Diagnosis) -> list[str]:
 
 
 def list_remarks(found: Diagnosis) -> list[str]:
-    """List the advice besides the next step, after what the logged torque shows otherwise."""
-    first = [describe_contradiction(found)] if found.is_contradicted else []
+    """List the advice besides the next step."""
     step = describe_next_step(found)
-    return [*first, *(text for text in list_advice(found) if text != step)]
-
-
-def describe_contradiction(found: Diagnosis) -> str:
-    """Compare the effects that the torque of a servo calls for by itself with those of the loop."""
-    theirs, ours = (
-        join_words([name_effect(id) for id in own]) or "nothing" for own in (found.by_torque or (), found.selected)
-    )
-    return (
-        f"By the logged torque alone, regressed on the motion: {theirs}; in the loop: {ours}. A simulation follows the "
-        "loop."
-    )
+    return [text for text in list_advice(found) if text != step]
 
 
 @show_angles("rad")
@@ -231,6 +219,4 @@ def write_diagnosis(found: Diagnosis) -> JSON:
         data["suggestion"]["text"] = describe_suggestion(found.suggestion, found.model.units())
     if found.refit is not None:
         data["horizon"]["text"] = describe_refit(found.refit)
-    if found.by_torque is not None:
-        data["by_torque"]["says"] = describe_contradiction(found) if found.is_contradicted else None
     return data
