@@ -65,29 +65,21 @@ def compute_crc(data: bytes) -> int:
 
 
 def encode(data: bytes) -> bytes:
-    """Encode by COBS: the same without zeros, one byte longer for each 254."""
-    out = bytearray()
-    for block in data.split(b"\0"):
-        while len(block) >= 254:
-            out += b"\xff" + block[:254]
-            block = block[254:]
-        out += bytes([len(block) + 1]) + block
-    return bytes(out)
+    """Encode by COBS at most 253 bytes: each run up to a zero after its length and one; no frame is longer."""
+    return b"".join(bytes([len(run) + 1]) + run for run in data.split(b"\0"))
 
 
 def decode(frame: bytes) -> bytes | None:
-    """Decode a COBS frame; return None for other bytes."""
-    out, at = bytearray(), 0
+    """Decode a COBS frame of at most 254 bytes; return None for other bytes."""
+    runs, at = [], 0
     while at < len(frame):
         code = frame[at]
-        block = frame[at + 1 : at + code]
-        if code == 0 or len(block) != code - 1 or 0 in block:
+        run = frame[at + 1 : at + code]
+        if code == 0 or len(run) != code - 1 or 0 in run:
             return None
-        out += block
+        runs.append(run)
         at += code
-        if code < 255 and at < len(frame):
-            out.append(0)
-    return bytes(out)
+    return b"\0".join(runs)
 
 
 class Splitter:
