@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from pendulum_env.backends import BACKENDS
-from pendulum_env.backends.hardware import drive
 from pendulum_env.physics import library
 from workbench.cli import main
 
@@ -146,7 +145,7 @@ def run_command(words: list[str]) -> str:
 @contextlib.contextmanager
 def own_folder(folder: Path) -> Iterator[None]:
     """Run in a folder, and forget afterwards the effects that a page adds to the library."""
-    registries: list[dict[str, Any]] = [library._registered, BACKENDS, drive._registered]
+    registries: list[dict[str, Any]] = [library._registered, BACKENDS]
     before = [dict(registry) for registry in registries]
     try:
         with contextlib.chdir(folder):

@@ -98,29 +98,8 @@ class Adapter(Protocol):
         """Make the drive, not yet open."""
 
 
-_registered: dict[str, Adapter] = {}
-
-
-def register(name: str, adapter: Adapter) -> None:
-    """Make an adapter known to this process: the name is that of its table in `rig.toml`.
-
-    Raises:
-        ValueError: if the name is that of a built-in adapter.
-        UserError: if it has no dataclass `settings`.
-    """
-    if name in BUILT_IN:
-        raise ValueError(f"adapter name '{name}' is taken: choose another one")
-    _refuse_without_settings(name, adapter, getattr(adapter, "__qualname__", type(adapter).__qualname__))
-    _registered[name] = adapter
-
-
-def list_adapters() -> dict[str, EntryPoint | Adapter]:
-    """List all known adapters by name; those of installed packages are not loaded."""
-    return _list_entry_points() | _registered
-
-
-def _list_entry_points() -> dict[str, EntryPoint]:
-    """Return the entry points of installed packages and of this one, by name."""
+def list_adapters() -> dict[str, EntryPoint]:
+    """List all known adapters by name, none of them loaded."""
     return {point.name: point for point in entry_points(group=ENTRY_POINTS)} | BUILT_IN
 
 
@@ -131,10 +110,7 @@ def find_adapter(name: str) -> Adapter:
         UserError: if there is none, or what a package offers cannot be used.
         ModuleNotFoundError: if the extra `hardware` is not installed.
     """
-    find("adapter", name, list_adapters())  # which refuses an unknown one
-    if name in _registered:
-        return _registered[name]
-    found = _list_entry_points()[name]
+    found = find("adapter", name, list_adapters())
     try:
         adapter: Adapter = found.load()
     except KeyboardInterrupt:
@@ -148,12 +124,7 @@ def find_adapter(name: str) -> Adapter:
         raise UserError(
             f"the adapter '{name}' cannot be loaded from {found.value} ({why}): mend or reinstall its package"
         ) from None
-    _refuse_without_settings(name, adapter, found.value)
-    return adapter
-
-
-def _refuse_without_settings(name: str, adapter: object, origin: str) -> None:
-    """Refuse an adapter whose settings are no dataclass; `origin` says where it comes from."""
     settings = getattr(adapter, "settings", None)
     if not (isinstance(settings, type) and is_dataclass(settings)):
-        raise UserError(f"the adapter '{name}' ({origin}) has no dataclass 'settings': see docs/how-to/drive.md")
+        raise UserError(f"the adapter '{name}' ({found.value}) has no dataclass 'settings': see docs/how-to/drive.md")
+    return adapter

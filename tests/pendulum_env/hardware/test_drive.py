@@ -2,9 +2,8 @@
 
 import pytest
 
-from pendulum_env.backends.hardware.config import ConfigError, EncoderSettings, load, mark_checked
-from pendulum_env.backends.hardware.drive import BUILT_IN, find_adapter, list_adapters, register
-from pendulum_env.errors import UserError
+from pendulum_env.backends.hardware.config import ConfigError, load, mark_checked
+from pendulum_env.backends.hardware.drive import BUILT_IN, list_adapters
 from tests.pendulum_env.packages import install, install_bench
 
 
@@ -45,30 +44,24 @@ ADAPTER = """
 from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
-class Slots:
+class Address:
     address: str = ""
-    device: str = "slots"
 
 @dataclass(frozen=True)
 class Nested:
-    more: Slots = field(default_factory=Slots)
+    more: Address = field(default_factory=Address)
     device: str = "nested"
 
-class WithSlots:
-    settings = Slots
-
-class WithTable:
+class Drive:
     settings = Nested
 """
 
 
-@pytest.mark.parametrize(("adapter", "table"), [("WithSlots", "{}"), ("WithTable", "[lab.more]\n{}")])
-def test_the_check_holds_for_the_settings_of_any_adapter_until_they_change(tmp_path, monkeypatch, adapter, table):
-    install(tmp_path, monkeypatch, "lab", ADAPTER, {"lab": f"lab:{adapter}"})
+def test_the_check_holds_for_the_settings_of_any_adapter_until_they_change(tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, "lab", ADAPTER, {"lab": "lab:Drive"})
 
     def most(address: str) -> float:
-        path = rig(tmp_path, "lab", table.format(f"address = '{address}'") + "\n[limits]\ntorque = 5.0")
-        return load(path).max_torque
+        return load(rig(tmp_path, "lab", f"[lab.more]\naddress = '{address}'\n[limits]\ntorque = 5.0")).max_torque
 
     assert most("left") == 2.0
     mark_checked(load(tmp_path / "rig.toml"))
@@ -76,16 +69,6 @@ def test_the_check_holds_for_the_settings_of_any_adapter_until_they_change(tmp_p
     assert most("right") == 2.0
 
 
-@pytest.mark.parametrize("settings", [None, 3, EncoderSettings()])
-def test_an_adapter_without_a_dataclass_of_settings_is_not_registered(settings):
-    with pytest.raises(UserError, match=r"the adapter 'bench' \(Bench\) has no dataclass 'settings': see docs"):
-        register("bench", type("Bench", (), {"settings": settings}))
-    assert "bench" not in list_adapters()
-
-
 def test_nothing_takes_the_place_of_a_built_in_adapter(tmp_path, monkeypatch):
     install(tmp_path, monkeypatch, "other", "", {"serial": "other:Serial"})
     assert list_adapters()["serial"] is BUILT_IN["serial"]
-    pytest.importorskip("serial")
-    with pytest.raises(ValueError, match="'serial' is taken"):
-        register("serial", find_adapter("serial"))
