@@ -6,28 +6,19 @@ Each step says what to do, measures what came of it, and says what to change whe
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from pendulum_env.backends.hardware.config import RigConfig, mark_checked
 from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.backends.hardware.rig import Rig
 from pendulum_env.backends.port import Sample, Start, Status
 
-
-@dataclass(frozen=True)
-class CheckSettings:
-    """Steps of the check, by hand and by the motor."""
-
-    quarter: float = 0.5 * math.pi  # [rad], that the arm is turned by hand
-    roughly: float = 0.5  # [rad], how well a hand does it
-    ramp: float = 1.0  # [N m/s] of the torque
-    moved: float = 0.1  # [rad], that the motor has to turn the arm
-    step: float = 0.005  # [s] between torques without power
-    patience: float = 3.0  # watchdog times after which the drive must have let go
-
-
-TRIAL = CheckSettings()
-
+QUARTER = 0.5 * math.pi  # [rad], that the arm is turned by hand
+ROUGHLY = 0.5  # [rad], how well a hand does it
+RAMP = 1.0  # [N m/s] of the torque
+MOVED = 0.1  # [rad], that the motor has to turn the arm
+STEP = 0.005  # [s] between torques without power
+PATIENCE = 3.0  # watchdog times after which the drive must have let go
 
 Confirm = Callable[[str], bool]  # asks the operator of the rig
 
@@ -78,9 +69,9 @@ def _check_encoder(rig: Rig, confirm: Confirm) -> str:
     _require(abs(moved) > 0.01, "the counts do not change: check the encoder's cable and supply")
     _require(moved > 0, f"the counts go the wrong way: set encoder.sign = {-encoder.sign}")
     _require(
-        abs(moved - TRIAL.quarter) < TRIAL.roughly,
+        abs(moved - QUARTER) < ROUGHLY,
         f"a quarter turn came as {degrees}: encoder.counts is nearer to "
-        f"{round(encoder.counts * moved / TRIAL.quarter)} (after quadrature: four times the lines)",
+        f"{round(encoder.counts * moved / QUARTER)} (after quadrature: four times the lines)",
     )
     return f"turned by {degrees}"
 
@@ -90,7 +81,7 @@ def _check_zero(rig: Rig, confirm: Confirm) -> str:
     off = math.degrees(math.remainder(rig.guard.read()[1], 2 * math.pi))
     counts = rig.guard.drive.read().counts
     _require(
-        abs(off) < math.degrees(TRIAL.roughly),
+        abs(off) < math.degrees(ROUGHLY),
         f"it hangs at {off:.0f} degrees: start the check with the arm hanging down, or set encoder.zero to {counts}",
     )
     return (
@@ -103,7 +94,7 @@ def _check_torque(rig: Rig, confirm: Confirm) -> str:
     most = rig.traits.max_torque
     _ask(confirm, f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?")
     _require(
-        _measure_motion(rig, most) < TRIAL.moved,
+        _measure_motion(rig, most) < MOVED,
         "the arm moves although it must have no power: servo-enable does not get through to the drive, so nothing "
         "takes a torque away: check that line, that it is pulled down, and the drive's setting for it",
     )
@@ -111,13 +102,13 @@ def _check_torque(rig: Rig, confirm: Confirm) -> str:
     for direction in (1.0, -1.0):
         start = rig.enable(Start())
         torque, moved = 0.0, 0.0
-        for sample in _run(rig, lambda t, d=direction: d * min(TRIAL.ramp * t, most), most / TRIAL.ramp + 1.0):  # type: ignore[misc]
+        for sample in _run(rig, lambda t, d=direction: d * min(RAMP * t, most), most / RAMP + 1.0):  # type: ignore[misc]
             torque, moved = sample.torque, sample.position - start.position
-            if abs(moved) > TRIAL.moved:
+            if abs(moved) > MOVED:
                 break
         rig.disable()
         _require(
-            abs(moved) > TRIAL.moved,
+            abs(moved) > MOVED,
             f"the arm does not move under {most:g} N m: check motor and drive, or free the arm",
         )
         _require(
@@ -137,11 +128,11 @@ def _measure_motion(rig: Rig, most: float) -> float:
     drive, sign, moved = rig.guard.drive, rig.config.torque_sign, 0.0
     _, start = rig.guard.read()
     try:
-        for k in range(round(most / TRIAL.ramp / TRIAL.step)):
-            drive.write(sign * TRIAL.ramp * k * TRIAL.step)
-            time.sleep(TRIAL.step)
+        for k in range(round(most / RAMP / STEP)):
+            drive.write(sign * RAMP * k * STEP)
+            time.sleep(STEP)
             moved = abs(rig.guard.read()[1] - start)
-            if moved > TRIAL.moved:
+            if moved > MOVED:
                 break
     finally:
         drive.write(0.0)
@@ -158,7 +149,7 @@ def _check_clamp(rig: Rig, confirm: Confirm) -> str:
 
 
 def _check_watchdog(rig: Rig, confirm: Confirm) -> str:
-    patience = TRIAL.patience * rig.config.limits.watchdog
+    patience = PATIENCE * rig.config.limits.watchdog
     rig.enable(Start())
     for _ in _run(rig, lambda t: 0.0, 0.2):
         pass

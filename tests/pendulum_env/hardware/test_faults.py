@@ -147,14 +147,6 @@ def test_a_host_that_is_frozen(scene, kind):
     s.safe()  # it did not go on where it was
 
 
-@each
-def test_a_drive_that_dies(scene, kind):
-    s = scene(kind)
-    s.rig.process.kill()
-    assert re.search("(lost|did not answer within 250 ms).*check", s.fault())
-    s.recorded()
-
-
 @pytest.mark.parametrize(
     ("kind", "mishap", "said"),
     slow.but(
