@@ -61,9 +61,8 @@ def emulate(
 
     Args:
         make: how the motor is reached, such as `make_serial`.
-        plant: the arm on its motor, with effects.
         config: where to write the rig.toml.
-        rate: of the loop in it [Hz].
+        rate: of the loop [Hz].
         settings: keys that differ in it, by table.
         report: called with progress lines; the first line when the rig is ready.
         first: first reading of the counter.

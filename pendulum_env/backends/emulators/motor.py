@@ -34,12 +34,12 @@ class Motor:
     gain go wrong.
     """
 
-    def __init__(self, model: Model, *, counts: int = COUNTS, first: int = 0, log: str | Path | None = None) -> None:
-        """Take the plant, the encoder's counts per turn and its first reading, and where to write the log."""
+    def __init__(self, model: Model, *, first: int = 0, log: str | Path | None = None) -> None:
+        """Take the plant, the first reading of the encoder, and where to write the log."""
         balance = TorqueBalance(model.terms, model.theta)
         self._body = RigidBody(balance, LONGEST_STEP)
         self._body.place(begin(balance, 0.0, 0.0))
-        self._per_radian, self._first = counts / (2 * math.pi), first
+        self._per_radian, self._first = COUNTS / (2 * math.pi), first
         self._delay = sum(term.delay for term in model.terms)
         self._arriving: deque[tuple[float, float]] = deque()  # commands on a delayed way: when, and torque
         self.moment = time.monotonic()  # that the plant has reached [s]

@@ -19,7 +19,6 @@ BUILT_IN = {
     "serial": EntryPoint("serial", f"{HERE}.serial_drive:SerialDrive", ENTRY_POINTS),
     "nidaq": EntryPoint("nidaq", f"{HERE}.nidaq:NiDaq", ENTRY_POINTS),
 }
-STILL_ON = "the drive says that it has power still: use the emergency stop"
 OPENING = 2.0  # [s] to wait for an answer at least while the drive is opened, without power: it may set itself up
 
 

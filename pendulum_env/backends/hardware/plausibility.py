@@ -78,13 +78,7 @@ class PlausibilityCheck:
         self._torques.append((since, min(least, torque), max(most, torque)))
 
     def check_measurement(self, time: float, position: float, took: float = 0.0) -> str:
-        """Return the problem of a reading as text; empty for a possible motion, or without a check.
-
-        Args:
-            time: of the reading [s].
-            position: that was read [rad].
-            took: how long reading took, somewhere within which it was read [s].
-        """
+        """Return the problem of a position [rad] at a time [s], whose reading took `took` [s]; empty without one."""
         if not self._watches:
             return ""
         if not self._times:

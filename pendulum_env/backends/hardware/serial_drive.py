@@ -8,7 +8,7 @@ import serial
 
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
-from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, driver_errors
+from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware.encoder import DriveClock
 
 
@@ -82,7 +82,7 @@ class SerialDrive:
         self._on = False
         state, *_ = self._ask(frames.POWER, 0)
         if state.flags & frames.POWERED:
-            raise DriveError(STILL_ON)
+            raise DriveError("the drive says that it has power still: use the emergency stop")
 
     def close(self) -> None:
         """Close the port."""

@@ -50,7 +50,7 @@ def test_the_check_allows_more_torque_until_the_wiring_changes(written):
     mark_checked(load(path))
     assert load(path).max_torque == 5.0
     assert load(written(PLAIN + "[limits]\ntorque = 7.0\n")).max_torque == 7.0  # no wiring
-    for change in ("[encoder]\nsign = -1\n", "[encoder]\ncounts = 4096\n"):
+    for change in ("[encoder]\nsign = -1\n", "[encoder]\ncounts = 4096\n", "baud = 9600\n"):
         assert load(written(PLAIN + change)).max_torque == 2.0
     assert load(written("torque_sign = -1\n" + PLAIN)).max_torque == 2.0
 

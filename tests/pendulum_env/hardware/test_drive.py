@@ -2,7 +2,7 @@
 
 import pytest
 
-from pendulum_env.backends.hardware.config import ConfigError, load, mark_checked
+from pendulum_env.backends.hardware.config import ConfigError, load
 from pendulum_env.backends.hardware.drive import BUILT_IN, list_adapters
 from tests.pendulum_env.packages import install, install_bench
 
@@ -38,35 +38,6 @@ def test_an_adapter_that_cannot_be_loaded_is_one_sentence_with_its_package(tmp_p
         load(rig(tmp_path, "broken"))
     assert why in str(failed.value) and "broken:Broken" in str(failed.value)
     assert len(str(failed.value).splitlines()) == 1
-
-
-ADAPTER = """
-from dataclasses import dataclass, field
-
-@dataclass(frozen=True, slots=True)
-class Address:
-    address: str = ""
-
-@dataclass(frozen=True)
-class Nested:
-    more: Address = field(default_factory=Address)
-    device: str = "nested"
-
-class Drive:
-    settings = Nested
-"""
-
-
-def test_the_check_holds_for_the_settings_of_any_adapter_until_they_change(tmp_path, monkeypatch):
-    install(tmp_path, monkeypatch, "lab", ADAPTER, {"lab": "lab:Drive"})
-
-    def most(address: str) -> float:
-        return load(rig(tmp_path, "lab", f"[lab.more]\naddress = '{address}'\n[limits]\ntorque = 5.0")).max_torque
-
-    assert most("left") == 2.0
-    mark_checked(load(tmp_path / "rig.toml"))
-    assert most("left") == 5.0
-    assert most("right") == 2.0
 
 
 def test_nothing_takes_the_place_of_a_built_in_adapter(tmp_path, monkeypatch):
