@@ -20,7 +20,7 @@ RATES = (500.0, 1000.0, 2000.0)  # [Hz]
 
 
 def start_emulator(
-    config: Path, rate: float, limits: Mapping[str, float], log: Path | None = None
+    config: Path, rate: float, limits: Mapping[str, float], realtime: bool = False, log: Path | None = None
 ) -> subprocess.Popen[str]:
     """Start a process with an emulated rig, patient towards other programs; it reads mishaps and `quit`."""
     limits = {"behind": 5.0, "overruns": 1_000_000, **limits}
@@ -28,17 +28,17 @@ def start_emulator(
         "from pathlib import Path; from pendulum_env.backends.emulators import emulate, make_serial\n"
         "from pendulum_env.plant import paper_plant\n"
         f"emulate(make_serial, paper_plant(), Path({str(config)!r}), {rate}, {{'limits': {limits}}}, "
-        f"lambda text: print(text, flush=True), log={log and f'Path({str(log)!r})'})"
+        f"lambda text: print(text, flush=True), realtime={realtime}, log={log and f'Path({str(log)!r})'})"
     )
     command = [sys.executable, "-c", code]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 
-def row(rate: float, seconds: float) -> tuple[str, ...]:
+def row(rate: float, seconds: float, realtime: bool) -> tuple[str, ...]:
     """Rate, cost of an exchange, and how late its samples were."""
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder) / "rig.toml"
-        with start_emulator(config, rate, {"watchdog": 2.0, "gap": 1.5}) as emulator:
+        with start_emulator(config, rate, {"watchdog": 2.0, "gap": 1.5}, realtime) as emulator:
             assert emulator.stdout is not None
             try:
                 emulator.stdout.readline()  # it is ready
@@ -74,6 +74,7 @@ def measured(config: Path, steps: int) -> tuple[list[float], list[float], int]:
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--realtime", action="store_true")
     arguments = parser.parse_args(sys.argv[1:] if argv is None else argv)
     terminal = Terminal()
     headers = (
@@ -84,7 +85,7 @@ def main(argv: list[str] | None = None) -> int:
     with terminal.progress("running") as tell:
         for rate in RATES:
             tell(f"{rate:g} Hz", len(table) / len(RATES))
-            table.append(row(rate, arguments.seconds))
+            table.append(row(rate, arguments.seconds, arguments.realtime))
     terminal.table(headers, table)
     return 0
 

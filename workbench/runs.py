@@ -192,7 +192,7 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
     if (worst := max(late)) > 0.03:
         terminal.say(
             f"at worst {1e3 * worst:.0f} ms late, over which samples are interpolated: a diagnosis would find that, "
-            "record again on a machine that does nothing else, or with real-time priority (chrt -f 20)"
+            "record again on a machine that does nothing else, or with realtime = true"
         )
     describe_recording(recording, terminal)
     if judge is not None:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
+from pendulum_env.backends.hardware import process
 from pendulum_env.backends.hardware.config import load, mark_checked
 from pendulum_env.errors import FileError
 from pendulum_env.files import write_whole
@@ -55,6 +56,7 @@ def emulate(
     report: Callable[[str], None],
     *,
     first: int = 0,
+    realtime: bool = False,
     log: Path | None = None,
 ) -> None:
     """Run an emulated rig until interrupted or told to `quit`; lines on standard input are mishaps, see `MISHAPS`.
@@ -66,12 +68,15 @@ def emulate(
         settings: keys that differ in it, by table.
         report: called with progress lines; the first line when the rig is ready.
         first: first reading of the counter.
+        realtime: whether emulator and loop ask for real-time priority.
         log: where to write what the motor did.
 
     Raises:
         ModuleNotFoundError: if the extra `hardware` is not installed.
         FileExistsError: if the configuration is a file that no emulator wrote.
     """
+    if realtime:
+        process.request_realtime()
     _refuse_overwrite(config)
     rig = make(Motor(plant, first=first, log=log))
     try:
@@ -79,7 +84,7 @@ def emulate(
         tables = {rig.adapter: rig.keys, "encoder": {"zero": first % 2**32}, "plant": _find_plant_ranges(plant)}
         for name, values in settings.items():
             tables[name] = {**tables.get(name, {}), **values}
-        lines = format_toml({"adapter": rig.adapter, "rate": rate})
+        lines = format_toml({"adapter": rig.adapter, "rate": rate, "realtime": realtime})
         lines += [line for name, table in tables.items() for line in ("", f"[{name}]", *format_toml(table))]
         write_whole(config, MARK + "\n".join([*lines, ""]))
         mark_checked(load(config))  # an emulator needs no check of the rig

@@ -141,6 +141,7 @@ class Top:
     adapter: Text
     rate: Annotated[float, Meta(ge=10.0, le=20_000.0)] = 1000.0  # of the loop [Hz]
     torque_sign: Literal[1, -1] = 1  # of the torque that turns the arm counter-clockwise
+    realtime: bool = False  # whether the loop asks for real-time priority
     log: Text | None = None  # file for what happens to the rig, beside the configuration
 
 
@@ -170,7 +171,7 @@ class RigConfig(Top):
     @property
     def wiring(self) -> str:
         """Return a digest of the settings that the check has tried: new wiring voids it, new limits do not."""
-        link = asdict(cast(Any, self.link))  # `find_adapter` refuses what is no dataclass
+        link = asdict(cast(Any, self.link))  # `register` and `find_adapter` refuse what is no dataclass
         tried = [self.adapter, link, self.torque_sign, asdict(self.encoder)]
         return hashlib.sha256(json.dumps(tried, default=str).encode()).hexdigest()
 

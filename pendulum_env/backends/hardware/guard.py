@@ -176,7 +176,7 @@ class Guard:
         return self.trip(
             f"{what}, {allowed} are allowed (limits.{limit}); the drive took {1e3 * self._waited:.0f} ms to answer. "
             "The program was held up or is too slow for its rate: lower the rate, free the machine of other work, ask "
-            "for real-time priority (chrt -f 20), and check the cable if it was the drive",
+            "for real-time priority (realtime = true), and check the cable if it was the drive",
             braking=True,
         )
 

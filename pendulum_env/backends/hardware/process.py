@@ -1,4 +1,4 @@
-"""The process that runs a rig: the signals that end it, and that it is the only one.
+"""The process that runs a rig: the signals that end it, its priority, and that it is the only one.
 
 Python runs neither `atexit` nor `finally` on SIGTERM and SIGHUP as they are; here they become SystemExit, which does.
 """
@@ -116,7 +116,17 @@ class Ownership:
         self._lock.release(force=True)
 
 
+def request_realtime() -> bool:
+    """Ask the system to run this thread, and those it starts, as soon as they are ready; False if it does not."""
+    priority = 20  # above all that is not real-time, below the kernel's own threads
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (AttributeError, OSError):  # not Linux, or not permitted
+        return False
+    return True
+
+
 def restore_priority() -> None:
-    """Give up real-time priority, which a process inherits from the one that drives the motor."""
-    with suppress(AttributeError, OSError):  # not Linux, or not permitted
+    """Give real-time priority back."""
+    with suppress(AttributeError, OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

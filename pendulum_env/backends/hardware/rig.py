@@ -1,5 +1,6 @@
 """The DM1015B rig as a backend: a drive behind a guard, paced, owned by one process, and let go of whatever happens."""
 
+import logging
 import math
 import time
 import weakref
@@ -8,7 +9,7 @@ from pendulum_env.backends.hardware.config import RigConfig, load
 from pendulum_env.backends.hardware.drive import DriveError, find_adapter
 from pendulum_env.backends.hardware.encoder import Ticks
 from pendulum_env.backends.hardware.guard import Fault, Guard
-from pendulum_env.backends.hardware.process import Ownership, Signals
+from pendulum_env.backends.hardware.process import Ownership, Signals, request_realtime, restore_priority
 from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Traits
 
 
@@ -49,6 +50,8 @@ class Rig:
         try:
             self._signals.install()
             with self._signals:
+                if self.config.realtime and not request_realtime():
+                    self.guard.note("no real-time priority: the system does not allow it to this user", logging.WARNING)
                 self.guard.open()
         except BaseException:
             self.close()
@@ -138,6 +141,8 @@ def _release_rig(guard: Guard, owner: Ownership, signals: Signals) -> None:
         with signals:
             guard.close()
             owner.release()
+            if guard.config.realtime:
+                restore_priority()
     finally:  # a signal that came meanwhile has its turn when all is let go, and may raise
         signals.restore()
 

@@ -63,7 +63,7 @@ def test_the_documented_configuration_is_whole_and_has_the_defaults(written):
         table = block.split(f"[{name}]\n")[1].split("\n[")[0]
         for field in fields(kind):
             assert f"\n{field.name} = " in "\n" + table, f"{name}.{field.name}"
-    for key in ("adapter", "rate", "torque_sign", "log"):
+    for key in ("adapter", "rate", "torque_sign", "realtime", "log"):
         assert f"\n{key} = " in "\n" + block
     plain = load(written(PLAIN))
     for name in ("encoder", "limits", "fault", "rest"):
