@@ -21,6 +21,7 @@ from agents.network import Network
 from agents.observer import ARM, mirror_observation
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
+from pendulum_env.errors import UserError
 
 CHECKPOINT = "training.zip"  # model of stable-baselines3, in the folder of a training
 
@@ -87,14 +88,14 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
 
     `tell` is called with the progress, as text and as a share. A folder gets policies `steps-N.npz` on the way, and a
     log for TensorBoard if that is installed. An interrupted training goes on from the model in its folder, with new
-    plants. Raises OSError if the folder is not writable.
+    plants. Raises OSError if the folder is not writable, and UserError if it holds a training with other settings.
     """
     torch.set_num_threads(1)  # one thread: results repeat, and small networks gain nothing from more
     model = make_model(config)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
         if (folder / CHECKPOINT).exists():
-            model = PPO.load(folder / CHECKPOINT, env=model.get_env(), device="cpu")
+            model = _read_checkpoint(folder, config)
         model.tensorboard_log = str(folder / "tensorboard") if find_spec("tensorboard") else None
     if (left := config.steps - model.num_timesteps) > 0:
         callback = _TrainingCallback(config, tell, folder)
@@ -119,7 +120,18 @@ def make_model(config: Config) -> PPO:
         policy_kwargs={"net_arch": [config.hidden, config.hidden], "activation_fn": torch.nn.Tanh},
     )
     env.seed(config.seed)
+    model.settings = repr(config)  # type: ignore[attr-defined]  # a checkpoint keeps all attributes
     return model
+
+
+def _read_checkpoint(folder: Path, config: Config) -> PPO:
+    """Read the model in a folder, and draw other plants than at first."""
+    found = PPO.load(folder / CHECKPOINT, device="cpu")
+    if getattr(found, "settings", None) != repr(config):
+        raise UserError(f"{folder}: holds a training with other settings: choose another folder")
+    found.set_env(BatchedVecEnv(make_task(config)))
+    found.set_random_seed(config.seed + found.num_timesteps)
+    return found
 
 
 def make_task(config: Config) -> DiscreteActions:

@@ -73,7 +73,7 @@ class Errors:
 
     def at(self, joint: str) -> float:
         """Return the torque error at a joint [N m], or the error in the loop [rad]."""
-        return get_error_at(self.joints, joint, getattr(self, next(iter(self.kinds))))
+        return self.in_loop if self.is_in_loop else get_error_at(self.joints, joint, self.torque_rms)
 
     @property
     def _totals(self) -> dict[str, float]:

@@ -11,6 +11,7 @@ from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS
 from agents.training import TrainingTask, export_network, make_model, train
 from pendulum_env.arms.env import PlanarArm
+from pendulum_env.errors import UserError
 from workbench.cli import main
 
 SMALL = {"steps": 288, "pendulums": 8, "rollout": 12, "batch": 48, "epochs": 2, "checkpoint": 96}
@@ -45,6 +46,8 @@ def test_an_interrupted_training_goes_on_from_its_last_policy(tmp_path):
     train(Config.of(SMALL), lambda text, share: shares.append(share), tmp_path)
     assert shares[0] > max(kept) / SMALL["steps"] > 0
     assert (tmp_path / "steps-288.npz").exists()
+    with pytest.raises(UserError, match="other settings"):
+        train(Config.of({**SMALL, "constraint": "rms"}), folder=tmp_path)
 
 
 def test_a_policy_acts_as_the_one_that_was_trained():

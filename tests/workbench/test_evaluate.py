@@ -45,15 +45,24 @@ def test_every_policy_is_printed_beside_the_baseline(done, policy):
 
 def test_an_own_class_and_a_model_of_stable_baselines_take_part(done, policy):
     """Both always play nothing, so they learn nothing."""
-    lines = "import numpy as np", "class Rest:", "    def predict(self, seen):", "        return np.zeros(len(seen))"
+    lines = (
+        "import numpy as np",
+        "from stable_baselines3 import A2C",
+        "class Rest:",
+        "    def predict(self, seen):",
+        "        return np.zeros(len(seen))",
+        "class Model:",
+        "    def __init__(self):",
+        "        self.predict = A2C.load('model.zip', device='cpu').predict",
+    )
     Path("own_class_of_a_test.py").write_text("\n".join(lines))
     model = A2C("MlpPolicy", gym.make(DESIGN), device="cpu", policy_kwargs={"net_arch": [4]})
     with torch.no_grad():
         for parameter in model.policy.action_net.parameters():
             parameter.zero_()
     model.save("model.zip")
-    told, _ = figures(done, "own_class_of_a_test:Rest", 1, "model.zip")
-    assert list(told["policies"]) == ["two-tone", "own_class_of_a_test:Rest", "model.zip"]
+    told, _ = figures(done, "own_class_of_a_test:Rest", 1, "own_class_of_a_test:Model")
+    assert list(told["policies"]) == ["two-tone", "own_class_of_a_test:Rest", "own_class_of_a_test:Model"]
     assert [own["torque_peak"] > 0 for own in told["policies"].values()] == [True, False, False]
 
 

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         with terminal.progress("training", lines=True) as tell:
             network = training.train(config, tell, folder)
     except KeyboardInterrupt:
-        kept = folder is not None and any(folder.glob("steps-*.npz"))
+        kept = folder is not None and (folder / training.CHECKPOINT).exists()
         raise Interrupted(f"run it again to go on from {folder}" if kept else "nothing was kept") from None
     network.save(arguments.output)
     terminal.say(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
