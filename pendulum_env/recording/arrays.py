@@ -6,6 +6,7 @@ from dataclasses import is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+from zipfile import is_zipfile
 
 import numpy as np
 import pyarrow as pa
@@ -37,6 +38,8 @@ DESCRIPTIONS = ("dimensions", "name")  # fields of MATLAB structures that hold n
 
 def read_npz(path: Path, find: ColumnFinder) -> RawTable:
     """Read arrays, without unpickling."""
+    if not is_zipfile(path):  # NumPy would advise to unpickle it
+        raise RecordingError("it is no NPZ archive, or a damaged one: write it with numpy.savez")
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         return _build_table({name: np.asarray(archive[name]) for name in archive.files}, find)
 
