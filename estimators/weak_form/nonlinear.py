@@ -187,11 +187,11 @@ def scan_edges(term: Term, residuals: Residuals, edges: Sequence[NonlinearParame
 def cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
     """Search by repeated draws around the best variants so far; for errors with many local minima.
 
-    Works on the logarithms of the nonlinear parameters, which have to be positive.
+    Works on the logarithms of the free continuous parameters, which have to be positive.
     Source: Rubinstein and Kroese, The Cross-Entropy Method, 2004.
     """
     rng = np.random.default_rng(0)  # the same data give the same answer
-    sought = variants[0].nonlinear_parameters
+    sought = list_continuous_parameters(variants[0])
 
     def errors(drawn: Sequence[Term]) -> list[float]:
         return [float(np.linalg.norm(residual)) for residual in residuals(drawn)]

@@ -106,7 +106,14 @@ def record_link_friction(share: float, friction: float) -> tuple[Recording, ...]
         position = np.round((path + rng.normal(0.0, 3e-4, len(path))) / count) * count
         drive = ServoDrive(kp=kp, supply=12.0, gain=0.25, rate=1000.0, goal="held")
         found.append(
-            Recording(f"{kp:g}, {pace:g}", time, position, 3 * kp * (goal - position), reference=goal, drive=drive)
+            Recording(
+                time,
+                position,
+                3 * kp * (goal - position),
+                name=f"{kp:g}, {pace:g}",
+                reference=goal,
+                drive=drive,
+            )
         )
     return tuple(found)
 
