@@ -80,8 +80,8 @@ def put(**changes: np.ndarray | list):
 @pytest.mark.parametrize(
     ("name", "make", "match"),
     [
-        ("run.npz", lambda path: lone(path, TIME), "not a readable .npz file"),
-        ("run.npz", lambda path: path.write_text("time,position\n"), "not a readable .npz file"),
+        ("run.npz", lambda path: lone(path, TIME), "no NPZ archive"),
+        ("run.npz", lambda path: path.write_text("time,position\n"), "no NPZ archive"),
         ("run.npz", put(position=np.array([None] * 1000)), "not a readable .npz file"),
         ("run.npz", put(position=np.zeros((1000, 3, 2))), r"shape \(1000, 3, 2\)"),
         ("run.npz", put(position=np.zeros((1000, 1, 2))), "could both be position"),
