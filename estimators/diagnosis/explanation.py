@@ -6,7 +6,7 @@ from dataclasses import replace
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis, TriedTreatment
-from estimators.findings import Kind
+from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.errors import Step
 from pendulum_env.recording.study import collect_log_format
 
@@ -42,8 +42,23 @@ def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
         refit=refit,
     )
     found = trial.case.conclude(trial, found)
+    found = replace(found, findings=(*found.findings, *find_small_effect(found)))
     trial.setting.progress("done", 1.0)
     return found
+
+
+def find_small_effect(found: Diagnosis) -> list[Finding]:
+    """Find the likeliest effect that is significant but too small to be selected, where nothing else is missing."""
+    if found.selected or found.unexplained:
+        return []
+    failed = [(own, {gate.name: gate for gate in own.gates}) for own in found.candidates if own.gates]
+    small = [(own, gates) for own, gates in failed if own.gates[-1].name == "explained_share" and "p_value" in gates]
+    if not small:
+        return []
+    candidate, gates = max(small, key=lambda one: one[1]["gain"].value)
+    share = gates["explained_share"]
+    numbers = {"share": share.value, "least": share.limit, "p_value": gates["p_value"].value}
+    return [Finding(Kind.SMALL_EFFECT, {k: Quantity(v) for k, v in numbers.items()}, effects=(candidate.effect,))]
 
 
 def _present(trial: Trial, step: Step, is_final: bool) -> Step:

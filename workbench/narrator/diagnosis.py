@@ -168,6 +168,8 @@ def describe_next_step(found: Diagnosis) -> str:
         return describe(found.forbidden)
     if found.inseparable:
         return f"No torque would tell {' from '.join(found.inseparable[0])}."
+    if any(own.kind is Kind.SMALL_EFFECT for own in found.findings):
+        return "Record again, and hold the new recording out: it shows whether the small effect repeats."
     return "No further experiment is needed."
 
 

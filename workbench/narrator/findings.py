@@ -388,6 +388,11 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.GOALS_RUN_ON: lambda found: _compare_goals(
         found, "running on between rows", "that are held from row to row", "held"
     ),
+    Kind.SMALL_EFFECT: lambda found: (
+        f"{capitalise(name_effect(found.effects[0]))} may be missing: it predicts better (p = "
+        f"{found.numbers['p_value'].value:.2g}), but explains only {100 * found.numbers['share'].value:.2g} % of the "
+        f"residual, less than {100 * found.numbers['least'].value:.2g} %."
+    ),
     Kind.FEEDBACK: (
         ANSWERS + "Record the reference of the controller as well (column `reference`), or a torque that is planned."
     ),
