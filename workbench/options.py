@@ -57,8 +57,8 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--columns",
         metavar="QUANTITY=NAME[:UNIT][*GAIN]...,...",
         type=keep_message(parse_columns),
-        help="columns of time, position, torque, velocity, reference, segment, supply, enabled and temperature whose "
-        "names are not known, with unit and conversion, as "
+        help="columns of time, position, torque, velocity, reference, load_torque, segment, supply, enabled and "
+        "temperature whose names are not known, with unit and conversion, as "
         "time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=none; torque=none: nothing drives the "
         f"joint; units: {units} (default: SI)",
     )

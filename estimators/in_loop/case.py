@@ -41,6 +41,7 @@ from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import LoadDependentFriction
+from pendulum_env.physics.model import SIGNIFICANT
 from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import compute_asked_torque
@@ -108,20 +109,28 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     def without(*left_out: str | None) -> Terms:
         return tuple(term for term in terms if term.id not in left_out)
 
-    sizeless = {term.id for term in terms if term.columns and not has_significant_column(model, term)}
-    while idle := [id for id in named if id in sizeless or not evaluator.is_significant(terms, without(id))]:
+    def find_idle() -> list[str | None]:
+        sizeless = {term.id for term in model.terms if term.columns and not has_size(model, term)}
+        return [id for id in named if id in sizeless or not evaluator.is_significant(terms, without(id))]
+
+    while idle := find_idle():
         named.remove(idle[-1])
         rest = without(idle[-1])
         terms = fitted.get(list_ids(rest)) or train.with_nonlinear(rest)
+        model = fit_step(found.evaluator, None, terms).model
     if len(named) == len(steps) - 1:
         return found, ()
     kept = [fit_step(found.evaluator, id, without(*named[k + 1 :])) for k, id in enumerate(named)]
     return replace(found, steps=[steps[0], *kept]), ()
 
 
-def has_significant_column(model: Model, term: Term) -> bool:
-    """Return whether a linear parameter of a term is more than 3 standard errors away from zero."""
-    return any(compute_significant_sign(model, column.name) for column in term.columns)
+def has_size(model: Model, term: Term) -> bool:
+    """Return whether the linear parameters of a term differ from zero together by more than 3 standard errors."""
+    names = list(model.estimates)
+    place = [names.index(column.name) for column in term.columns]
+    values = np.array([model.estimates[names[k]].value for k in place])
+    covariance = model.assumed_covariance[np.ix_(place, place)]
+    return bool(values @ np.linalg.pinv(covariance) @ values > SIGNIFICANT**2)
 
 
 def present(trial: Trial, step: Step) -> Step:
