@@ -25,6 +25,8 @@ from workbench.narrator.reasons import REASONS, describe_objection
 CURRENT, SLIDE = JointUnits("A"), JointUnits(slides=True)
 NUMBERS = {
     "torque_constant": Quantity(0.5, 0.01, "N m/A"),
+    "p_value": Quantity(0.001),
+    "least": Quantity(0.2),
     "inverse": Quantity(2.0, 0.9, "A/(N m)"),
     "angle": Quantity(0.1, 0.001, "rad"),
     "back_emf": Quantity(0.3, unit="V s/rad"),
