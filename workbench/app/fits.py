@@ -11,7 +11,8 @@ from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.fit_data import FitData
 from estimators.data.split import split_arm
 from estimators.diagnosis.addition import add, fit
-from estimators.diagnosis.result import Addition
+from estimators.diagnosis.result import Addition, Diagnosis
+from estimators.diagnosis.run import diagnose
 from estimators.findings import Finding
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.progress import Progress
@@ -26,6 +27,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.record import PER_INERTIA
 from workbench.errors import InputError
 from workbench.narrator.findings import describe
+from workbench.processes import Task
 
 SCHEMES_OF_ARM = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")
 
@@ -57,6 +59,15 @@ def fit_base(
     if not find_body(terms).can_simulate:
         return _fit_arm(recordings, holdout, terms)
     return _fit_pendulum(recordings, holdout, apply_limits(terms, {}, **limits)[0], is_aligned)
+
+
+def fit_and_diagnose(
+    fit: Task, effects: dict[str, Any], limits: dict[str, Any], progress: Progress
+) -> tuple[BaseFit, Diagnosis]:
+    """Fit the base model, and search for the effects that it lacks."""
+    base: BaseFit = fit(progress)
+    data = base.data
+    return base, diagnose(data.recordings, data.holdout, base.step.model.terms, progress, **effects, **limits)
 
 
 def _fit_arm(recordings: tuple[Recording, ...], holdout: tuple[Recording, ...], terms: tuple[Term, ...]) -> BaseFit:

@@ -99,6 +99,8 @@ def start(session: Session, id: str | None) -> None:
     if not id:
         raise InputError("choose an effect to add")
     state = session.state
+    if state.needs_fit:
+        raise InputError("wait until the model is fitted, then add the effect")
     kind = find_kind(id, state.body)
     if kind.id in state.model.effects:
         raise InputError(f"{name_effect(id)} is in the model already")

@@ -9,6 +9,7 @@ from dash.development.base_component import Component
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
 from workbench.app.choices import NO_CHOICES, SearchChoices
+from workbench.app.fits import BaseFit, fit_and_diagnose
 from workbench.app.parts import KEPT, label_control, list_choices, make_button, make_fragment, make_panel, name_field
 from workbench.app.session import Session, Stage
 from workbench.app.stages.add import show_calls
@@ -16,6 +17,7 @@ from workbench.app.stages.data import show_timing
 from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import describe_result
 from workbench.options import parse_effects
+from workbench.processes import Task
 from workbench.report.arm import make_joints
 from workbench.report.data import ReportData, list_ends
 from workbench.report.story import make_story, rank_candidates
@@ -109,8 +111,15 @@ def start(session: Session, asked: SearchChoices) -> None:
     def keep(found: Diagnosis) -> None:
         session.change("diagnose", state.add_diagnosis(found))
 
-    task = partial(diagnose, state.train, state.holdout, state.model.terms, **asked.effects, **asked.limits)
-    session.work("Diagnosing", task, keep)
+    def keep_both(found: tuple[BaseFit, Diagnosis]) -> None:
+        session.change("diagnose", state.with_fit(found[0]).add_diagnosis(found[1]))
+
+    if state.needs_fit:
+        task: Task = partial(fit_and_diagnose, state.make_fit_task(), asked.effects, asked.limits)
+        session.work("Diagnosing", task, keep_both)
+    else:
+        task = partial(diagnose, state.train, state.holdout, state.model.terms, **asked.effects, **asked.limits)
+        session.work("Diagnosing", task, keep)
 
 
 STAGE = Stage(
