@@ -474,19 +474,19 @@ def choose_half_width(recording: Recording) -> float:
             break
     negligible = (NEGLIGIBLE_SWING if recording.known_inertia else NEGLIGIBLE) * longest.torque_scale
 
-    def covered(width: float) -> float:
+    def measure_clear_time(width: float) -> float:
         return len(cut_at(width).centers) * width  # [s], clear of stick
 
     def is_feasible(width: float) -> bool:
         count = len(cut_at(width).centers)
-        return count >= WEAK_FORM.enough or covered(width) >= WEAK_FORM.clear * recording.duration
+        return count >= WEAK_FORM.enough or measure_clear_time(width) >= WEAK_FORM.clear * recording.duration
 
     def is_quiet(width: float) -> bool:
         w = cut_at(width)
         return inertia * w.acceleration_noise <= max(0.7 * real * w.torque_noise, negligible)
 
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
-    return quiet or next(filter(is_feasible, reversed(widths)), None) or max(widths, key=covered)
+    return quiet or next(filter(is_feasible, reversed(widths)), None) or max(widths, key=measure_clear_time)
 
 
 def join_windows(windows: Sequence[Windows], shared_columns: Mapping[str, TermColumns] | None = None) -> TorqueWindows:

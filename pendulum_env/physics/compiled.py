@@ -33,7 +33,7 @@ from pendulum_env.physics.symbols import (
 MANY, SMALL = 64, 50  # lanes from which on, and values up to which, a faster program is worth the time to compile it
 WIDTH = 8  # lanes that are computed at once, by one instruction or a few
 DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
-CALLS = {  # by operation: LLVM's functions, some of which call those of the C library
+CALLS = {  # by operation: LLVM's functions; some call those of the C library
     "absolute": "fabs",
     "sqrt": "sqrt",
     "maximum": "maxnum",

@@ -137,12 +137,12 @@ class Session:
         if not state.needs_fit:
             return
 
-        def ended(word: TaskEnd) -> None:
+        def keep_fit(word: TaskEnd) -> None:
             self.state = state.with_fit(word.why or word.came)
             self.version += 1
 
         self._fitting = state
-        self.run("Fitting the model", state.make_fit_task(), ended)
+        self.run("Fitting the model", state.make_fit_task(), keep_fit)
 
     def _stop(self) -> None:
         if self.job is not None:
