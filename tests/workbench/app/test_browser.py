@@ -42,6 +42,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
+def loose(folder: Path) -> Path:
+    """Recording of a pendulum with backlash, whose search takes seconds: long enough to see it run."""
+    write_recording(recorded("loose", 1, 20.0, "backlash", 1000.0), folder / "loose.csv")
+    return folder / "loose.csv"
+
+
+@pytest.fixture(scope="module")
 def address() -> Iterator[str]:
     with served(end=signal.SIGINT) as (address, _):
         yield address
@@ -255,8 +262,8 @@ def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_s
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
-def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(browser, folder):
-    with served(str(folder / "swing.csv")) as (address, server):
+def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(browser, loose):
+    with served(str(loose)) as (address, server):
         tab, held = Tab(browser, address), []
         tab.go("diagnose")
         tab.page.click(press("diagnose"))
@@ -330,10 +337,9 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab, folder, w
 
 
 @pytest.mark.slow
-def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(tab, browser, folder):
+def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(tab, browser, loose):
     page, other = tab.page, Tab(browser, tab.address)
-    write_recording(recorded("loose", 1, 20.0, "backlash", 1000.0), folder / "loose.csv")  # its search takes seconds
-    tab.load(folder / "loose.csv")
+    tab.load(loose)
     tab.go("add")
     tab.choose("Quadratic drag")
     tab.go("diagnose")
