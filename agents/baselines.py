@@ -1,8 +1,7 @@
 """Baselines of trained policies: open-loop signals, and planning with the current estimates.
 
 All have one interface: they take observations (B, 20) of `ExcitationDesign` and return shares of the peak torque
-(B, 1). `python -m benchmarks.multisine` found the multisines by CMA-ES, as the best on average over random plants. The
-multisine "separating" keeps to the peak; version 1.0 found it as the best to distinguish seven hidden effects.
+(B, 1). `python -m benchmarks.multisine` found the multisines by CMA-ES, as the best on average over random plants.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from agents.observer import (
     log_det,
 )
 from pendulum_env._typing import Array, Mask
-from pendulum_env.excitation import Levels, excitation
+from pendulum_env.excitation import excitation
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE
 from pendulum_env.physics.simulation import Trajectory, simulate
@@ -37,7 +36,6 @@ from pendulum_env.policy import Policy, State
 
 WEIGHTS_FILE = Path(__file__).parent / "policies" / "multisine.json"
 FREQUENCIES = 0.2 * np.arange(1, 21)  # [Hz]
-SEPARATING = "separating"
 
 
 class SignalPolicy:
@@ -151,15 +149,8 @@ def multisine_torque(weights: Array, constraint: Constraint) -> Array:
     return np.asarray(np.clip(torque, -constraint.peak, constraint.peak))
 
 
-def make_separating_signal(amplitude: float | None = None) -> Levels:
-    """Make the periodic multisine that distinguishes hidden effects, up to an amplitude [N m] or the usual peak."""
-    constraint = CONSTRAINTS["peak"] if amplitude is None else Constraint(amplitude)
-    torque = multisine_torque(load_weights(SEPARATING), constraint)
-    return Levels(constraint.peak, tuple(TICK * np.arange(1, len(torque) + 1)), tuple(torque))
-
-
 def load_weights(name: str) -> Array:
-    """Load the weights (2 F,) that were optimised for a constraint, or for "separating"."""
+    """Load the weights (2 F,) that were optimised for a constraint."""
     return np.array(json.loads(WEIGHTS_FILE.read_text())[name])
 
 

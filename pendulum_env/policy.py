@@ -99,7 +99,6 @@ def rollout(
     seed: int | None = None,
     name: str = "rollout",
     watch: Callable[[dict[str, Any]], None] | None = None,
-    until: Callable[[dict[str, Any]], bool] | None = None,
 ) -> Recording:
     """Run a policy or a controller in an environment and keep the measurement.
 
@@ -110,20 +109,16 @@ def rollout(
         seed: of the reset.
         name: of the recording.
         watch: called with each step's `info`.
-        until: called with each step's `info`, too; the run ends with the step for which it returns True.
 
     Returns:
         One sample for each step; its torque acts from its time on.
     """
-    return Recording(
-        *measure(islice(iterate_steps(env, policy, seed), steps), watch, until), name=name, is_checked=True
-    )
+    return Recording(*measure(islice(iterate_steps(env, policy, seed), steps), watch), name=name, is_checked=True)
 
 
 def measure(
     run: Iterable[tuple[tuple[float, Any, Any] | None, dict[str, Any]]],
     watch: Callable[[dict[str, Any]], None] | None = None,
-    until: Callable[[dict[str, Any]], bool] | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return time (N,) [s], position [rad] and torque [N m] of a run of `iterate_steps`, (N,) each, or (N, n)."""
     rows: list[tuple[float, Any, Any]] = []
@@ -132,7 +127,5 @@ def measure(
             rows.append(row)
         if watch is not None:
             watch(info)
-        if until is not None and until(info):
-            break
     time, position, torque = (np.array([row[k] for row in rows]) for k in range(3))
     return time, position, torque

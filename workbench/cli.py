@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from pendulum_env.lookup import find
 from pendulum_env.settings import use_writer
@@ -39,7 +39,11 @@ COMMANDS: dict[str, str] = {  # in the order of a first visit, and what help say
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser whose complaints are one line."""
+    """Parser whose complaints are one line, and which takes no abbreviated options."""
+
+    def __init__(self, **options: Any) -> None:
+        """Take the options of argparse's own parser."""
+        super().__init__(allow_abbrev=False, **options)
 
     def error(self, message: str) -> NoReturn:
         """Raise instead of printing the usage and leaving."""
@@ -70,7 +74,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         used = commands.choices.get(named or "", program)
         wrong = next((word for word in unknown if word.startswith("-")), "").partition("=")[0]
         near = difflib.get_close_matches(wrong, used._option_string_actions, n=1, cutoff=0.75)
-        used.error(f"unrecognized arguments: {' '.join(unknown)}{f': did you mean {near[0]}?' if near else ''}")
+        hint = f"did you mean {near[0]}?" if near else "CHANGELOG.md lists the options that have left"
+        used.error(f"unrecognized arguments: {' '.join(unknown)}: {hint}")
     _refuse_other_kind(arguments)
     return arguments
 
@@ -91,7 +96,7 @@ def load_plugins(argv: Sequence[str]) -> None:
 
     Raises PluginError if a file cannot be used.
     """
-    early = Parser(add_help=False, allow_abbrev=False)
+    early = Parser(add_help=False)
     early.add_argument("--plugin", action="append", default=[])
     for path in early.parse_known_args(argv)[0].plugin:
         import_module(PLUGINS).load_plugin(path)

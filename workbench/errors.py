@@ -1,5 +1,6 @@
 """Mistakes of a user, which end a command with one line, not of the program."""
 
+import re
 import shlex
 from collections.abc import Mapping
 
@@ -32,15 +33,18 @@ def write_option(name: str, value: object) -> str:
 def format_mistake(mistake: Exception) -> str:
     """Format a user's mistake as one printable line of at most `LONGEST` characters.
 
-    Of a longer one the middle is left out.
+    Of a longer one some words in the middle are left out.
     """
     if isinstance(mistake, OSError) and mistake.strerror is not None:
         text = f"{mistake.filename}: {mistake.strerror}" if mistake.filename is not None else mistake.strerror
     else:
         text = str(mistake)
     text = escape_controls(" ".join(text.split()))
+    if len(text) <= LONGEST:
+        return text
     half = LONGEST // 2 - 3
-    return text if len(text) <= LONGEST else f"{text[:half]} ... {text[-half:]}"
+    first, last = re.sub(r"\S{0,40}$", "", text[:half]), re.sub(r"^\S{0,40}", "", text[-half:])
+    return f"{first.rstrip()} ... {last.lstrip()}"
 
 
 def escape_controls(text: str) -> str:

@@ -1,7 +1,4 @@
-"""Runs of a pendulum: the torque that drives it, what answers step by step, and recording the rig row by row.
-
-A run may go on until a verdict stands: the online diagnosis is beside it, for a motor in a process of its own.
-"""
+"""Runs of a pendulum: the torque that drives it, what answers step by step, and recording the rig row by row."""
 
 from __future__ import annotations
 
@@ -12,10 +9,8 @@ from typing import Any, Self
 import gymnasium as gym
 import numpy as np
 
-from agents.baselines import make_separating_signal
 from agents.network import load
 from agents.observer import CONSTRAINTS, EPISODE, Pilot
-from estimators.wrappers.options import find_smoothing
 from pendulum_env.backends.hardware import config
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import DriveError
@@ -29,7 +24,6 @@ from pendulum_env.spaces import MAX_TORQUE
 from pendulum_env.wrappers import RecordMeasurements
 from workbench.errors import InputError, Interrupted
 from workbench.inputs import make_plant
-from workbench.judges import ProcessJudge, describe_verdict
 from workbench.outputs import report_files
 from workbench.suggestions import read_suggestion
 from workbench.terminal import Terminal
@@ -37,8 +31,6 @@ from workbench.terminal import Terminal
 SECONDS = 30.0  # length of a recording
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
 LEARNT = "rl"  # excitation that a policy chooses while the arm moves
-DIAGNOSED = "diagnosed"  # what a recording may go on until
-LONGEST = 20.0  # [s] of a run without a verdict
 
 
 @dataclass(frozen=True)
@@ -63,8 +55,8 @@ class Plan:
         rig = _load_config(arguments)
         rate = arguments.rate if rig is None else rig.rate
         command, seconds, release = _choose_experiment(arguments, rng, rate)
-        if release is not None and (arguments.backend not in (None, "simulated") or arguments.until is not None):
-            raise InputError("a free swing is simulated as a whole: leave out --backend and --until")
+        if release is not None and arguments.backend not in (None, "simulated"):
+            raise InputError("a free swing is simulated as a whole: leave out --backend")
         return cls(arguments, rig, make_plant(arguments), rate, command, seconds, release)
 
     def make_environment(self) -> gym.Env[Any, Any]:
@@ -125,7 +117,7 @@ def _choose_experiment(
     if kind == LEARNT:
         if arguments.replay is not None or arguments.backend == "simulated":
             raise InputError(f"--excitation {LEARNT} needs a backend that answers step by step: use --backend pymunk")
-        seconds = arguments.seconds or (EPISODE if arguments.until is None else LONGEST)
+        seconds = arguments.seconds or EPISODE
         network = load(arguments.policy or "peak")
         if network.constraint not in CONSTRAINTS:
             raise InputError(f"policy {arguments.policy} chooses the motion of an arm: give its --robot FILE")
@@ -135,9 +127,7 @@ def _choose_experiment(
             raise InputError(f"--excitation {SUGGESTED} needs --diagnosis FILE, which `diagnose --json FILE` writes")
         suggestion = read_suggestion(arguments.diagnosis)
         return suggestion.signal or STILL, arguments.seconds or suggestion.seconds, suggestion.release
-    seconds = arguments.seconds or (SECONDS if arguments.until is None else LONGEST)
-    if arguments.until is not None and kind is None:
-        return make_separating_signal(arguments.amplitude), seconds, None
+    seconds = arguments.seconds or SECONDS
     return excitation(kind or "paper", rng, seconds, arguments.amplitude), seconds, None
 
 
@@ -169,15 +159,12 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
         if len(late) % rate < 1:
             show(f"{info['time']:.0f} s", len(late) / steps)
 
-    judge: ProcessJudge | None = None
     env = RecordMeasurements(plan.make_environment(), output, overwrite=True)
     try:
-        judge = ProcessJudge(rate, find_smoothing(env, rate)) if plan.arguments.until is not None else None
         if plan.remark:
             terminal.say(plan.remark)
         with terminal.progress("running") as show:
-            until = None if judge is None else judge.has_verdict
-            recording = rollout(env, plan.make_controller(rate), steps, watch=watch, until=until)
+            recording = rollout(env, plan.make_controller(rate), steps, watch=watch)
     except (DriveError, RecordingError) as error:
         raise InputError(last.get("fault") or str(error)) from None
     except KeyboardInterrupt:
@@ -195,8 +182,6 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
             "record again on a machine that does nothing else, or with realtime = true"
         )
     describe_recording(recording, terminal)
-    if judge is not None:
-        terminal.say(describe_verdict(judge.close(), len(recording) < steps))
     if "fault" in last:
         raise InputError(f"{last['fault']}; what was measured until then is in {output}")
     report_files([output], terminal)

@@ -8,7 +8,6 @@ from agents.baselines import (
     FREQUENCIES,
     load_weights,
     make_baseline,
-    make_separating_signal,
     multisine_torque,
     predict_rows,
 )
@@ -86,11 +85,3 @@ def test_a_multisine_found_in_advance_teaches_more_than_the_papers_tones(constra
     assert np.abs(torque).max() <= CONSTRAINTS[constraint].peak + 1e-9
     if constraint == "rms":
         assert np.sqrt(np.mean(torque**2, axis=0)) == pytest.approx(3.0)
-
-
-def test_the_multisine_that_tells_effects_apart_is_bounded_and_begins_again():
-    time = 0.01 + 0.02 * np.arange(1000)  # [s], twice its length
-    torque = make_separating_signal(2.5).signal(time)
-    assert np.abs(torque).max() == pytest.approx(2.5)
-    np.testing.assert_array_equal(torque[:500], torque[500:])
-    np.testing.assert_allclose(make_separating_signal().signal(time), torque * 6.0 / 2.5)

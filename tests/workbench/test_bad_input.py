@@ -56,6 +56,9 @@ WORDS = [  # with files of `folder`
     ("diagnos", "unknown command 'diagnos': did you mean diagnose?"),
     ("identify run.csv --scheme hamiltonia", "did you mean hamiltonian?"),
     ("identify run.csv --shceme all", "did you mean --scheme? (see pendulum-ident identify --help)"),
+    ("identify run.csv --hold run.csv", "--hold"),
+    ("identify run.csv --sche all", "did you mean --scheme? (see pendulum-ident identify --help)"),
+    ("record --until diagnosed -o x.csv", "CHANGELOG.md lists the options that have left"),
     ("identify run.csv --columns time", "'time' should be QUANTITY=NAME"),
     ("compare m.json run.csv --columns time=t,time=ms:ms", "time is named twice"),
     ("add spring model.json run.csv", "model.json is a file: the order is MODEL.json EFFECT RECORDING"),
@@ -70,7 +73,6 @@ WORDS = [  # with files of `folder`
     ("record --diagnosis d.json -o x.csv", "goes with --excitation suggested only"),
     ("record --excitation suggested --diagnosis d.json --amplitude 2 -o x.csv", "`diagnose --max-torque` bounds"),
     ("record --backend replay -o x.csv", "--replay FILE belong together"),
-    ("record --until diagnosed --backend simulated -o x.csv", "needs a backend that answers step by step"),
     ("diagnose run.csv --fix gravity", "NAME=VALUE"),
     ("diagnose run.csv --bound gravity=1", "NAME=LOW:HIGH"),
     *(

@@ -6,7 +6,6 @@ import numpy as np
 
 from agents.network import POLICY_NAMES as SHIPPED
 from agents.observer import EPISODE, Pilot
-from estimators.wrappers.options import find_smoothing
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
 from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, USUAL_SPEED
@@ -18,9 +17,8 @@ from pendulum_env.recording.writing import WRITERS
 from workbench import options
 from workbench.arm_runs import record_arm
 from workbench.errors import InputError
-from workbench.judges import OnlineJudge, describe_verdict
 from workbench.outputs import check_outputs, report_files
-from workbench.runs import DIAGNOSED, LEARNT, LONGEST, SECONDS, SUGGESTED, Plan, describe_recording, record_rig
+from workbench.runs import LEARNT, SECONDS, SUGGESTED, Plan, describe_recording, record_rig
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
@@ -55,9 +53,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--excitation",
         metavar="NAME",
         choices=(*EXCITATIONS, SUGGESTED, LEARNT),
-        help=f"{', '.join(EXCITATIONS)} (default paper; with --until, a multisine that tells effects apart); "
-        f"{SUGGESTED}: "
-        f"the experiment of --diagnosis; {LEARNT}: by a policy that sees the motion; an arm follows a motion that is "
+        help=f"{', '.join(EXCITATIONS)} (default paper); {SUGGESTED}: the experiment of --diagnosis; "
+        f"{LEARNT}: by a policy that sees the motion; an arm follows a motion that is "
         f"designed within the limits of its joints, with {LEARNT} by a policy for this arm",
     )
     group.add_argument(
@@ -79,12 +76,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=options.convert_number(-LARGE, LARGE),
         help="let the joint go at rest at this angle, without torque [rad]",
     )
-    group.add_argument(
-        "--until",
-        choices=(DIAGNOSED,),
-        help="end once the online diagnosis names what the model lacks and stays with it, after "
-        f"{LONGEST:g} s at the latest unless --seconds says so",
-    )
     group = parser.add_argument_group("plant")
     group.add_argument(
         "--backend",
@@ -104,7 +95,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     options.add_robot(
         parser,
         arms=["max_angle", "max_speed"],
-        pendulums=["until", "diagnosis", "replay", "config", "release"],
+        pendulums=["diagnosis", "replay", "config", "release"],
         about="the plant is an arm with these links",
     )
     group = parser.add_argument_group("motion of an arm")
@@ -166,25 +157,18 @@ def _simulate(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Recor
         raise InputError("--backend replay and --replay FILE belong together: give both or neither")
     if arguments.replay is not None and plan.plant.effects:
         raise InputError("--effect does not go with a replay: it plays the plant that was recorded")
-    if arguments.until is not None and arguments.backend == "simulated":
-        raise InputError(f"--until {DIAGNOSED} needs a backend that answers step by step: use --backend pymunk")
-    if not isinstance(command, Pilot) and arguments.backend in (None, "simulated") and arguments.until is None:
+    if not isinstance(command, Pilot) and arguments.backend in (None, "simulated"):
         with terminal.progress("simulating"):
             sensor = plan.rate, arguments.counts, TORQUE_NOISE
             return record(plan.plant, command, seconds, *sensor, rng=rng, release=plan.release)
     env = plan.make_environment()
     rate = env.unwrapped.rate  # type: ignore[attr-defined]
     steps = round(seconds * rate)
-    judge = None if arguments.until is None else OnlineJudge(rate, find_smoothing(env, rate))
     with terminal.progress("running") as tell:
-        recording = rollout(
+        return rollout(
             env,
             plan.make_controller(rate),
             steps,
             seed=int(rng.integers(2**31)),
             watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / seconds),
-            until=None if judge is None else judge.has_verdict,
         )
-    if judge is not None:
-        terminal.say(describe_verdict(judge.close(), len(recording) < steps))
-    return recording
