@@ -1,7 +1,7 @@
 """Processes that work for a command: an interrupt is the command's alone to answer, and they end when it does.
 
 The keyboard's interrupt goes to every process of a terminal, also to one that still loads its libraries and can only
-die of it with a traceback. So a worker is begun with the signal blocked, which it keeps; its parent ends it.
+die of it with a traceback. So a process is begun with the signal blocked, which it keeps; its parent ends it.
 """
 
 from __future__ import annotations
@@ -11,14 +11,12 @@ import os
 import signal
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from functools import partial
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from importlib import import_module
 from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
@@ -30,8 +28,12 @@ from pendulum_env.settings import use_writer
 from workbench.errors import USER_ERRORS, InputError, format_mistake, write_option
 
 LOST = "the work ended unexpectedly: try again"
-LIBRARIES = ("workbench.cli", "workbench.commands.record", "estimators.diagnosis.addition")  # of the tasks of the app
-
+LIBRARIES: tuple[str, ...] = (
+    "workbench.cli",
+    "workbench.commands.record",
+    "estimators.diagnosis.addition",
+)  # of the tasks of the app
+_progress: list[Any] = []  # in a worker: what its task is doing, and the share that is done
 
 Task = Callable[[Progress], Any]  # of the app; it travels to another process, and so does what it returns
 
@@ -70,77 +72,55 @@ def _follow(parent: BaseProcess) -> None:
     os._exit(1)
 
 
-@dataclass(frozen=True)
-class TaskEnd:
-    """The last word of a task: what it came to, or a sentence on why that is nothing."""
+class Pool(ProcessPoolExecutor):
+    """Processes on this computer that never receive an interrupt, and end with this one."""
 
-    came: Any = None
-    why: str = ""
+    def __init__(self, count: int, files: Sequence[Path] = (), libraries: Sequence[str] = (), *progress: Any) -> None:
+        """Take the number of processes, what each loads, and the memory where it tells its progress."""
+        context = multiprocessing.get_context("spawn")  # a copy of a process with threads would be unsound
+        super().__init__(count, context, _prepare, (files, libraries, progress))
 
-    @property
-    def result(self) -> Any:
-        """Return the result; raises InputError if there is none."""
-        if self.why:
-            raise InputError(self.why)
-        return self.came
+    def submit(self, task: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Schedule a task; processes start here."""
+        with hold_interrupts():
+            return super().submit(task, *args, **kwargs)
+
+    def end(self) -> None:
+        """End the processes, whatever they do."""
+        processes = [*(self._processes or {}).values()]
+        self.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.terminate()
+
+
+def _prepare(files: Sequence[Path], libraries: Sequence[str], progress: Sequence[Any]) -> None:
+    attend()
+    use_writer(write_option)
+    for file in files:
+        load_plugin(file)
+    for library in libraries:
+        import_module(library)
+    _progress[:] = progress
+
+
+@contextmanager
+def open_local_workers(count: int) -> Iterator[Executor]:
+    """Open processes that know the effects of the users' files, and end at once if this one is interrupted."""
+    pool = Pool(count, list_plugins())
+    try:
+        yield pool
+    finally:
+        pool.end()
 
 
 class Worker:
-    """A process that does one task, at the other end of a pipe; its libraries are loaded while it waits for the task.
+    """A process that waits for a task with its libraries loaded."""
 
-    The task is called with its end of the pipe and may talk through it; what it returns, or a user's mistake, is sent
-    as `End`. It should call `attend` if nothing has to be brought to an end once this process is killed.
-    """
-
-    def __init__(self, name: str, libraries: Sequence[str] = ()) -> None:
+    def __init__(self) -> None:
         """Start the process."""
-        context = multiprocessing.get_context("spawn")  # a copy of a process with threads would be unsound
-        self.connection, theirs = context.Pipe()
-        self.process = context.Process(target=_work, args=(theirs, list_plugins(), libraries), daemon=True, name=name)
-        with hold_interrupts():
-            self.process.start()
-        theirs.close()
-
-    def send(self, message: object) -> None:
-        """Give it the task, which travels to it, and then tell that something, if it still listens."""
-        with suppress(OSError):
-            self.connection.send(message)
-
-    def hear(self) -> Any:
-        """Wait for the next message; a `TaskEnd` if the process has died."""
-        try:
-            return self.connection.recv()
-        except (EOFError, OSError):
-            return TaskEnd(why=LOST)
-
-    def end(self) -> None:
-        """End the process, whatever it does."""
-        if self.process.is_alive():
-            self.process.terminate()
-        self.process.join()
-        self.connection.close()
-
-
-def _work(connection: Connection[Any, Any], files: Sequence[Path], libraries: Sequence[str]) -> None:
-    """Do the task that comes, with the users' effects that are known to who began this."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    use_writer(write_option)
-    for library in libraries:
-        import_module(library)
-    with suppress(EOFError, OSError):  # the parent has ended
-        try:
-            for file in files:
-                load_plugin(file)
-            word = TaskEnd(connection.recv()(connection))
-        except (EOFError, BrokenPipeError):
-            return
-        except USER_ERRORS as mistake:
-            word = TaskEnd(why=format_mistake(mistake))
-        except BaseException as error:
-            if (of_plugin := describe_fault(error)) is None:
-                raise
-            word = TaskEnd(why=format_mistake(of_plugin))
-        connection.send(word)
+        self.what, self.share = multiprocessing.RawArray("c", 200), multiprocessing.RawValue("d")  # of the task
+        self.pool = Pool(1, (), LIBRARIES, self.what, self.share)
+        self.pool.submit(int)
 
 
 class Workers:
@@ -155,94 +135,98 @@ class Workers:
         """See to it that a worker waits."""
         with self._lock:
             if self._spare is None and not self._closed:
-                self._spare = Worker("pendulum-ident worker", LIBRARIES)
+                self._spare = Worker()
 
-    def take(self) -> Worker:
-        """Return the worker that waits, or a new one."""
+    def start(self, task: Task) -> tuple[Worker, Future[Any]]:
+        """Start a task in the worker that waits, or in a new one."""
         with self._lock:
-            worker, self._spare = self._spare, None
-        return worker if worker is not None and worker.process.is_alive() else Worker("pendulum-ident worker")
+            worker, self._spare = self._spare or Worker(), None
+        try:
+            return worker, worker.pool.submit(_do, task, list_plugins())
+        except BrokenExecutor:  # it died while it waited, and now none does
+            return self.start(task)
 
     def close(self) -> None:
         """End the one that waits; no other will."""
         with self._lock:
             self._closed = True
             if self._spare is not None:
-                self._spare.end()
+                self._spare.pool.end()
             self._spare = None
 
 
 class Job:
     """Task in a worker process, which starts immediately."""
 
-    def __init__(self, title: str, task: Task, workers: Workers, ended: Callable[[Job, TaskEnd], None]) -> None:
-        """Take the task, who does it, and what is told how it ended."""
+    def __init__(self, title: str, task: Task, workers: Workers) -> None:
+        """Take the task, and who does it."""
         self.title = title  # what it does, as a heading
-        self.what, self.share = "starting", 0.0  # what is being done, and how much of all is done
         self.running, self.over = True, threading.Event()  # on its way; set once nothing more comes of it
-        self._began, self._workers, self._ended = time.monotonic(), workers, ended
-        self._worker = workers.take()
-        threading.Thread(target=self._listen, args=(task,), daemon=True, name=title).start()
+        self._began, self._workers = time.monotonic(), workers
+        self._worker, self._future = workers.start(task)
+
+    def call_at_end(self, ended: Callable[[Job], None]) -> None:
+        """Call a function at the end of the task, unless it is cancelled."""
+        self._future.add_done_callback(lambda _: self._end(ended))
+
+    @property
+    def what(self) -> str:
+        """Return what is being done."""
+        return self._worker.what.value.decode(errors="ignore") or "starting"
+
+    @property
+    def share(self) -> float:
+        """Return the share of all that is done."""
+        return float(self._worker.share.value)
 
     @property
     def elapsed(self) -> float:
         """Return the elapsed time [s]."""
         return time.monotonic() - self._began
 
+    @property
+    def result(self) -> Any:
+        """Return the result; raises InputError if there is none."""
+        error = self._future.exception()
+        if error is None:
+            return self._future.result()
+        if isinstance(error, InputError):
+            raise error
+        traceback.print_exception(error)  # a fault of the program, or the process was killed
+        raise InputError(LOST)
+
     def cancel(self) -> None:
         """Stop at once; nothing comes of it."""
         self.running = False
-        self._worker.process.terminate()  # who listens ends it
-        self.over.set()
+        self._close()
 
-    def _listen(self, task: Task) -> None:
-        self._worker.send(partial(_do, task))  # takes until the worker has its libraries
-        while not isinstance(word := self._worker.hear(), TaskEnd):
-            self.what, self.share = word
+    def _end(self, ended: Callable[[Job], None]) -> None:
         try:
             if self.running:
-                self._ended(self, word)
+                ended(self)
         finally:
             self.running = False
-            self.over.set()
-            self._worker.end()
-            self._workers.warm()
+            self._close()
+
+    def _close(self) -> None:
+        self._worker.pool.end()
+        self._workers.warm()
+        self.over.set()
 
 
-def _do(task: Task, connection: Connection[Any, Any]) -> Any:
-    """Do a task in a process of its own, which tells its progress."""
-    attend()
-    return task(lambda what, share: connection.send((what, share)))
-
-
-class _LocalPool(ProcessPoolExecutor):
-    """Pool whose processes never receive an interrupt."""
-
-    def submit(self, task: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Schedule a task; processes start here."""
-        with hold_interrupts():
-            return super().submit(task, *args, **kwargs)
-
-
-@contextmanager
-def open_local_workers(count: int) -> Iterator[Executor]:
-    """Open the processes on this computer, which end with this one, and at once if it is interrupted.
-
-    They know the effects of the users' files.
-    """
-    others = set(multiprocessing.active_children())
-    executor = _LocalPool(count, multiprocessing.get_context("spawn"), _join, (list_plugins(),))
+def _do(task: Task, files: Sequence[Path]) -> Any:
+    """Do a task, with the users' effects that are known to the process that asks for it."""
     try:
-        yield executor
-    finally:
-        executor.shutdown(wait=False, cancel_futures=True)
-        for process in set(multiprocessing.active_children()) - others:
-            process.terminate()
+        for file in files:
+            load_plugin(file)
+        return task(_tell)
+    except BaseException as error:
+        mistake = error if isinstance(error, USER_ERRORS) else describe_fault(error)
+        if mistake is None:
+            raise
+        raise InputError(format_mistake(mistake)) from None
 
 
-def _join(files: Sequence[Path]) -> None:
-    """Prepare a process of a pool."""
-    attend()
-    use_writer(write_option)
-    for file in files:
-        load_plugin(file)
+def _tell(text: str, done: float) -> None:
+    what, share = _progress
+    what.value, share.value = text.encode()[:199], done

@@ -18,18 +18,14 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and devices 
 
 BEGUN = {
     "worker": """
-import time
-from workbench.processes import Worker, attend
-def work(connection):
-    attend()
-    connection.send("at work")
-    time.sleep(1000)
+from workbench.processes import Job, Workers
+from tests.workbench.test_processes import sleep
+from tests.patience import wait_until
 if __name__ == "__main__":
-    worker = Worker("one")
-    worker.send(work)
-    worker.hear()
+    job = Job("a job", sleep, Workers())
+    wait_until(lambda: job.what == "sleeping")
     print("running", flush=True)
-    worker.hear()
+    job.over.wait()
 """,
     "pool": """
 import time

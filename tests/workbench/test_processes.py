@@ -1,10 +1,11 @@
 """Work in other processes."""
 
 import functools
+import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -15,7 +16,7 @@ from tests.patience import PATIENCE, wait_until
 from tests.pendulum_env.physics.test_limits import PLUGIN
 from workbench import processes
 from workbench.errors import InputError
-from workbench.processes import LOST, Job, TaskEnd, Workers, open_local_workers
+from workbench.processes import LOST, Job, Workers, open_local_workers
 
 
 def count(to: int, tell: Progress) -> int:
@@ -37,6 +38,10 @@ def vanish(tell: Progress) -> None:
     os.kill(os.getpid(), signal.SIGTERM)  # also Windows knows it
 
 
+def give_what_does_not_travel(tell: Progress) -> Any:
+    return lambda: None
+
+
 @pytest.fixture
 def workers(monkeypatch: pytest.MonkeyPatch) -> Iterator[Workers]:
     monkeypatch.setattr(processes, "LIBRARIES", ())  # which take a second to load, and none of these tasks needs
@@ -45,38 +50,38 @@ def workers(monkeypatch: pytest.MonkeyPatch) -> Iterator[Workers]:
     workers.close()
 
 
-class Witness:
-    """A job and what came of it."""
+def begin(task: Any, workers: Workers, ended: Callable[[Job], None] = lambda job: None) -> Job:
+    job = Job("a job", task, workers)
+    job.call_at_end(ended)
+    return job
 
-    def __init__(self, task: Any, workers: Workers) -> None:
-        self.outcome: list[TaskEnd] = []
-        self.job = Job("a job", task, workers, lambda _, word: self.outcome.append(word))
 
-    def wait(self) -> TaskEnd:
-        assert self.job.over.wait(PATIENCE)
-        assert not self.job.running
-        return self.outcome[0]
+def wait(job: Job) -> Any:
+    assert job.over.wait(PATIENCE) and not job.running
+    return job.result
 
 
 def test_a_job_ends_with_its_result_or_with_a_sentence(workers):
     workers.warm()
-    first = Witness(functools.partial(count, 3), workers)
-    assert first.wait() == TaskEnd(3) and first.job.what == "step 2"
-    assert Witness(refuse, workers).wait() == TaskEnd(why="the data are too few")
-    assert Witness(vanish, workers).wait() == TaskEnd(why=LOST)
-    workers.warm()
-    assert workers._spare is not None
-    workers._spare.process.kill()  # nor is one that dies while it waits any trouble
-    workers._spare.process.join()
-    assert Witness(functools.partial(count, 1), workers).wait() == TaskEnd(1)
+    first = begin(functools.partial(count, 3), workers)
+    assert wait(first) == 3 and first.what == "step 2"
+    with pytest.raises(InputError, match="the data are too few"):
+        wait(begin(refuse, workers))
+    for task in (vanish, lambda tell: None, give_what_does_not_travel):  # nor is the next one any trouble
+        with pytest.raises(InputError, match=LOST):
+            wait(begin(task, workers))
+        assert wait(begin(functools.partial(count, 1), workers)) == 1
 
 
 def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers):
-    witness = Witness(sleep, workers)
-    wait_until(lambda: witness.job.what == "sleeping")
-    witness.job.cancel()
-    assert not witness.job.running and witness.outcome == []
-    wait_until(lambda: not witness.job._worker.process.is_alive())
+    ended = []
+    job = begin(sleep, workers, ended.append)
+    wait_until(lambda: job.what == "sleeping")
+    children = multiprocessing.active_children()
+    job.cancel()
+    wait_until(lambda: any(not child.is_alive() for child in children))
+    assert not job.running and ended == []
+    assert wait(begin(functools.partial(count, 2), workers)) == 2
 
 
 def test_local_workers_end_in_the_middle_of_a_task():
@@ -91,8 +96,8 @@ def test_local_workers_end_in_the_middle_of_a_task():
 def test_a_file_of_effects_that_has_gone_is_told(tmp_path, monkeypatch, workers):
     file = tmp_path / "gone.py"
     monkeypatch.setattr(plugin, "_loaded", {file: ()})
-    told = Witness(functools.partial(count, 1), workers).wait()
-    assert told.why.startswith(f"{file}: ")
+    with pytest.raises(InputError, match=str(file)):
+        wait(begin(functools.partial(count, 1), workers))
     file.write_text(PLUGIN)
     workers.close()  # also the one that waits, and has read what was there
-    assert Witness(functools.partial(count, 1), workers).wait() == TaskEnd(1)
+    assert wait(begin(functools.partial(count, 1), workers)) == 1

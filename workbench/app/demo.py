@@ -1,55 +1,41 @@
-"""Recordings of the demo: the command line's own `record`, run by a worker."""
+"""Recordings of the demo, as `pendulum-ident record` simulates them."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Literal
+
+import numpy as np
 
 from estimators.progress import Progress
-from pendulum_env.recording import Source
+from pendulum_env.backends.simulated import record
+from pendulum_env.excitation import excitation
+from pendulum_env.plant import hide, paper_plant
+from pendulum_env.recording import Source, write_recording
 from workbench.app.recordings import LoadedRecording
 from workbench.app.session import Session
-from workbench.cli import parse
 from workbench.errors import InputError
-from workbench.terminal import Terminal
 
-RUNS: dict[
-    str, tuple[Literal["fit", "holdout"], tuple[str, ...]]
-] = {  # role and options of `record` by file, of a pendulum that hides something
-    "demo.csv": ("fit", ("--seconds=15", "--effect=stribeck", "--seed=1")),
-    "demo-holdout.csv": ("holdout", ("--seconds=10", "--effect=stribeck", "--seed=2")),
-}
+FITTED, HELD_OUT = "demo.csv", "demo-holdout.csv"
+HIDDEN = "stribeck"
 
 
-class QuietTerminal(Terminal):
-    """A terminal that prints nothing and hands on progress."""
-
-    def __init__(self, tell: Progress) -> None:
-        """Take who is told."""
-        super().__init__(quiet=True)
-        self._tell = tell
-
-    @contextmanager
-    def progress(self, title: str, timed: bool = False, lines: bool = False) -> Iterator[Callable[[str, float], None]]:
-        """Hand progress on."""
-        self._tell(title, 0.0)
-        yield lambda what, share: self._tell(title, share)
+def record_demo(folder: Path, progress: Progress) -> list[LoadedRecording]:
+    """Record a pendulum that hides an effect twice, to fit a model and to check it, into files of a folder."""
+    fitted = _record_once(Source(folder / FITTED), 15, 1)
+    progress("recording", 0.5)
+    return [fitted, _record_once(Source(folder / HELD_OUT, "holdout"), 10, 2)]
 
 
-def record(folder: Path, progress: Progress) -> list[LoadedRecording]:
-    """Record the runs of the demo into files of a folder, and read them."""
-    loaded = []
-    for name, (role, options) in RUNS.items():
-        arguments = parse(["record", *options, f"--output={folder / name}"])
-        arguments.run(arguments, QuietTerminal(progress))
-        loaded.append(LoadedRecording.of(Source(folder / name, role), origin=options))
-    return loaded
+def _record_once(source: Source, seconds: int, seed: int) -> LoadedRecording:
+    rng = np.random.default_rng(seed)
+    signal = excitation("paper", rng, seconds)
+    write_recording(record(hide(paper_plant(), HIDDEN), signal, seconds, rng=rng), source.file)
+    options = (f"--seconds={seconds}", f"--effect={HIDDEN}", f"--seed={seed}")
+    return LoadedRecording.of(source, origin=options)
 
 
 def start(session: Session) -> None:
-    """Record the runs into a session in the background; raises InputError if one is loaded."""
+    """Record the demo into a session in the background; raises InputError if it is loaded."""
     for one in session.state.loaded:
-        if one.id in RUNS:
+        if one.id in (FITTED, HELD_OUT):
             raise InputError(f"{one.id}: is loaded already: remove it first")
-    session.work("Recording", partial(record, session.place()), lambda loaded: session.keep(*loaded))
+    session.work("Recording", partial(record_demo, session.place()), lambda loaded: session.keep(*loaded))

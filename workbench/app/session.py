@@ -24,7 +24,7 @@ from workbench.app.recordings import LoadedRecording
 from workbench.app.state import State
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import read_model
-from workbench.processes import Job, Task, TaskEnd, Workers
+from workbench.processes import Job, Task, Workers
 from workbench.robot import RobotFile
 
 MOST = 16  # sessions; of more, the one that was used least recently ends
@@ -115,18 +115,19 @@ class Session:
     def work(self, title: str, task: Task, keep: Callable[[Any], None]) -> None:
         """Do a task in the background and keep what comes of it, unless the user lets go of it; called by `act`."""
         self._stop()
-        self.run(title, task, lambda word: self.act(lambda: keep(word.result)))
+        self.run(title, task, lambda job: self.act(lambda: keep(job.result)))
 
-    def run(self, title: str, task: Task, ended: Callable[[TaskEnd], None]) -> None:
+    def run(self, title: str, task: Task, ended: Callable[[Job], None]) -> None:
         """Start the job of the session."""
 
-        def hear(job: Job, word: TaskEnd) -> None:
+        def hear(job: Job) -> None:
             with self.lock:
                 if self.job is job:
                     self.job = self._fitting = None
-                    ended(word)
+                    ended(job)
 
-        self.job = Job(title, task, self.workers, hear)
+        self.job = Job(title, task, self.workers)
+        self.job.call_at_end(hear)
 
     def _fit(self) -> None:
         """Fit the base model of the present state in the background, if it has none; a fit of another state ends."""
@@ -137,8 +138,11 @@ class Session:
         if not state.needs_fit:
             return
 
-        def keep_fit(word: TaskEnd) -> None:
-            self.state = state.with_fit(word.why or word.came)
+        def keep_fit(job: Job) -> None:
+            try:
+                self.state = state.with_fit(job.result)
+            except InputError as mistake:
+                self.state = replace(state, failure=str(mistake))
             self.version += 1
 
         self._fitting = state

@@ -99,10 +99,8 @@ class State:
         train, holdout = (tuple(one.recording for one in self.loaded if one.held_out is own) for own in (False, True))
         return partial(fit_base, train, holdout, self.base_terms, self.is_aligned, self.asked.limits)
 
-    def with_fit(self, fit: BaseFit | str) -> State:
-        """Return the state with the fit of its base model, or with the reason why there is none."""
-        if isinstance(fit, str):
-            return replace(self, failure=fit)
+    def with_fit(self, fit: BaseFit) -> State:
+        """Return the state with the fit of its base model."""
         return replace(self, fit=fit, ladder=(fit.step,), schemes=fit.schemes)
 
     @property

@@ -14,16 +14,22 @@ collect_ignore_glob = ["test_*.py"] if find_spec("dash") is None else []
 def jobs_end_at_once(request, monkeypatch):
     """Jobs of sessions, as they travel to another process, are done in this one at once."""
     from workbench.app.session import Session
-    from workbench.errors import USER_ERRORS, format_mistake
-    from workbench.processes import TaskEnd
+    from workbench.errors import USER_ERRORS, InputError, format_mistake
+
+    class Done:
+        def __init__(self, task):
+            self.task = pickle.dumps(task)
+
+        @property
+        def result(self):
+            try:
+                return pickle.loads(pickle.dumps(pickle.loads(self.task)(no_progress)))
+            except USER_ERRORS as mistake:
+                raise InputError(format_mistake(mistake)) from None
 
     def run(self, title, task, ended):
-        try:
-            word = TaskEnd(pickle.loads(pickle.dumps(task))(no_progress))
-        except USER_ERRORS as mistake:
-            word = TaskEnd(why=format_mistake(mistake))
         self._fitting = None
-        ended(pickle.loads(pickle.dumps(word)))
+        ended(Done(task))
 
     if "workers" not in request.fixturenames:
         monkeypatch.setattr(Session, "run", run)
