@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import html
+import importlib
+import inspect
 import io
 import json
 import os
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
@@ -31,6 +34,107 @@ NOTEBOOK = re.compile(r"\]\((?:\.\./)?((?:\.\./)*)examples/(\w+)\.ipynb")
 ARITHMATEX = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<latex>.*?)</(?P=tag)>', re.S)
 
 
+@dataclass(frozen=True)
+class Reference:
+    """A page on the classes and functions that packages offer, and on further ones that results consist of."""
+
+    title: str
+    text: str
+    packages: tuple[str, ...]
+    further: tuple[str, ...] = ()
+
+    def markdown(self) -> str:
+        """Return the page, whose directives mkdocstrings replaces by docstrings."""
+        modules = [importlib.import_module(package) for package in self.packages]
+        offered = [getattr(module, name) for module in modules for name in module.__all__]
+        names = [f"{o.__module__}.{o.__name__}" for o in offered if inspect.isclass(o) or inspect.isroutine(o)]
+        return "\n".join(
+            [f"# {self.title}", "", self.text, "", *(f"::: {name}" for name in dict.fromkeys([*names, *self.further]))]
+        )
+
+
+REFERENCES = {
+    "estimators": Reference(
+        "Identify, compare, diagnose",
+        "Arguments are models and results first, then recordings, and paths last. A recording is an object or a path, "
+        "alone or in a list; a term or a scheme is an object or an id. Results have "
+        "[`recordings`](../how-to/results.md) with arrays, and `json()` with plain dictionaries.",
+        ("estimators", "workbench.report", "workbench.export"),
+        (
+            "estimators.schemes.fitting.Identified",
+            "estimators.schemes.fitting.Convergence",
+            "estimators.comparison.Distance",
+            "estimators.signals.residual.Region",
+            "estimators.diagnosis.result.Step",
+            "estimators.diagnosis.result.Candidate",
+            "estimators.selection.errors.Gate",
+            "estimators.diagnosis.suggestion.Suggestion",
+            "estimators.checks.homogeneity.Disagreement",
+            "estimators.findings.Finding",
+            "pendulum_env.quantity.Quantity",
+            "estimators.findings.Kind",
+            "estimators.weak_form.instruments.fit_by_reference",
+            "workbench.survey.run.run_survey",
+            "workbench.survey.recordings.find_recordings",
+            "workbench.survey.diagnosis.hash_content",
+            "workbench.survey.diagnosis.diagnose_source",
+            "workbench.survey.table.find_series",
+            "estimators.trends.fit_trend",
+        ),
+    ),
+    "online": Reference("Estimate online", "", ("estimators.wrappers", "estimators.online")),
+    "physics": Reference(
+        "Physics and models",
+        "",
+        ("pendulum_env.physics",),
+        ("pendulum_env.plant.make_plant", "pendulum_env.plant.hide"),
+    ),
+    "recordings": Reference(
+        "Recordings and excitation",
+        "",
+        ("pendulum_env.recording",),
+        (
+            "pendulum_env.servo.drive.ServoDrive",
+            "pendulum_env.excitation.excitation",
+            "pendulum_env.excitation.Excitation",
+            "pendulum_env.policy.OpenLoop",
+            "pendulum_env.policy.rollout",
+        ),
+    ),
+    "environment": Reference(
+        "Environment and backends",
+        "",
+        ("pendulum_env.wrappers", "pendulum_env.backends"),
+        (
+            "pendulum_env.env.DirectDrivePendulum",
+            "pendulum_env.vector_env.DirectDrivePendulumVector",
+            "pendulum_env.arms.env.PlanarArm",
+        ),
+    ),
+    "agents": Reference(
+        "Excitation by an agent",
+        "",
+        ("agents",),
+        (
+            "agents.evaluation.Outcome",
+            "agents.design_env.ExcitationDesign",
+            "agents.design_env.ExcitationDesignVector",
+            "agents.arm_env.ArmExcitationDesign",
+            "agents.arm_env.ArmExcitationDesignVector",
+            "agents.arm_env.plan_motion",
+            "agents.config.Config",
+            "agents.baselines.make_baseline",
+            "agents.vec_env.BatchedVecEnv",
+        ),
+    ),
+    "arms": Reference(
+        "Arms",
+        "`identify`, `compare`, `diagnose` and `add` are [those of a pendulum](estimators.md).",
+        ("pendulum_env.arms", "estimators.arms"),
+    ),
+}
+
+
 def on_files(files: Files, config: MkDocsConfig) -> None:
     """Add the pages that are made."""
     made = {
@@ -45,6 +149,7 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
         "which-effect.md": which_effect(),
         "reference/effects.md": effects_page(),
         "reference/schemes.md": schemes_page(),
+        **{f"reference/{name}.md": page.markdown() for name, page in REFERENCES.items()},
     }
     for path, content in made.items():
         files.append(File.generated(config, path, content=content))

@@ -5,12 +5,10 @@ import importlib
 import importlib.util
 import re
 import tomllib
-from dataclasses import asdict
 
 import pytest
 
 from estimators.schemes.six import SCHEMES
-from estimators.selection.criterion import Criterion
 from pendulum_env.physics import BASE, library
 from tools import prose
 from tools.prose import PAGES, README, ROOT, check, first_untold
@@ -93,12 +91,6 @@ def test_the_extra_all_has_all_that_the_page_lists_and_constraints_pin_it():
     pinned = re.findall(r"(?m)^([\w-]+)==", (ROOT / "constraints.txt").read_text(encoding="utf-8"))
     asked = {re.match(r"[\w-]+", one)[0] for extra in extras.values() for one in extra} - {"pendulum-ident"}
     assert asked <= set(pinned)
-
-
-def test_the_page_on_theory_has_every_number_that_decides():
-    page = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
-    rows = re.findall(r"(?m)^\| `(\w+)` \| ([\d.]+) \| .+ \|$", page)
-    assert [(name, float(value)) for name, value in rows] == list(asdict(Criterion()).items())
 
 
 def test_the_table_of_the_readme_has_every_effect_and_scheme():
