@@ -109,6 +109,10 @@ REFERENCES = {
             "pendulum_env.env.DirectDrivePendulum",
             "pendulum_env.vector_env.DirectDrivePendulumVector",
             "pendulum_env.arms.env.PlanarArm",
+            "pendulum_env.backends.hardware.drive.Drive",
+            "pendulum_env.backends.hardware.drive.Reading",
+            "pendulum_env.backends.hardware.drive.Sent",
+            "pendulum_env.backends.hardware.drive.driver_errors",
         ),
     ),
     "agents": Reference(
