@@ -142,7 +142,7 @@ def select_effects(
 
 
 def _list_ids(given: object) -> tuple[str, ...]:
-    """Ids of effects, one or several."""
+    """List the ids of one or several effects."""
     ids = convert_to_tuple(given)
     if not all(isinstance(id, str) for id in ids):
         raise TypeError(f"{quote_value(given)} names no effects: give ids, such as 'stribeck'")

@@ -69,7 +69,7 @@ class Distance:
         return get_single(self.floors)
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         return {
             "name": self.name,
             "errors": self.errors.json(),

@@ -97,7 +97,7 @@ def predict_recordings(model: Model, data: FitData) -> tuple[Prediction, ...]:
 
 
 def _make_empty_prediction(model: Model, recording: Recording) -> Prediction:
-    """A prediction that is still to be made."""
+    """Make a prediction without values."""
     shape = recording.position.shape
     torque, predicted, simulated = (np.full(shape, np.nan) for _ in range(3))
     units = {at: model.body.units(at, recording.units) for at in recording.names}
@@ -134,7 +134,7 @@ def _predict(model: Model, prepared: RegressionData, found: Sequence[Prediction]
 def _make_windows_at_samples(
     model: Model, windows: Sequence[Windows], link_states: Mapping[str, Sequence[Samples]]
 ) -> TorqueWindows:
-    """Equations of one recording about every sample that is clear of stick."""
+    """Make the equations of one recording about every sample that is clear of stick."""
     first = model.terms[0]
     if isinstance(first, Links):
         return links.make_windows_at_samples(
@@ -144,7 +144,7 @@ def _make_windows_at_samples(
 
 
 def _split_by_joint(values: Array) -> Array:
-    """A view (N, n) of values (N,) or (N, n)."""
+    """Return a view (N, n) of values (N,) or (N, n)."""
     return values.reshape(len(values), -1)
 
 

@@ -22,7 +22,7 @@ class Renderer:
     """Renderer by pygame, which is imported when first needed."""
 
     def __init__(self, mode: str | None) -> None:
-        """Nothing is opened before the first picture, and nothing at all in mode None.
+        """Set the mode; a window opens with the first picture, and none in mode None.
 
         Raises:
             ValueError: if there is no such mode.

@@ -70,7 +70,7 @@ class Payload:
         return mass is not None and mass.value > SURE * mass.std and helped >= 2
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         return {
             "schema": "pendulum-ident/payload@1",
             "joint": self.joint,
@@ -193,7 +193,7 @@ class PayloadRows(NamedTuple):
         return tuple(name for name, own in zip(STANDARD, length, strict=True) if 1 - own < HIDDEN)
 
     def _columns(self, group: Sequence[int], model: Model | None) -> tuple[Array, list[Array], Array]:
-        """Columns of the arm, those of the payload of each group from 1, and the torque that both explain (R,)."""
+        """Return the columns of the arm, those of the payload of each group from 1, and the torque of both (R,)."""
         own, phi, y = np.asarray(group)[self.recording], self.equations.phi, self.equations.y
         count = len(self.body.base)
         link = phi[:, :count] @ (self.body.link_columns(self.joint) @ self.basis)
@@ -257,7 +257,7 @@ class PayloadRows(NamedTuple):
 
 
 def _errors(joints: Sequence[str], number: Index, before: Fit, after: Fit) -> dict[str, tuple[float, float]]:
-    """Torque that two fits leave of each joint that has rows, by its number in each of them (R,), -1 for none."""
+    """Return the residual torque of two fits at each joint with rows, by its number in each fit (R,), -1 for none."""
     rows = {name: number == n for n, name in enumerate(joints)}
     return {
         name: (float(np.sqrt(np.mean(before.residual[own] ** 2))), float(np.sqrt(np.mean(after.residual[own] ** 2))))
@@ -267,7 +267,7 @@ def _errors(joints: Sequence[str], number: Index, before: Fit, after: Fit) -> di
 
 
 def _center(values: Array, covariance: Array) -> dict[str, Estimate]:
-    """Centre of mass from mass and first moments, with first-order standard errors; empty where there is no mass."""
+    """Compute the centre of mass from mass and first moments, with first-order standard errors; empty without mass."""
     mass, found = values[0], dict[str, Estimate]()
     if mass <= 2 * np.sqrt(covariance[0, 0]):
         return found

@@ -57,13 +57,13 @@ class Nearest:
         return self.distance <= NEAREST.near
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         theta = {name: own.value for name, own in self.parameters.items()}
         return {"distance": self.distance, "farthest": self.farthest, "theta": theta}
 
 
 def nearest_body(model: Model) -> Nearest:
-    """The links whose base parameters are the model's; where no body has those, the nearest."""
+    """Find the links with the base parameters of a model, or the nearest ones if no body has them."""
     body = find_links(model.terms)
     count = len(body.base)
     theta, std = model.theta[:count], np.array([model.estimates[name].std for name in body.names])
@@ -89,7 +89,7 @@ def nearest_body(model: Model) -> Nearest:
 
 
 def standard_parameters(model: Model) -> dict[str, Estimate]:
-    """Standard parameters of the nearest body by name, `m@elbow`."""
+    """Return the standard parameters of the nearest body by name, `m@elbow`."""
     return dict(nearest_body(model).parameters)
 
 
@@ -118,7 +118,7 @@ def nearest_link(standard: Array, columns: Array) -> Array:
 
 
 def pseudo_inertia(standard: Array) -> Array:
-    """Pseudo-inertia (4, 4) of a link's ten parameters: second moments, first moments and mass."""
+    """Make the pseudo-inertia (4, 4) of a link's ten parameters: second moments, first moments and mass."""
     m, hx, hy, hz, xx, xy, yy, xz, yz, zz = standard
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     moments = 0.5 * np.trace(inertia) * np.eye(3) - inertia
@@ -147,7 +147,7 @@ def _factors(body: Body) -> tuple[Array, Array]:
 
 
 def _cholesky(x: Array, links: int) -> Array:
-    """Factors L (links, 4, 4) of logarithms and rows as in `_factors`."""
+    """Return factors L (links, 4, 4) of logarithms and rows as in `_factors`."""
     own, factor = x[: 10 * links].reshape(links, 10), np.zeros((links, 4, 4))
     factor[:, DIAGONAL, DIAGONAL] = np.exp(own[:, :4])
     factor[:, BELOW[0], BELOW[1]] = own[:, 4:]
@@ -155,20 +155,20 @@ def _cholesky(x: Array, links: int) -> Array:
 
 
 def _ten(matrix: Array) -> Array:
-    """Standard parameters (..., 10) of pseudo-inertias (..., 4, 4), in which they are linear."""
+    """Return standard parameters (..., 10) of pseudo-inertias (..., 4, 4), in which they are linear."""
     moments, h, m = matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3:, 3]
     inertia = np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments
     return np.concatenate([m, h, inertia[..., [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]], axis=-1)
 
 
 def _standard(x: Array, links: int) -> Array:
-    """Standard parameters (S,) of logarithms and rows as in `_factors`."""
+    """Return standard parameters (S,) of logarithms and rows as in `_factors`."""
     factor = _cholesky(x, links)
     return np.concatenate([np.ravel(_ten(factor @ factor.swapaxes(-1, -2))), np.exp(x[10 * links :])])
 
 
 def _slope(x: Array, links: int) -> Array:
-    """Their derivative by the logarithms and rows (S, S)."""
+    """Return the derivative of standard parameters by the logarithms and rows (S, S)."""
     factor = _cholesky(x, links)
     moved = np.zeros((links, 10, 4, 4))  # of L
     moved[:, np.arange(10), *ENTRIES] = 1.0

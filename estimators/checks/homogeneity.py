@@ -89,7 +89,7 @@ class Disagreement:
         return Finding(self.kind, numbers, names, recordings=(self.name, *self.others))
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         return {
             "recording": self.recording,
             "name": self.name,

@@ -158,7 +158,7 @@ class RegressionData:
 
     @memoized
     def _frame(self, terms: Terms) -> Array:
-        """Orthonormal basis (R, P) of what parameters of some terms imitate, weighted as in a fit."""
+        """Return an orthonormal basis (R, P) of the weighted columns of some terms."""
         balance = self.equations(terms)
         return np.asarray(np.linalg.qr(balance.tangent(self.solve(terms)).slopes * balance.weights[:, None])[0])
 
@@ -192,7 +192,7 @@ class RegressionData:
         return count_variants(effect, *self._unexplained_torque(terms, effect))
 
     def _unexplained_torque(self, terms: Terms, effect: type[Term]) -> tuple[Samples, Array]:
-        """Samples at the joint of an effect, and the torque there that a fit of some terms leaves (R,) [N m]."""
+        """Return samples at the joint of an effect, and the residual of some terms there (R,) [N m]."""
         residual = self.torque.equations(terms).error(self.torque.solve(terms))
         return self.data.part(effect.at).samples, residual[self.data.where(effect.at)]
 

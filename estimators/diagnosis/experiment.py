@@ -90,7 +90,7 @@ class Limits:
         return replace(self, torque=self.torque or usual, usual=usual)
 
     def reach(self, recordings: Sequence[Recording]) -> tuple[float, float]:
-        """Lowest and highest angle that a motion may go to [rad]; a joint that turned may turn as far either way.
+        """Return the lowest and highest angle of a motion [rad]; a joint that turned may turn as far either way.
 
         Any motion begins hanging down, which may be beyond the angles that were recorded.
         """
@@ -104,12 +104,12 @@ class Limits:
         return (safe * min(low, 0.0), safe * max(high, 0.0)) if -hanging < high and low < hanging else (low, high)
 
     def of_release(self, recordings: Sequence[Recording]) -> tuple[float, float]:
-        """Lowest and highest angle from which a joint may be let go [rad]; it swings no further than that."""
+        """Return the lowest and highest angle from which a joint may be released [rad]; it swings no further."""
         bound = self.angle or max(float(np.abs(recording.position).max()) for recording in recordings)
         return -bound, bound
 
     def fastest(self, recorded: Samples) -> float:
-        """Highest speed of a motion [rad/s]."""
+        """Return the highest speed of a motion [rad/s]."""
         return DESIGN.safe * (float(np.abs(recorded.velocity).max()) if self.speed is None else self.speed)
 
 
@@ -128,7 +128,7 @@ class Question:
     torque: tuple[Term, Array] | None = None
 
     def unexplained(self, data: TorqueWindows, equations: Equations) -> float:
-        """RMS torque of a simulated experiment that the rival model, with its equations, cannot explain [N m]."""
+        """Compute the RMS torque of a simulated experiment that the rival model cannot explain [N m]."""
         known = find_known_values(self.terms)
         given = [k for k, name in enumerate(c.name for term in self.terms for c in term.columns) if name in known]
         equations = give(equations, given, np.array(list(known.values())))
@@ -169,7 +169,7 @@ def list_questions(
 
 
 def make_typical_effect(kind: type[Term], inertia: float = 0.0) -> tuple[Term, Array]:
-    """An effect as a rig might have it, and its linear parameters (P,).
+    """Make an effect of a typical size, and its linear parameters (P,).
 
     Of a free swing, torques are in the proportion of its inertia to that of the paper's rig.
     """
@@ -231,7 +231,7 @@ def suggest_experiment(
 def _choose(
     evaluator: ModelEvaluator, runs: Sequence[Run], asked: Sequence[Question]
 ) -> tuple[Suggestion | None, list[Question]]:
-    """The experiment of some that settles most, and what none of them settles."""
+    """Choose the experiment that answers most questions, and list the questions that no experiment answers."""
     if not runs:
         return None, list(asked)
     shown = np.zeros((len(runs), len(asked)))  # against the noise floor
@@ -281,7 +281,7 @@ class Run:
         return join_windows([cut(self.recording, self.half_width)])
 
     def suggestion(self, settled: tuple[Aim, ...]) -> Suggestion:
-        """The experiment, with what to expect of it."""
+        """Return the experiment, with its expected result."""
         peak = float(np.abs(self.recording.torque).max())
         release = float(self.recording.position[0]) if self.signal is None else None
         return Suggestion(self.signal, DESIGN.seconds, settled, peak, self.reach, self.peak_speed, release)
@@ -308,7 +308,7 @@ def simulate_releases(evaluator: ModelEvaluator, model: Model) -> list[Run]:
 
 
 def _make_times(evaluator: ModelEvaluator) -> Array:
-    """Time of the samples of an experiment (N,) [s]."""
+    """Make the times of the samples of an experiment (N,) [s]."""
     rate = min(RATE, evaluator.train.data.windows[0].recording.rate)
     return np.arange(round(DESIGN.seconds * rate)) / rate
 

@@ -54,7 +54,7 @@ class Likeness:
 
 
 def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
-    """The formulas of three kinds that come nearest to a table, the nearest first; fewer where nothing comes near.
+    """Find the formulas of three kinds that are nearest to a table, the nearest first; fewer if none is near.
 
     They are fitted to the table where it is told best, beside what the model has of its argument. Of a formula with
     more parameters nothing is said unless it leaves less than half of what simpler ones do: a line is also a wide step.
@@ -105,7 +105,7 @@ def _is_enough(simple: Likeness, other: Likeness) -> bool:
 
 
 def _compute_residual_squares(curve: TableCurve, columns: Array, weights: Array) -> float:
-    """Weighted sum of squares that a fit of columns (N, K) leaves."""
+    """Compute the weighted residual sum of squares of a fit of columns (N, K)."""
     scaled, target = columns * weights[:, None], weights * curve.value
     return float(np.sum((target - scaled @ solve_least_squares(scaled, target)) ** 2))
 

@@ -64,7 +64,7 @@ class Candidate:
     terms: Terms = field(default=(), compare=False, repr=False)
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         return {
             "effect": self.effect,
             "score": self.score,
@@ -86,7 +86,7 @@ class Detectable:
     between: tuple[float, float] | None = None
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         return asdict(self) | {"between": None if self.between is None else list(self.between)}
 
 
@@ -109,7 +109,7 @@ class TriedTreatment:
     is_kept: bool
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         assumptions = {"with": self.assumptions, "without": self.before}
         return self.treatment.json() | {
             "error_ratio": self.error_ratio if isfinite(self.error_ratio) else None,
@@ -137,7 +137,7 @@ class HorizonRefit:
     is_interrupted: bool = False
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         return {
             "seconds": self.seconds,
             "before": self.before.json(),
@@ -229,7 +229,7 @@ class Diagnosis:
         return self.steps[0].errors["holdout"].is_in_loop
 
     def unit_at(self, joint: str) -> str:
-        """Unit of the error at a joint: of torque, of the current in its stead, or of motion in the loop."""
+        """Return the unit of the error at a joint: of torque, of current, or of motion in the loop."""
         return self.model.units(joint).unit(self.steps[0].errors["holdout"].unit)
 
     @property
@@ -266,7 +266,7 @@ class Diagnosis:
         return render_html(self)
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON, as the design of the command line fixes it; a pendulum has one joint, "".
+        """Return a dictionary for JSON; a pendulum has one joint, "".
 
         A comparison has the same units, model, regions and disagreements.
         """

@@ -17,7 +17,7 @@ DOUBT = 3.0  # times the gain that chance may give, which is then found nearly a
 
 
 def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float | None:
-    """Smallest size of an effect that would have shown beside the terms, in the unit of its first parameter.
+    """Find the smallest detectable size of an effect added to the terms, in the unit of its first parameter.
 
     An effect whose torque has a root mean square r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats
     over N windows whose noise is s; and r has to be structure, not noise, which N windows may be too few to tell. None

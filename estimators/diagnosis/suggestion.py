@@ -53,19 +53,19 @@ class Suggestion:
     release: float | None = None
 
     def samples(self) -> tuple[Array, Array]:
-        """Times (N,) [s] and torques (N,) [N m] of the experiment."""
+        """Return times (N,) [s] and torques (N,) [N m] of the experiment."""
         time = np.arange(round(self.seconds * RATE)) / RATE
         if self.signal is None:
             return time, np.zeros(len(time))
         return time, np.asarray(self.signal.signal(time), dtype=float)
 
     def csv(self) -> str:
-        """The torque over time as CSV, columns `time` [s] and `torque` [N m], for a controller of one's own."""
+        """Return the torque over time as CSV, columns `time` [s] and `torque` [N m], for other controllers."""
         rows = (f"{t:.3f},{torque:.6g}" for t, torque in zip(*self.samples(), strict=True))
         return "\n".join(["time,torque", *rows, ""])
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         drive = {"signal": encode_signal(self.signal)} if self.signal is not None else {"release": self.release}
         return {
             "settles": [{"effect": aim.effect, "instead": aim.instead} for aim in self.settles],
@@ -78,7 +78,7 @@ class Suggestion:
 
     @classmethod
     def from_json(cls, data: JSON, key: str = "") -> Suggestion:
-        """Suggestion from a dictionary that `json` made.
+        """Make a suggestion from a dictionary that `json` made.
 
         Args:
             data: the dictionary.

@@ -19,7 +19,7 @@ from pendulum_env.physics import Term
 
 
 def find_unexplained(found: SearchResult) -> list[Region]:
-    """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
+    """Find the unexplained regions of the final model in torque, or else in free-running motion, fitted or held out."""
     evaluator, last = found.evaluator, found.steps[-1]
     units, noise_floor = last.model.units(), evaluator.residuals.noise_floor
     wrong = find_violations(last.model, evaluator.train.motions)

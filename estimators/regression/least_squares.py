@@ -154,7 +154,7 @@ def _invert_matrices(matrices: Array) -> Array:
 
 
 def _compute_cluster_score(phi: Array, residual: Array, bread: Array) -> Array:
-    """Score (P,) of a cluster's rows (R, P) without its own pull, phi' (I - phi B phi')^-1 e."""
+    """Compute the score (P,) of a cluster's rows (R, P) without its own influence, phi' (I - phi B phi')^-1 e."""
     kept = np.eye(len(phi)) - phi @ bread @ phi.T
     return np.asarray(phi.T @ (np.linalg.pinv(kept, rcond=1e-6, hermitian=True) @ residual))
 
@@ -274,7 +274,7 @@ def triangle_of(phi: Array, y: Array) -> Array:
 
 
 def _factor(gram: Array) -> Array | None:
-    """Cholesky factor of scaled normal equations (P, P); None where their least eigenvalue may be too small.
+    """Compute the Cholesky factor of scaled normal equations (P, P); None if their least eigenvalue may be too small.
 
     It is at least the inverse of the largest absolute column sum of their inverse, which LAPACK estimates.
     """

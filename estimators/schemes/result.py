@@ -105,7 +105,7 @@ class Identification(Mapping[str, Identified]):
         return render_html(self)
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         return {
             "schema": SCHEMA,
             "recordings": list(self.recordings),

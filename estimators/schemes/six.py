@@ -172,7 +172,7 @@ class LowPass:
     order: int = 1
 
     def __call__(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """The gated balance behind F."""
+        """Filter the gated balance by F."""
         both = np.column_stack([equations.phi, equations.y]) * gate[:, None]
         both = apply_low_pass(both, self.cutoff, period, self.order)
         return Regression(Equations(both[:, :-1], both[:, -1]), gate)
@@ -193,7 +193,7 @@ class Integral:
         return 0 if self.window is None else max(1, round(self.window / period))
 
     def __call__(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """The gated balance, summed."""
+        """Sum the gated balance."""
         moments, n = gate * period, self.samples(period)
         phi, y = np.cumsum(equations.phi * moments[:, None], axis=0), np.cumsum(equations.y * moments)
         if n:

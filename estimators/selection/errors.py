@@ -81,7 +81,7 @@ class Errors:
         return {name: size for name, size in vars(self).items() if isinstance(size, float) and np.isfinite(size)}
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON, without unknown errors."""
+        """Return a dictionary for JSON, without unknown errors."""
         joints = {at: {"torque_rms": rms, "share": self.shares.get(at)} for at, rms in self.joints.items()}
         return {**self._totals, "joints": joints}
 
@@ -114,7 +114,7 @@ class Step:
         return f"<Step: {added}, held out {self.errors['holdout']!r}>"
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         return {
             "added": self.added,
             "theta": {name: estimate.json() for name, estimate in self.model.estimates.items()},
@@ -162,7 +162,7 @@ class Gate:
         return self.name.replace("_", " "), value, f"{factor * self.limit:.3g}", "passed" if self.passed else "failed"
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         numbers = {"value": self.value, "limit": self.limit, "std": self.std}
         finite = {name: own if own is not None and np.isfinite(own) else None for name, own in numbers.items()}
         return {"name": self.name, **finite, "unit": self.unit, "passed": self.passed}

@@ -186,7 +186,7 @@ class Gain:
     p_value: float
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON; no error with a single block."""
+        """Return a dictionary for JSON; no error with a single block."""
         error = self.error if np.isfinite(self.error) else None
         return {"total": self.total, "error": error, "chance": self.p_value}
 

@@ -200,7 +200,7 @@ def simulate_segments(
 
 
 def _stack_models(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Array]:
-    """Terms and theta (P, V count) that simulate `count` pendulums of each of V models, all of them in a row.
+    """Stack terms and theta (P, V count) to simulate `count` pendulums of each of V models in one batch.
 
     Terms that delay the command are left out: `Segments.command` does that.
     """

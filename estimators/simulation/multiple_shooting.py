@@ -327,7 +327,7 @@ def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) ->
 def _follow(
     shooting: Shooting, points: Sequence[Point], step: Array, move: tuple[Array, Array, Array]
 ) -> tuple[Array, Array, Array]:
-    """States, their damping and squared errors (V, B) when the parameters take each share of a step."""
+    """Return states, their damping and squared errors (V, B) after each share of a step of the parameters."""
     error, by_parameter, by_state = move
     expected = [error + share * (by_parameter @ step) for share in SHOOTING.shares]
     stay = np.repeat(shooting.states[None], len(points), axis=0)

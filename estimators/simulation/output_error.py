@@ -177,7 +177,7 @@ def slopes_of(errors_of: ErrorsOf, point: Point) -> tuple[Array, Array]:
 
 
 def _trusted(segments: Sequence[Segments], point: Point, filters: Filters) -> ErrorsOf:
-    """Errors of the segments with free initial states, weighted by their size at a point."""
+    """Return the errors of the segments with free initial states, weighted by their size at a point."""
     weights = np.sqrt(weigh_segments(compute_segment_rms(segments, point, filters)))
 
     def errors_of(points: Sequence[Point]) -> Array:

@@ -74,7 +74,7 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
 
 
 def _invert_product(z: Array, phi: Array) -> Array:
-    """Inverse (P, P) of the product of instruments (R, P) and regressor (R, P)."""
+    """Invert the product (P, P) of instruments (R, P) and regressor (R, P)."""
     size = [np.maximum(np.linalg.norm(x, axis=0), 1e-300) for x in (z, phi)]  # scaled to equal columns
     if np.linalg.cond(z.T @ phi / np.outer(*size)) > HOPELESS:
         raise IdentificationError("the reference moves too little to tell these parameters: follow a livelier one")
@@ -82,7 +82,7 @@ def _invert_product(z: Array, phi: Array) -> Array:
 
 
 def _replace_by_reference(recording: Recording) -> Recording:
-    """The recording as if the joint had followed the reference."""
+    """Replace the motion of a recording by its reference."""
     if recording.reference is None:
         raise IdentificationError(
             f"{recording.name}: has no reference, which instruments are made of: name its column, "

@@ -74,7 +74,7 @@ def make_windows_at_samples(
 def _join_joints(
     entries: Sequence[Sequence[Windows]], parts: Sequence[_Columns], links: Links, shared: Sequence[type[Coupling]]
 ) -> TorqueWindows:
-    """Equations of recordings from the windows of each joint and the links' columns there."""
+    """Join the windows of each joint and the links' columns there to equations of recordings."""
     joints = range(len(links.body.joints))  # the windows of a joint stand in a row
     linear, rates = (
         np.concatenate([own[k] for k in joints for own in each])
@@ -93,7 +93,7 @@ def _join_joints(
 
 
 def _payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadColumns | None:
-    """Columns of known payloads by those of the links (R, P); None if nothing is carried."""
+    """Return the columns of known payloads by those of the links (R, P); None without a payload."""
     loads = [w.payload for w in data.windows]
     known = list(dict.fromkeys(load for load in loads if load is not None))
     if not known:
@@ -105,14 +105,14 @@ def _payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadC
 
 
 def _compute_coupling_columns(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> TermColumns:
-    """Columns of a motor coupled to two joints, on the rows of all joints."""
+    """Compute the columns of a motor coupled to two joints, on the rows of all joints."""
     parts = [_compute_shared_columns(own[k], own, kind()) for k in range(len(entries[0])) for own in entries]
     linear, rates = (np.concatenate(each) for each in zip(*parts, strict=True))
     return TermColumns(linear, rates, np.zeros((len(entries[0]), linear.shape[1])))
 
 
 def _compute_shared_columns(w: Windows, entries: Sequence[Windows], term: Term) -> tuple[Array, Array]:
-    """Columns (R, P) on the rows of a joint, and their time derivatives, of a motor coupled to several joints."""
+    """Compute columns (R, P) of a motor coupled to several joints on the rows of a joint, and their rates."""
     factors = list_loads(term.at)
     if w.at not in factors:
         return (np.zeros((len(w.centers), len(term.columns))),) * 2
@@ -124,7 +124,7 @@ def _compute_shared_columns(w: Windows, entries: Sequence[Windows], term: Term) 
 
 
 def _stack_motion(entries: Sequence[Windows]) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration of all joints (N, n) each."""
+    """Stack position, velocity and acceleration of all joints (N, n) each."""
     parts = ((w.samples.position, w.samples.velocity, w.acceleration) for w in entries)
     q, v, a = (np.column_stack(series) for series in zip(*parts, strict=True))
     return q, v, a
@@ -156,7 +156,7 @@ def _compute_link_columns(entries: Sequence[Windows], body: Body) -> _Columns:
 
 
 def _calibrate_windows(entries: Sequence[Windows], k: int, columns: _Columns) -> Windows:
-    """Windows of joint k whose noise estimate is at most the residual of links and all smooth laws of the joint.
+    """Return windows of joint k with a noise estimate below the residual of links and all smooth laws of the joint.
 
     The equation of a joint contains the accelerations of all joints, and so the noise of their encoders.
     """

@@ -154,7 +154,7 @@ class TorqueRows:
 
     @memoized
     def _rates(self, term: Term) -> Array:
-        """Time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
+        """Return time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
         return self.data.rates(term)
 
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
@@ -220,7 +220,7 @@ class TorqueRows:
 
     @memoized
     def _weight_of_each(self, terms: Terms) -> Array:
-        """Weight of each recording (E,)."""
+        """Return the weight of each recording (E,)."""
         if len(self.data.windows) == 1 or not terms:
             return self._noise_of_each
         if (found := self._fit_linearly(terms)) is not None:
@@ -337,7 +337,7 @@ class TorqueRows:
 
     @memoized
     def _frame(self, terms: Terms) -> Array:
-        """Orthonormal basis (R, P) of changes of the weighted errors by the parameters."""
+        """Return an orthonormal basis (R, P) of changes of the weighted errors by the parameters."""
         return np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
 
     def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:

@@ -71,7 +71,7 @@ class Recurrence:
     width: int
 
     def __call__(self, inputs: Array, constants: Array, states: Array, every: int = 1) -> Array:
-        """States at the start and after every so many steps (N / every + 1, S, V, B).
+        """Return states at the start and after every `every` steps (N / every + 1, S, V, B).
 
         Args:
             inputs: of each step (N, inputs, B), the same for all V.

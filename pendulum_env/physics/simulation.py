@@ -188,7 +188,7 @@ class CommandLine:
     """Path of a command to the joint, one period at a time: terms of the model may delay it."""
 
     def __init__(self, terms: Sequence[Term], period: float, substeps: int) -> None:
-        """Nothing has been commanded before."""
+        """Create a delay line without earlier commands."""
         self._substeps, self._h = substeps, period / substeps
         self._history: list[Array] = []
         self.take(terms)

@@ -96,7 +96,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             self._finish()
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy opens the file of the next episode: two must not write one."""
+        """Return the state of a copy, which opens the file of the next episode."""
         return {**self.__dict__, "_file": None, "_rows": []}
 
     def _open(self) -> None:

@@ -35,7 +35,7 @@ class Encoder:
     jump = 2.0  # times the largest velocity and more is no motion
 
     def __init__(self, settings: EncoderSettings, fastest: float = math.inf) -> None:
-        """Zero is at the first reading, or the count of the settings; an arm turns at `fastest` at most [rad/s]."""
+        """Set zero at the first reading, or at the count of the settings; the arm turns at `fastest` at most [rad/s]."""
         self.step = settings.sign * 2 * math.pi / settings.counts
         self._fastest = fastest
         self._last = settings.zero  # count
@@ -119,7 +119,7 @@ class Ticks:
     nap = 150e-6  # [s] before a tick from which the loop waits awake: a sleep may end that late
 
     def __init__(self, period: float, start: float, position: float) -> None:
-        """The arm rests at a position [rad] at the first tick [s], without torque; a period lies between ticks [s]."""
+        """Start at rest at a position [rad] at the first tick [s], without torque; a period lies between ticks [s]."""
         self._period, self._start, self._count = period, start, 0
         self.overruns = 0  # ticks that had passed already, by a period, when their turn came
         self._readings = deque([(start, position)])

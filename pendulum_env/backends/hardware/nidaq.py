@@ -56,7 +56,7 @@ class NiDaq:
         self._usual = math.inf  # time that reading the counter takes [s]
 
     def open(self) -> None:
-        """Reserve the channels; zero volts, and no servo-enable."""
+        """Reserve the channels, at zero volts and without servo-enable."""
         self._patience.seconds = max(OPENING, self._reply)
         with self._driver_errors(opening=True):
             self._reserve()

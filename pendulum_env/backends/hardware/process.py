@@ -51,7 +51,7 @@ class Signals:
                 del self._before[number]
 
     def __enter__(self) -> None:
-        """A signal waits until what is being sent to the drive has been sent: half a frame would be lost."""
+        """Delay signals until the current frame has been sent to the drive."""
         self._depth += 1
 
     def __exit__(self, *_: object) -> None:
@@ -91,7 +91,7 @@ class Ownership:
         self._lock = FileLock(self._path, timeout=0, mode=0o666, thread_local=False)
 
     def acquire(self) -> None:
-        """Become the owner, if there is none.
+        """Acquire the rig, unless another process owns it.
 
         Raises:
             DriveError: if another rig owns it, or its lock cannot be opened.

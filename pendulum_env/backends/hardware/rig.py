@@ -41,7 +41,7 @@ class Rig:
         self.traits = Traits(config.rate, resolved, config.max_torque)
 
     def open(self) -> None:
-        """Own the rig and connect; the motor has no power.
+        """Acquire the rig and connect; the motor has no power.
 
         Raises:
             DriveError: if another process owns it or the drive cannot be reached.
