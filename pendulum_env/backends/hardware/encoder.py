@@ -35,7 +35,7 @@ class Encoder:
     jump = 2.0  # times the largest velocity and more is no motion
 
     def __init__(self, settings: EncoderSettings, fastest: float = math.inf) -> None:
-        """Set zero at the first reading, or at the count of the settings; the arm turns at `fastest` at most [rad/s]."""
+        """Set zero at the first reading or at the count of the settings; the arm turns at `fastest` at most [rad/s]."""
         self.step = settings.sign * 2 * math.pi / settings.counts
         self._fastest = fastest
         self._last = settings.zero  # count
