@@ -15,13 +15,13 @@ from estimators.arguments import (
     select_visible_effects,
 )
 from estimators.checks.homogeneity import (
-    AGREEMENT,
     Disagreement,
     find_disagreements_with_model,
     find_misfits,
     fit_each_recording,
 )
 from estimators.data.fit_data import FitData, convert_to_model_unit
+from estimators.data.regions import find_failures
 from estimators.data.regression_data import RegressionData
 from estimators.in_loop.goals import decide_goals
 from estimators.in_loop.simulation import add_loop_errors
@@ -30,7 +30,7 @@ from estimators.selection.errors import Errors, get_single
 from estimators.signals.residual import AXES, Profile, Region, compute_profiles
 from estimators.simulation.free_running import HORIZON
 from estimators.weak_form.torque_windows import join_windows
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import JSON
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
 from pendulum_env.errors import UserError
@@ -237,7 +237,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
         tuple(compute_distance(part.recordings[0].name, part, model) for part in alone),
         joint,
         tuple(compute_profiles(together.samples, left, joint.noise_floor, units=together.units()) if alone else ()),
-        tuple(region for at in failing for region in _find_failures(together, left, at, most)),
+        tuple(region for at in failing for region in find_failures(together, left, at, most)),
         (*find_disagreements_with_model(model, fits), *find_misfits(fits)),
         recordings[0].torque_constant,
         FitData(recordings, recordings, terms=joints, horizon=horizon).with_parts((together, together)),
@@ -247,15 +247,6 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
 
 def _is_logged(recordings: Sequence[Recording]) -> bool:
     return any(recording.has_logged_torque for recording in recordings)
-
-
-def _find_failures(prepared: RegressionData, left: Array, at: str, most: int) -> list[Region]:
-    """Find the regions of a significant residual (R,) at a joint; everywhere if it is large at no single place."""
-    found, floor = prepared.stand_out(left, at, most=most), prepared.floors[at]
-    error = prepared.joint_errors(left)[at]
-    if found or error <= AGREEMENT.misfits * max(floor, prepared.data.negligible(at)):
-        return found
-    return [prepared.make_scattered_region(error, floor, at)]
 
 
 def _prepare_data(recording: Recording, model: Model, horizon: float | None) -> RegressionData:

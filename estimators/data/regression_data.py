@@ -9,14 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from estimators.data.rows import FittedTerms, FoldFits, RowLayout, RowMaker, ScoredTerms, Terms
-from estimators.findings import Finding, Kind, Quantity
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, place_columns
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import project_out
 from estimators.search_hints import count_variants, find_hints, make_grid
 from estimators.selection.errors import Errors
-from estimators.signals.residual import SYMBOLS, Region, find_regions, make_region_everywhere
 from estimators.simulation.free_running import (
     Segments,
     choose_segments,
@@ -38,7 +36,6 @@ from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import list_loads
 from pendulum_env.physics.terms import count_term_parameters, find_link, has_link
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.units import JointUnits
 
 STARTS = 2  # variants of the grid from which a search over nonlinear parameters starts
@@ -273,19 +270,6 @@ class RegressionData:
     def units(self, at: str = "") -> JointUnits:
         """Return the units of quantities at a joint."""
         return find_body(self.base).units(at, self.recordings[0].units)
-
-    def stand_out(self, residual: Array, at: str, axes: Sequence[str] = tuple(SYMBOLS), most: int = 6) -> list[Region]:
-        """Return the regions where a residual (R,) [N m] exceeds the noise at a joint, the most significant first."""
-        own, least = residual[self.data.where(at)], self.data.negligible(at)
-        found = find_regions(self.data.part(at).samples, own, self.floors[at], axes, most, self.units(at))
-        return [replace(region, at=at) for region in found if abs(region.residual) > least]
-
-    def make_scattered_region(self, error: float, floor: float, at: str = "") -> Region:
-        """Return the region of a residual of some size [N m] that exceeds the noise at no single place."""
-        units = self.units(at)
-        residual = Quantity(error, unit=units.unit(NEWTON_METRE))
-        cause = Finding(Kind.NOWHERE, {"residual": residual, "times": Quantity(error / floor)})
-        return make_region_everywhere(cause, self.data.part(at).samples, error, floor, at, units)
 
     def with_link_states(self, model: Model) -> RegressionData:
         """Return the data with the states of a model's link estimated from the motion around each instant."""

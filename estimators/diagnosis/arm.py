@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.fit_data import FitData
+from estimators.data.regions import find_regions_at
 from estimators.diagnosis.case import Case, Setting, Trial
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.treatments import align_with_effects, include_payload
@@ -63,9 +64,8 @@ def find_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, f
             floor = max(evaluator.residuals.noise_floor(part, at), part.data.negligible(at))
             if at not in sizes and not criterion.is_noise(own, floor):
                 sizes[at] = own.correlated_rms if own.z_score > criterion.z_score else own.rms
-                region = next(
-                    iter(part.stand_out(residual, at, most=1)), make_region_everywhere(at=at, units=part.units(at))
-                )
+                places = find_regions_at(part, residual, at, most=1)
+                region = places[0] if places else make_region_everywhere(at=at, units=part.units(at))
                 regions.append(replace(region, held_out=names))
     return sizes, regions
 

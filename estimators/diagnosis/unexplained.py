@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.data.regions import make_scattered_region
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.evaluator import ModelEvaluator
@@ -58,4 +59,4 @@ def find_holdout_structure(evaluator: ModelEvaluator, final: Sequence[Term]) -> 
 def _find_scattered_residual(evaluator: ModelEvaluator, part: RegressionData, left: Array) -> list[Region]:
     """Return the region of a residual (R,) that stands out nowhere, unless it may be noise."""
     size, floor = float(np.sqrt(np.mean(left**2))), evaluator.residuals.noise_floor(part)
-    return [part.make_scattered_region(size, floor)] if size > evaluator.criterion.misfit * floor else []
+    return [make_scattered_region(part, size, floor)] if size > evaluator.criterion.misfit * floor else []

@@ -100,7 +100,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     does not decide: a servo that sticks a little earlier or later changes whole seconds of the motion.
     """
     found = refit(trial.found)
-    model = found.steps[-1].model
+    last = found.steps[-1]
     train, unseen = refine_rows(found.evaluator)
     evaluator, steps = replace(found.evaluator, train=train.data, holdout=unseen.data), found.steps
     fitted = {list_ids(step.model.terms): step.model.terms for step in steps}
@@ -110,18 +110,18 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
         return tuple(term for term in terms if term.id not in left_out)
 
     def find_idle() -> list[str | None]:
-        sizeless = {term.id for term in model.terms if term.columns and not has_size(model, term)}
+        sizeless = {term.id for term in last.model.terms if term.columns and not has_size(last.model, term)}
         return [id for id in named if id in sizeless or not evaluator.is_significant(terms, without(id))]
 
     while idle := find_idle():
         named.remove(idle[-1])
         rest = without(idle[-1])
         terms = fitted.get(list_ids(rest)) or train.with_nonlinear(rest)
-        model = fit_step(found.evaluator, None, terms).model
+        last = fit_step(found.evaluator, named[-1] if named else None, terms)
     if len(named) == len(steps) - 1:
         return found, ()
-    kept = [fit_step(found.evaluator, id, without(*named[k + 1 :])) for k, id in enumerate(named)]
-    return replace(found, steps=[steps[0], *kept]), ()
+    earlier = [fit_step(found.evaluator, id, without(*named[k + 1 :])) for k, id in enumerate(named[:-1])]
+    return replace(found, steps=[steps[0], *earlier, *([last] if named else [])]), ()
 
 
 def has_size(model: Model, term: Term) -> bool:

@@ -11,16 +11,15 @@ import numpy as np
 
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
+from estimators.data.regions import find_failures
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.findings import Finding
 from estimators.schemes.identifiability import find_undetermined
 from estimators.schemes.result import Identification
-from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
-from estimators.signals.residual import Region, make_region_everywhere
-from pendulum_env._typing import Array
+from estimators.signals.residual import Region
 from pendulum_env.arms.joints import arm_base, arrange_terms, find_links
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.errors import UserError
@@ -238,10 +237,14 @@ class State:
             data = replace(data, terms=self.model.terms)
         if found is not None and self.added == self.called:
             return replace(found, steps=self.ladder)
-        left = find_unexplained(data.parts[0], self.model)
+        left = self._find_failures(data.parts[0])
         if found is not None:
             return replace(found, steps=self.ladder, unexplained=left)
         return Diagnosis(self.ladder, (), (), left, data.parts[0].floors, self.doubts, data=data)
+
+    def _find_failures(self, data: RegressionData) -> tuple[Region, ...]:
+        residual = data.with_link_states(self.model).residual(self.model.terms, self.model.theta)
+        return tuple(region for at in data.floors for region in find_failures(data, residual, at))
 
     @cached_property
     def standing(self) -> ReportData:
@@ -257,14 +260,3 @@ class State:
 def list_added(steps: Sequence[Step]) -> tuple[str, ...]:
     """List the effects that steps added."""
     return tuple(step.added for step in steps if step.added is not None)
-
-
-def find_unexplained(prepared: RegressionData, model: Model) -> tuple[Region, ...]:
-    """Find regions of the residual above noise in the fitted data, by joint."""
-    residual: Array = prepared.with_link_states(model).residual(model.terms, model.theta)
-    felt, data, regions = prepared.inertias(prepared.base), prepared.data, list[Region]()
-    for at in data.joints:
-        structure = data.part(at).structure(residual[data.where(at)], felt[at])
-        if not Criterion().is_noise(structure, prepared.floors[at]):
-            regions += prepared.stand_out(residual, at) or [make_region_everywhere(at=at)]
-    return tuple(regions)

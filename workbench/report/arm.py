@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from estimators.data.regions import find_regions_at
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
 from estimators.signals.residual import REGIONS, compute_profiles
@@ -71,7 +72,7 @@ def make_strips(models: Sequence[DrawnModel], prepared: RegressionData) -> Secti
     for k, joint in enumerate(data.joints):
         x, noise, units = data.part(joint).samples, prepared.floors[joint], prepared.units(joint)
         maps = [compute_profiles(x, left[data.where(joint)], noise, SHOWN, units) for left in residuals]
-        regions = [prepared.stand_out(left, joint, SHOWN) for left in residuals]
+        regions = [find_regions_at(prepared, left, joint, SHOWN) for left in residuals]
         standing = [seen or bool(own) for seen, own in zip(standing, regions, strict=True)]
         reach = 1.08 * max(float(np.abs(item.mean).max()) for own in maps for item in own)
         still = regions[-1] if len(maps) > 1 else []

@@ -9,7 +9,7 @@ from dash.development.base_component import Component
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
 from workbench.app.choices import NO_CHOICES, SearchChoices
-from workbench.app.fits import BaseFit, fit_and_diagnose
+from workbench.app.fits import fit_and_diagnose
 from workbench.app.parts import KEPT, label_control, list_choices, make_button, make_fragment, make_panel, name_field
 from workbench.app.session import Session, Stage
 from workbench.app.stages.add import show_calls
@@ -108,15 +108,12 @@ def start(session: Session, asked: SearchChoices) -> None:
     choose_search(session, asked)
     state = session.state
 
-    def keep(found: Diagnosis) -> None:
-        session.change("diagnose", state.add_diagnosis(found))
-
-    def keep_both(found: tuple[BaseFit, Diagnosis]) -> None:
-        session.change("diagnose", state.with_fit(found[0]).add_diagnosis(found[1]))
+    def keep(found: Diagnosis, fitted: Work = state) -> None:
+        session.change("diagnose", fitted.add_diagnosis(found))
 
     if state.needs_fit:
         task: Task = partial(fit_and_diagnose, state.make_fit_task(), asked.effects, asked.limits)
-        session.work("Diagnosing", task, keep_both)
+        session.work("Diagnosing", task, lambda both: keep(both[1], state.with_fit(both[0])))
     else:
         task = partial(diagnose, state.train, state.holdout, state.model.terms, **asked.effects, **asked.limits)
         session.work("Diagnosing", task, keep)
