@@ -59,8 +59,7 @@ def tour(tab: Page, folder: Path) -> None:
         assert server.stdout is not None
         tab.goto(next(line.split(" is at ")[1].split()[0] for line in server.stdout if " is at " in line))
         tab.click("#to-compare[href]")  # once the recording is loaded
-        tab.click(".regions-list button >> nth=2")
-        tab.wait_for_function("() => document.querySelector('#selected').textContent.includes(' of ')")
+        tab.wait_for_selector(".compare .js-line")
         keep(tab, "app-compare", full_page=True)
         tab.click("#to-diagnose")
         tab.click(press("diagnose"))

@@ -11,13 +11,15 @@ from pendulum_env.formatting import capitalise
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
 from workbench.figure import Figure
+from workbench.narrator import parts as report
 from workbench.narrator.effects import name_effect
+from workbench.narrator.parts import list_figures
 from workbench.report import page
 from workbench.report.data import Section
 
 Content = Component | str | Sequence[Component | str] | None
 
-PLOT, LINKED, SPEC = "plot", "linked", "spec"  # a graph, one that selections light up in, and the figure of either
+PLOT, SPEC = "plot", "spec"  # a graph, and its figure
 UNWRAP = "unwrap: undo jumps of 2π in position"
 BUTTONS = ["zoom2d", "pan2d", "resetScale2d", "toImage"]  # by name, so that none that sends data elsewhere slips in
 CLEAR = "rgba(0,0,0,0)"
@@ -26,17 +28,14 @@ EMPTY = {"layout": {"xaxis": HIDDEN, "yaxis": HIDDEN, "paper_bgcolor": CLEAR, "p
 KEPT: dict[str, Any] = {"persistence": True, "persistence_type": "session"}  # what a tab has entered, over a reload
 
 
-def make_graph(figure: Figure, caption: Content = None, kind: str = PLOT, bar: bool = True) -> Component:
+def make_graph(figure: Figure, bar: bool = True) -> Component:
     """Make a figure of the report, perhaps with a bar of buttons; the page fills in its colours, in light and dark."""
-    buttons = [*BUTTONS[:2], "select2d", *BUTTONS[2:]] if figure.layout.get("dragmode") == "select" else BUTTONS
-    config: Any = {"displaylogo": False, "modeBarButtons": [buttons]} if bar else {"displayModeBar": False}
-    style, id = {"height": figure.height}, {"kind": kind, "of": figure.id}
+    config: Any = {"displaylogo": False, "modeBarButtons": [BUTTONS]} if bar else {"displayModeBar": False}
+    style, id = {"height": figure.height}, {"kind": PLOT, "of": figure.id}
     spec = {"data": figure.data, "layout": figure.layout}  # what the page needs to draw it
     drawn = dcc.Graph(id=id, figure=EMPTY, responsive=True, config=config, style=style)
-    parts: list[Component] = [html.Figcaption(caption)] if caption is not None else []
-    parts.append(dcc.Store(id={"kind": f"{kind}-{SPEC}", "of": figure.id}, data=spec))
-    parts.append(html.Div(drawn, role="group", className="plot", style=style, **make_aria(label=figure.label)))
-    return html.Figure(parts)
+    plot = html.Div(drawn, role="group", className="plot", style=style, **make_aria(label=figure.label))
+    return html.Figure([dcc.Store(id={"kind": f"{PLOT}-{SPEC}", "of": figure.id}, data=spec), plot])
 
 
 def make_aria(**attributes: str) -> dict[str, Any]:
@@ -44,14 +43,25 @@ def make_aria(**attributes: str) -> dict[str, Any]:
     return {f"aria-{name}": value for name, value in attributes.items()}
 
 
-def make_fragment(section: Section) -> Component:
-    """Make text and tables of a section of the report; figures are left to `make_graph`."""
-    return html.Div(
-        [
-            dcc.Store(id={"kind": "markup", "of": section.id}, data=page.render_fragment(section)),
-            html.Div(id={"kind": "fragment", "of": section.id}, className="fragment"),
-        ]
-    )
+def show_section(section: Section) -> list[Component]:
+    """Show a section of the report: text and tables as the report has them, figures as graphs."""
+    return _show_content(section.content, section.id)
+
+
+def _show_content(content: report.Content, id: str) -> list[Component]:
+    shown: list[Component] = []
+    for number, item in enumerate(content):
+        of, figures = f"{id}-{number}", list(list_figures([item]))
+        if not figures:
+            text = dcc.Store(id={"kind": "markup", "of": of}, data=page.render_fragment([item]))
+            shown.append(html.Div([text, html.Div(id={"kind": "fragment", "of": of}, className="fragment")]))
+        elif isinstance(item, report.Part):
+            inner = _show_content(item.content, of)
+            title = capitalise(item.title)
+            shown += [html.H3(title), *inner] if item.brief else [html.Details([html.Summary(title), *inner])]
+        else:
+            shown.append(html.Div([make_graph(figure) for figure in figures], className="grid"))
+    return shown
 
 
 def make_button(

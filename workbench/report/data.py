@@ -15,8 +15,7 @@ from estimators.selection.errors import Step
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.figure import Figure
-from workbench.narrator.parts import Content, list_figures
+from workbench.narrator.parts import Content
 
 DrawnModel = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
 
@@ -29,11 +28,6 @@ class Section:
     short: str  # title in the navigation
     title: str  # heading
     content: Content
-
-    @property
-    def figures(self) -> list[Figure]:
-        """Return the figures in it, in order."""
-        return list(list_figures(self.content))
 
 
 def list_ends(steps: Sequence[Step], first: str = "base model") -> list[DrawnModel]:

@@ -19,6 +19,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.formatting import capitalise, format_number, format_unit, join_words, typeset
 from workbench.narrator.comparison import describe_comparison, describe_loop
 from workbench.narrator.effects import name_effect
+from workbench.narrator.parts import Content
 from workbench.narrator.results import narrate_comparison
 from workbench.report import arm
 from workbench.report.comparison import make_comparison, make_loop, make_loop_diagnosis
@@ -73,9 +74,9 @@ def render(diagnosis: Diagnosis, command: str = "") -> str:
     return _render_recordings(case, sections, kind)
 
 
-def render_fragment(section: Section) -> str:
-    """Render the content of a section without its figures, for another page in the same style."""
-    return _load_environment().get_template("section.html").render(content=section.content, figures=False)
+def render_fragment(content: Content) -> str:
+    """Render some content of a section, for another page in the same style."""
+    return _load_environment().get_template("section.html").render(content=content)
 
 
 def read_shared(name: str) -> str:

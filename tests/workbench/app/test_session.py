@@ -40,7 +40,6 @@ from workbench.app.page.server import make_app
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
 from workbench.app.stages import compare, data, diagnose, export
-from workbench.app.stages.compare import MAP, PHASE, TIME, highlight, select_box, select_region
 from workbench.app.stages.export import write_commands, write_study_text
 from workbench.app.state import FITTING, State
 from workbench.app.uploads import clean_name, unpack
@@ -370,8 +369,8 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(s
 def test_every_effect_has_a_picture_beside_the_residual(session, worked):
     session.state = worked["paper"]
     page = html.Div(compare.show(session))
-    drawn = [one.id["of"] for one in page._traverse() if isinstance(one, dcc.Graph)]
-    assert {f"here-{axis}" for axis in AXES} <= {*drawn}
+    drawn = {one.id["of"] for one in page._traverse() if isinstance(one, dcc.Graph)}
+    assert {f"profile-{axis}" for axis in AXES} | {"plane-0", "torque-0", "position-0"} <= drawn
     pictures = [one.src for one in page._traverse() if isinstance(one, html.Img)]
     assert sorted(pictures) == sorted(f"/assets/gallery/{id}.svg" for id in effects())
     assert pictures[0] == "/assets/gallery/stribeck.svg"  # the likeliest
@@ -385,25 +384,6 @@ def test_an_experiment_that_is_suggested_is_saved(session, tmp_path):
     session.state = session.state.add_diagnosis(found)
     rows = np.loadtxt(io.BytesIO(export.make_file(session.state, "experiment")[1]), delimiter=",", skiprows=1)
     assert rows.shape[1] == 2 and np.abs(rows[:, 1]).max() > 1.0
-
-
-# ------------------------------------------------------------------------------------------------ brushing
-
-
-def test_a_box_selects_the_same_windows_in_every_view(state):
-    points = compare._find_points(state, state.loaded[0].id)
-    x = points.samples
-    upright = select_box(x, PHASE, {"x": [-1.0, 1.0], "y": [8.0, 0.0]})
-    assert np.array_equal(upright, (np.abs(x.position) <= 1) & (x.velocity >= 0) & (x.velocity <= 8))
-    assert np.array_equal(upright, select_box(x, MAP, {"x": [-1.0, 1.0], "y": [0.0, 8.0]}))  # less than a turn
-    early = select_box(x, TIME, {"x": [0.0, 2.0], "y2": [-0.1, 0.1]})
-    assert x.time[early].max() <= 2.0 < x.time[~early].min()
-    traces = highlight(points, early, 0)
-    assert len(traces[TIME]) == 2 and max(traces[TIME][0]["x"]) <= 2.0
-    assert len(traces[MAP][0]["x"]) == len(traces[PHASE][0]["x"]) == len(traces[TIME][0]["x"])
-    region = next(region for region in state.result.unexplained if region.axis == "velocity")
-    chosen = x.velocity[select_region(x, region)]
-    assert len(chosen) and chosen.min() >= region.low and chosen.max() <= region.high
 
 
 def test_a_free_swing_is_loaded_with_a_note_and_a_card_can_say_that_nothing_drives_the_joint(tmp_path):

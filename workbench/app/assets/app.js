@@ -1,5 +1,5 @@
 "use strict";
-// What the page does by itself: its colours, its plots and its brushing; everything else is the server's.
+// What the page does by itself: its colours and its plots; everything else is the server's.
 (() => {
   const root = document.documentElement;
   const keep = (key, value) => { try { sessionStorage.setItem(key, value); } catch { /* storage may be barred */ } };
@@ -25,15 +25,6 @@
 
   const same = () => window.dash_clientside.no_update;
   const draw = (spec) => (spec ? figures.themed(spec) : same());
-
-  // The selection's traces on top; a box stays only in the view it was drawn in.
-  function brush(spec, _theme, lit, id) {
-    if (!spec) return same();
-    const data = lit ? [...spec.data, ...lit.traces[id.of]] : spec.data;
-    const layout = { ...spec.layout, uirevision: "same" };
-    if (!lit || lit.source !== id.of) layout.selections = [];
-    return figures.themed({ data, layout });
-  }
 
   // Sections of the report come as the report has them.
   function fragment(markup, id) {
@@ -91,5 +82,5 @@
     document.getElementById("stage").focus();
   }, true);
 
-  window.dash_clientside = { ...window.dash_clientside, app: { session, theme, draw, brush, reveal, fragment } };
+  window.dash_clientside = { ...window.dash_clientside, app: { session, theme, draw, reveal, fragment } };
 })();

@@ -12,7 +12,7 @@ from dash.exceptions import PreventUpdate
 from pendulum_env.formatting import capitalise, format_number, join_words
 from pendulum_env.lookup import find
 from workbench.app import uploads
-from workbench.app.parts import LINKED, PLOT, SPEC, UNWRAP, make_aria, make_button, make_panel
+from workbench.app.parts import PLOT, SPEC, UNWRAP, make_aria, make_button, make_panel
 from workbench.app.session import Session, Sessions, Stage
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
@@ -303,13 +303,11 @@ def _connect_scripts(app: Dash) -> None:
     def in_the_page(function: str, output: Output, *given: Input | State) -> None:
         app.clientside_callback(ClientsideFunction("app", function), output, *given)  # type: ignore[no-untyped-call]
 
-    linked, text = ({"kind": kind, "of": MATCH} for kind in (LINKED, "fragment"))
+    text = {"kind": "fragment", "of": MATCH}
     theme = Input("theme-now", "data")
     in_the_page("session", Output("session", "data"), Input("url", "pathname"))
     in_the_page("theme", Output("theme-now", "data"), Input("theme", "n_clicks"))
     plot, spec = ({"kind": kind, "of": MATCH} for kind in (PLOT, f"{PLOT}-{SPEC}"))
     in_the_page("draw", Output(plot, "figure"), Input(spec, "data"), theme)
-    linked_spec = Input({"kind": f"{LINKED}-{SPEC}", "of": MATCH}, "data")
-    in_the_page("brush", Output(linked, "figure"), linked_spec, theme, Input("lit", "data"), State(linked, "id"))
     in_the_page("fragment", Output(text, "title"), Input({"kind": "markup", "of": MATCH}, "data"), State(text, "id"))
     in_the_page("reveal", Output("nav", "title"), Input("nav", "children"))

@@ -1,7 +1,6 @@
 """Add: one effect more, and the errors before and after."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,16 +16,14 @@ from workbench.app.parts import (
     label_control,
     list_choices,
     make_button,
-    make_fragment,
-    make_graph,
     make_panel,
     name_field,
+    show_section,
 )
 from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.errors import InputError
 from workbench.narrator.addition import describe_table
-from workbench.narrator.diagnosis import describe_errors
 from workbench.narrator.effects import name_effect
 from workbench.report.arm import make_joints
 from workbench.report.numbers import make_errors
@@ -39,22 +36,11 @@ def show(session: Session) -> list[Component]:
     if state.robot is not None:
         rungs = [("base model" if rung.added is None else f"+ {rung.added}", "", rung) for rung in state.ladder]
         section = make_joints(rungs, "held-out data", "", state.result.floors)
-        return [offer, make_panel("Errors step by step", make_fragment(section))]
+        return [offer, make_panel("Errors step by step", *show_section(section))]
     section = make_errors(state.standing)
-    plots = html.Div([make_graph(figure) for figure in section.figures], className="columns even")
-    fall = make_panel(section.title, html.P(describe_step(state), className="before-after"), plots)
-    return [
-        *([offer, fall] if state.found or not state.added else [fall, offer]),
-        make_panel("Errors step by step", make_fragment(section)),
-    ]
-
-
-def describe_step(state: Work) -> str:
-    """Describe the last step of the ladder by its held-out errors."""
-    if not state.added:
-        return "The ladder has one rung, the base model. Add an effect and watch both errors, fitted and held out."
-    errors = describe_errors(replace(state.result, steps=state.ladder[-2:]))
-    return " ".join([f"{capitalise(errors)}.", *filter(None, [describe_table(state.ladder[-1])])])
+    shape = describe_table(state.ladder[-1])
+    fall = make_panel(section.title, *([html.P(shape)] if shape else []), *show_section(section))
+    return [offer, fall] if state.found or not state.added else [fall, offer]
 
 
 def show_calls(state: Work, busy: bool) -> Component:

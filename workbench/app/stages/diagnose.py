@@ -10,7 +10,7 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.fits import fit_and_diagnose
-from workbench.app.parts import KEPT, label_control, list_choices, make_button, make_fragment, make_panel, name_field
+from workbench.app.parts import KEPT, label_control, list_choices, make_button, make_panel, name_field, show_section
 from workbench.app.session import Session, Stage
 from workbench.app.stages.add import show_calls
 from workbench.app.stages.data import show_timing
@@ -46,12 +46,12 @@ def show(session: Session) -> list[Component]:
     else:
         result = make_story(ReportData(state.result))
     return [
-        make_panel("What was found", make_fragment(result), className=kind),
+        make_panel("What was found", *show_section(result), className=kind),
         *show_timing(state),
         make_panel(
             "Ranking",
             show_calls(state, busy),
-            make_fragment(rank_candidates(found.candidates, found.detectable)),
+            *show_section(rank_candidates(found.candidates, found.detectable)),
             className="ranking",
         ),
         search,
