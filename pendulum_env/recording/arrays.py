@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import is_dataclass, replace
-from functools import cache
+from contextlib import suppress
+from dataclasses import dataclass, is_dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from zipfile import is_zipfile
@@ -18,30 +19,25 @@ from pendulum_env.errors import RecordingError
 from pendulum_env.reading import quote_value
 from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.columns import add_labels
-from pendulum_env.recording.table import (
-    WIDEST,
-    ColumnFinder,
-    RawTable,
-    convert_numbers,
-    find_first_date,
-    is_text,
-    require_module,
-)
-from pendulum_env.recording.text import can_be_number, read_cells
+from pendulum_env.recording.table import WIDEST, ColumnFinder, RawTable, convert_series, require_module
+from pendulum_env.recording.text import can_be_number, rank_words, read_cells
 from pendulum_env.recording.vocabulary import INDICES
 
-NUMBER_TYPES = (pa.types.is_boolean, pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
 SIGNAL = (("label", "Name"), ("values", "Data"))  # fields of a signal of Simulink and of dSPACE
 QUOTES = "\"' "
 DESCRIPTIONS = ("dimensions", "name")  # fields of MATLAB structures that hold no samples
 
 
 def read_npz(path: Path, find: ColumnFinder) -> RawTable:
-    """Read arrays, without unpickling."""
+    """Read arrays; those of objects, which would have to be unpickled, are passed over."""
     if not is_zipfile(path):  # NumPy would advise to unpickle it
         raise RecordingError("it is no NPZ archive, or a damaged one: write it with numpy.savez")
+    arrays = {}
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        return _build_table({name: np.asarray(archive[name]) for name in archive.files}, find)
+        for name in archive.files:
+            with suppress(ValueError):
+                arrays[name] = np.asarray(archive[name])
+    return _build_table(arrays, find)
 
 
 def read_mat(path: Path, find: ColumnFinder) -> RawTable:
@@ -97,9 +93,7 @@ def read_data(data: Any, find: ColumnFinder) -> RawTable:
     index = INDICES[1]  # of pandas, where it has no name
     if index in table.column_names and (pa.types.is_temporal(kind := table[index].type) or pa.types.is_floating(kind)):
         table = table.rename_columns(["time" if name == index else name for name in table.column_names])
-    return _read_arrow(
-        table.schema, lambda names: table.select(names).slice(0, 1) if len(table) else None, table.select, find
-    )
+    return _build_table(_list_series(table.slice(0, 1), len(table), table.column), find)
 
 
 def _collect_arrays(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -191,7 +185,7 @@ def _follow_reference(item: Any) -> list[Any]:
 
 
 def _build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
-    """Build a table from arrays by name, HDF5 datasets still unread; the longer side of a matrix is time.
+    """Build a table from arrays by name, of which those are read that are needed; the longer side of a matrix is time.
 
     Sides of length 1 are dropped.
     """
@@ -200,20 +194,20 @@ def _build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
     places = [(name, k) for name, width in widths.items() if width <= WIDEST for k in range(width)]
     headers = [name if widths[name] == 1 else f"{name}[{k}]" for name, k in places]
     load = cache(lambda name: stored[name][()])
+    firsts = {name: _find_first_text(item) for name, item in stored.items()}
 
     def is_number(name: str) -> bool:
-        kind = stored[name].dtype.kind
-        return kind in "iufO" or (kind == "U" and can_be_number(str(load(name).flat[0]), name))
+        kind, first = stored[name].dtype.kind, firsts[name]
+        return kind in "iuf" or (kind in "UO" and (first is None or can_be_number(first, name)))
 
     wordy = [k for k, (name, _) in enumerate(places) if math.prod(sides[name]) < 2 or not is_number(name)]
-    cells = [str(load(name).flat[0]) if stored[name].dtype.kind == "U" and sides[name] else "" for name, _ in places]
-    columns = add_labels(find(headers, wordy=wordy), headers, cells)
+    columns = add_labels(find(headers, wordy=wordy), headers, [firsts[name] or "" for name, _ in places])
     values: dict[str, Array] = {}
     date, texts = None, False
     for quantity, column in columns.items():
         name, k = places[column.index]
         shape, dtype = sides[name], stored[name].dtype
-        dates, labels = quantity == "time" and dtype.kind in "mM", quantity == "segment" and dtype.kind in "UO"
+        dates, labels = quantity == "time" and dtype.kind in "mM", quantity == "segment" and firsts[name] is not None
         if not (dates or labels or dtype.kind in "biufUO") or len(shape) not in (1, 2):
             raise RecordingError(
                 f"array {name!r} ({quantity}) has type {dtype} and shape {shape}: "
@@ -225,7 +219,7 @@ def _build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
         if dates:
             array, date = count_seconds(array)
         if labels:
-            array = np.unique(array.astype(str), return_inverse=True)[1]
+            array = rank_words(array)
         if dtype.kind in "UO" and not labels and any(isinstance(cell, str) for cell in array):
             values[quantity], texts = array, True
         else:
@@ -234,16 +228,39 @@ def _build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
     if texts:
-        read = read_cells(headers, columns, {quantity: _make_cells(array) for quantity, array in values.items()})
+        read = read_cells(headers, columns, values)
         return replace(read, date=read.date or date)
     return RawTable(headers, columns, values, date=date)
 
 
-def _make_cells(values: NDArray[Any]) -> pa.ChunkedArray:
-    """Make an Arrow column of the texts or numbers of an array."""
-    if values.dtype.kind not in "UO":
-        return pa.chunked_array([values])
-    return pa.chunked_array([[None if cell is None or cell != cell else str(cell) for cell in values]], pa.string())
+def _find_first_text(item: Any) -> str | None:
+    """Find the first cell of an array of texts; None of others."""
+    if item.dtype.kind not in "UO" or not math.prod(item.shape):
+        return None
+    first = (item.head if isinstance(item, Series) else item[()]).flat[0]
+    return first if isinstance(first, str) else None
+
+
+@dataclass(frozen=True)
+class Series:
+    """Column of an Arrow table with the interface of an array: only its head is read before it is needed."""
+
+    head: NDArray[Any]  # (1,), or (1, K) of vectors
+    rows: int
+    read: Callable[[], pa.ChunkedArray]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Return the type of the cells."""
+        return self.head.dtype
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Return the number of rows, and of elements of a vector."""
+        return (self.rows, *self.head.shape[1:])
+
+    def __getitem__(self, key: tuple[()]) -> NDArray[Any]:
+        return convert_series(self.read())
 
 
 def read_parquet(path: Path, find: ColumnFinder) -> RawTable:
@@ -251,60 +268,18 @@ def read_parquet(path: Path, find: ColumnFinder) -> RawTable:
     import pyarrow.parquet as pq  # takes a while to import
 
     with pq.ParquetFile(path, pre_buffer=False) as file:
+        head = next(file.iter_batches(1), None)
 
-        def first(names: list[str]) -> Any:
-            return next(file.iter_batches(batch_size=1, columns=names), None)
+        def read(name: str) -> pa.ChunkedArray:
+            return file.read(columns=[name], use_threads=False)[name]
 
-        return _read_arrow(file.schema_arrow, first, lambda names: file.read(columns=names, use_threads=False), find)
-
-
-def _read_arrow(
-    schema: pa.Schema, first: Callable[..., Any], read: Callable[..., pa.Table], find: ColumnFinder
-) -> RawTable:
-    """Read the columns in need of an Arrow table: `first` gives a row of named columns, `read` all rows."""
-    vectors = [
-        field.name for field in schema if isinstance(field.type, pa.ListType | pa.LargeListType | pa.FixedSizeListType)
-    ]
-    texts = [field.name for field in schema if is_text(field.type)]
-    row = first([*vectors, *texts]) if vectors or texts else None
-    widths = {name: min(len(row[name][0].as_py() or ()), WIDEST) for name in vectors if row}
-    places = [(name, k) for name in schema.names for k in (range(widths.get(name, 0)) if name in vectors else [None])]
-    headers = [name if k is None else f"{name}[{k}]" for name, k in places]
-    kinds = [schema.field(name).type for name, _ in places]
-
-    def is_word(name: str, kind: pa.DataType) -> bool:
-        cell = row[name][0].as_py() if row and is_text(kind) else None
-        return not (_is_number(kind) or (cell is not None and can_be_number(cell, name)))
-
-    wordy = [k for k, (name, place) in enumerate(places) if place is None and is_word(name, kinds[k])]
-    cells = [str(row[name][0].as_py() or "") if row and name in texts else "" for name, _ in places]
-    columns = add_labels(find(headers, wordy=wordy), headers, cells)
-    table = read(list(dict.fromkeys(places[column.index][0] for column in columns.values())))
-    found = {quantity: _select_series(table, *places[column.index]) for quantity, column in columns.items()}
-    for quantity, series in found.items():
-        if not (_is_number(series.type) or is_text(series.type) or (quantity == "time" and _is_date(series.type))):
-            raise RecordingError(
-                f"column {columns[quantity].header!r} ({quantity}) has type {series.type}: "
-                "store it as a floating-point number in SI"
-            )
-    if any(is_text(series.type) for quantity, series in found.items() if quantity != "segment"):
-        return read_cells(headers, columns, found)
-    values = {quantity: convert_numbers(series) for quantity, series in found.items()}
-    return RawTable(headers, columns, values, date=find_first_date(found["time"]))
+        return _build_table(_list_series(head, file.metadata.num_rows, read), find)
 
 
-def _select_series(table: pa.Table, name: str, k: int | None) -> pa.ChunkedArray:
-    """Select a column of a table, or element k of a vector."""
-    if k is None:
-        return table[name]
-    import pyarrow.compute as pc  # takes a while to import
-
-    return pc.list_element(table[name], k)
-
-
-def _is_date(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_timestamp(kind) or pa.types.is_duration(kind))
-
-
-def _is_number(kind: pa.DataType) -> bool:
-    return any(test(kind) for test in NUMBER_TYPES)
+def _list_series(
+    head: pa.Table | pa.RecordBatch | None, rows: int, read: Callable[[str], pa.ChunkedArray]
+) -> dict[str, Series]:
+    """List the columns of an Arrow table by its first row."""
+    if not rows or head is None:
+        raise RecordingError("the table has no rows: record it again")
+    return {name: Series(convert_series(head[name]), rows, partial(read, name)) for name in head.schema.names}

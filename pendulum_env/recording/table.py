@@ -2,12 +2,13 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from importlib.util import find_spec
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError
@@ -15,7 +16,6 @@ from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.notes import Note
 
 WIDEST = 64  # elements of a vector that become columns of their own, and columns that a person is shown
-TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # of a time stamp of Arrow in a second
 
 
 class ColumnFinder(Protocol):
@@ -37,52 +37,41 @@ class RawTable:
     date: datetime | None = None  # of the first row, if time is a date
 
 
-def convert_numbers(column: pa.ChunkedArray) -> Array:
-    """Convert an Arrow column to numbers (N,): null to NaN, `true` to 1, dates to seconds, words to indices."""
-    if pa.types.is_timestamp(column.type):
-        import pyarrow.compute as pc  # takes a while to import, as does every cast
+def convert_series(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
+    """Convert an Arrow column to an array (N,): floats with NaN for null, dates, durations, or texts with None.
 
-        ticks = float(TICKS[column.type.unit])
-        column = pc.divide(pc.subtract(column.cast(pa.int64()), pc.min(column).value).cast(pa.float64()), ticks)
-    if pa.types.is_duration(column.type):
-        column = pa.chunked_array(
-            [np.array(column.cast(pa.int64()).cast(pa.float64(), safe=False)) / TICKS[column.type.unit]]
-        )
-    if is_text(column.type):
-        whole = column.combine_chunks()
-        encoded = whole if pa.types.is_dictionary(whole.type) else whole.dictionary_encode()
-        column = pa.chunked_array([encoded.indices])
-    if column.type != pa.float64():
-        column = column.cast(pa.float64(), safe=False)
-    return np.concatenate([np.empty(0), *map(_copy_floats, column.chunks)])
+    Vectors become rows of `WIDEST` elements at most (N, K), and other types nothing (N,).
+    """
+    kind, types = column.type, pa.types
+    if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
+        import pyarrow.compute as pc  # takes a while to import
 
-
-def _copy_floats(chunk: pa.DoubleArray) -> Array:
-    """Copy a chunk of floats (N,), null as NaN, from its buffers: a conversion by Arrow imports pandas."""
-    if not len(chunk):
-        return np.empty(0)
-    (is_valid, values), own = chunk.buffers(), slice(chunk.offset, chunk.offset + len(chunk))
-    copied = np.frombuffer(values, np.float64)[own].copy()
-    if is_valid is not None:
-        bits = np.unpackbits(np.frombuffer(is_valid, np.uint8), bitorder="little")[own]
-        copied[bits == 0] = np.nan
-    return copied
+        elements = range(min(len(column[0].as_py() or ()), WIDEST))
+        series = [convert_series(pc.list_element(column, k)) for k in elements]
+        return np.stack(series, axis=1) if series else np.empty((len(column), 0))
+    own = kind.value_type if types.is_dictionary(kind) else kind
+    if types.is_string(own) or types.is_large_string(own) or types.is_string_view(own):
+        return np.array([*column.to_pylist(), None], dtype=object)[:-1]
+    is_date, is_number = types.is_timestamp(kind), types.is_primitive(kind) or types.is_decimal(kind)
+    if is_number and not types.is_temporal(kind):
+        plain = column if kind == pa.float64() else column.cast(pa.float64(), safe=False)
+        return _copy_values(plain, np.float64, np.nan)
+    if is_date or types.is_duration(kind):
+        ticks = _copy_values(column.cast(pa.int64()), np.int64, np.iinfo(np.int64).min)  # NaT
+        return ticks.view(f"{'M' if is_date else 'm'}8[{kind.unit}]")
+    return np.empty(len(column), dtype=np.void)
 
 
-def is_text(kind: pa.DataType) -> bool:
-    """Return whether an Arrow column holds words, plain or dictionary-encoded."""
-    own = kind.value_type if pa.types.is_dictionary(kind) else kind
-    return bool(pa.types.is_string(own) or pa.types.is_large_string(own) or pa.types.is_string_view(own))
-
-
-def find_first_date(column: pa.ChunkedArray) -> datetime | None:
-    """Return the date of the first time stamp, UTC without a zone; None for other columns."""
-    if not pa.types.is_timestamp(column.type):
-        return None
-    import pyarrow.compute as pc  # takes a while to import
-
-    first = pc.min(column.cast(pa.int64())).as_py()
-    return None if first is None else datetime.fromtimestamp(first / TICKS[column.type.unit], UTC)
+def _copy_values(column: pa.ChunkedArray | pa.Array, dtype: type[np.generic], null: float) -> NDArray[Any]:
+    """Copy floats or integers of 64 bits (N,) from their buffers: a conversion by Arrow imports pandas."""
+    parts = [np.empty(0, dtype)]
+    for chunk in column.chunks if isinstance(column, pa.ChunkedArray) else [column]:
+        (is_valid, values), own = chunk.buffers(), slice(chunk.offset, chunk.offset + len(chunk))
+        part = np.frombuffer(values or b"", dtype)[own].copy()
+        if is_valid is not None:
+            part[np.unpackbits(np.frombuffer(is_valid, np.uint8), bitorder="little")[own] == 0] = null
+        parts.append(part)
+    return np.concatenate(parts)
 
 
 def require_module(module: str) -> None:

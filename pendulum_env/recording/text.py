@@ -7,20 +7,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
+from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError, shorten_error
 from pendulum_env.quantity import Quantity
 from pendulum_env.reading import quote_value
+from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.columns import NONE, FileColumn, add_labels
 from pendulum_env.recording.expression import normalise_name
 from pendulum_env.recording.notes import Note, NoteKind
-from pendulum_env.recording.table import ColumnFinder, RawTable, convert_numbers, is_text, require_module
+from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series, require_module
 from pendulum_env.recording.vocabulary import HEADER, OPTIONAL, UNITS
 from pendulum_env.settings import format_setting
 
@@ -91,18 +93,21 @@ def read_excel(path: Path, find: ColumnFinder) -> RawTable:
     return read_text_table(lambda: pa.BufferReader(content), find)
 
 
-def read_cells(
-    headers: Sequence[str], columns: dict[str, FileColumn], cells: Mapping[str, pa.ChunkedArray]
-) -> RawTable:
-    """Read columns of a table in memory, by quantity, as those of a text file: some of them hold text."""
-    text = {quantity: series.cast(pa.string()) for quantity, series in cells.items() if is_text(series.type)}
-    plain = {quantity: series for quantity, series in cells.items() if pa.types.is_timestamp(series.type)}
-    table = pa.table({quantity: convert_numbers(series) for quantity, series in cells.items()} | plain | text)
+def read_cells(headers: Sequence[str], columns: dict[str, FileColumn], cells: Mapping[str, NDArray[Any]]) -> RawTable:
+    """Read columns of arrays in memory, by quantity, as those of a text file: some of them hold text."""
+    made = {quantity: _make_cells(values) for quantity, values in cells.items()}
     file = pa.BufferOutputStream()
-    pacsv.write_csv(table, file, pacsv.WriteOptions(delimiter=";"))  # cells may have decimal commas
-    content, places = file.getvalue(), {q: replace(columns[q], index=k) for k, q in enumerate(table.column_names)}
+    pacsv.write_csv(pa.table(made), file, pacsv.WriteOptions(delimiter=";"))  # cells may have decimal commas
+    content, places = file.getvalue(), {q: replace(columns[q], index=k) for k, q in enumerate(made)}
     found = read_text_table(lambda: pa.BufferReader(content), lambda *_, **__: places)
     return replace(found, headers=headers, columns={quantity: columns[quantity] for quantity in found.columns})
+
+
+def _make_cells(values: NDArray[Any]) -> pa.Array:
+    """Make an Arrow column of the texts or numbers of an array."""
+    if values.dtype.kind not in "UO":
+        return pa.array(values)
+    return pa.array([None if cell is None or cell != cell else str(cell) for cell in values], pa.string())
 
 
 def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
@@ -198,10 +203,18 @@ def _read_values(opened: Opened, layout: Layout, columns: dict[str, FileColumn])
             )
     except pa.ArrowInvalid as error:
         _refuse_cell(str(error), layout, columns)
-    values = dict(zip(columns, table.columns, strict=True))
+    series = dict(zip(columns, table.columns, strict=True))
     if is_spelt:
-        values["time"] = _convert_times(values["time"])
-    return {quantity: convert_numbers(column) for quantity, column in values.items()}
+        series["time"] = _convert_times(series["time"])
+    values = {quantity: convert_series(column) for quantity, column in series.items()}
+    if values["time"].dtype.kind == "M":
+        values["time"], _ = count_seconds(values["time"])
+    return {quantity: rank_words(cells) if cells.dtype.kind == "O" else cells for quantity, cells in values.items()}
+
+
+def rank_words(cells: NDArray[Any]) -> Array:
+    """Number words (N,) by their alphabetical order."""
+    return np.unique(cells.astype(str), return_inverse=True)[1].astype(np.float64)
 
 
 def _convert_times(column: pa.ChunkedArray) -> pa.ChunkedArray:
@@ -214,7 +227,7 @@ def _convert_times(column: pa.ChunkedArray) -> pa.ChunkedArray:
     parts = pc.split_pattern(column, ":")
     count = len(parts[0])
     seconds = sum(
-        60.0 ** (count - 1 - k) * convert_numbers(pc.list_element(parts, k).cast(pa.float64())) for k in range(count)
+        60.0 ** (count - 1 - k) * convert_series(pc.list_element(parts, k).cast(pa.float64())) for k in range(count)
     )
     if count == 3:
         seconds = seconds + np.append(0.0, np.cumsum(np.where(np.diff(seconds) < -DAY / 2, DAY, 0.0)))
