@@ -19,8 +19,9 @@ from pendulum_env.errors import RecordingError
 from pendulum_env.reading import quote_value
 from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.columns import add_labels
+from pendulum_env.recording.layout import can_be_number
 from pendulum_env.recording.table import WIDEST, ColumnFinder, RawTable, convert_series, require_module
-from pendulum_env.recording.text import can_be_number, rank_words, read_cells
+from pendulum_env.recording.text import rank_words, read_cells
 from pendulum_env.recording.vocabulary import INDICES
 
 SIGNAL = (("label", "Name"), ("values", "Data"))  # fields of a signal of Simulink and of dSPACE

@@ -27,7 +27,6 @@ class NoteKind(StrEnum):
     SPARSE = "sparse"  # count, rows, empty or infinite
 
     # rows of the file
-    ROWS_BELOW_HEADER = "rows_below_header"  # count
     FIRST_DATE = "first_date"  # text: the date
     LAST_ROW_CUT = "last_row_cut"
     CLOCK_RESTARTED = "clock_restarted"

@@ -4,7 +4,7 @@ import csv
 import io
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NoReturn
@@ -16,22 +16,16 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError, shorten_error
-from pendulum_env.quantity import Quantity
 from pendulum_env.reading import quote_value
 from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.columns import NONE, FileColumn, add_labels
-from pendulum_env.recording.expression import normalise_name
+from pendulum_env.recording.layout import HEAD, NUMBER, Layout, find_layout
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series, require_module
-from pendulum_env.recording.vocabulary import HEADER, OPTIONAL, UNITS
+from pendulum_env.recording.vocabulary import OPTIONAL
 from pendulum_env.settings import format_setting
 
-HEAD = 1 << 16  # bytes in which header and delimiter must show themselves
 BLOCK = 1 << 20  # bytes parsed at a time
-LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|\Z)")
-NUMBER = re.compile(
-    r"\s*+[+-]?(?:(?:\d++\.?\d*+|\.\d++)(?:e[+-]?\d++)?|nan|inf(?:inity)?)?\s*+", re.IGNORECASE | re.ASCII
-)
 WIDTH = re.compile(r"Row #(?P<row>\d+): Expected (?P<wanted>\d+) columns, got (?P<found>\d+)")  # as pyarrow says it
 CELL = re.compile(r"In CSV column #(?P<column>\d+): Row #(?P<row>\d+): .*?invalid value '(?P<cell>.*)'", re.DOTALL)
 TRUE, FALSE = (  # cells that are 1 and 0
@@ -40,27 +34,9 @@ TRUE, FALSE = (  # cells that are 1 and 0
 )
 EMPTY = ["", "NA", "N/A", "NULL", "null", "None", "-", "#N/A", "#DIV/0!"]  # cells without a value
 ARRIVAL = re.compile(rb"^\d\d:\d\d:\d\d\.\d{3} -> ", re.MULTILINE)  # that a serial monitor prints before a line
-LABELLED = re.compile(rb"\b([A-Za-z_]\w*):(?=[-+.\d])")  # names before numbers, as a serial plotter reads them
-LABELLED_LINE = re.compile(rb"\s*[A-Za-z_]\w*:[-+.\deE]+(?:[,;\t ]+[A-Za-z_]\w*:[-+.\deE]+)+\s*")
 CLOCK = re.compile(r"\s*(?:\d+:)?\d{1,2}:\d{1,2}(?:[.,]\d+)?\s*")  # hours, minutes and seconds
 DAY = 86400.0  # [s]
-NAME_COLUMNS = (
-    "put a line above that names the {} columns of {} with their units, such as "
-    f"{HEADER} (in s, rad, N m) or time_ms,angle_deg,current_mA,pwm"
-)
 STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d{1,9})?)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*")
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Layout of a text file, from its first lines."""
-
-    headers: tuple[str, ...]
-    delimiter: str  # one of , ; tab space
-    decimal: str  # . or ,
-    offset: int  # bytes before the first data row
-    first: tuple[str, ...]  # first cell of each column that is not empty
-    above: int = 0  # rows below the header that describe the columns
 
 
 Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
@@ -114,11 +90,10 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
     """Read the columns in need of a text, as `read_csv`."""
     opened = _clean_text(opened)
     with opened() as stream:
-        layout = _find_layout(stream.read(HEAD))
+        layout = find_layout(stream.read(HEAD))
     wordy = [k for k, cell in enumerate(layout.first) if not NUMBER.fullmatch(cell.replace(",", ".")) or not cell]
     columns = add_labels(find(layout.headers, wordy=wordy), layout.headers, layout.first)
-    below = {"count": Quantity(layout.above)}
-    notes = [Note(NoteKind.ROWS_BELOW_HEADER, numbers=below)] if layout.above else []
+    notes = []
     if dated := _find_stamp(layout, columns["time"]):
         notes.append(Note(NoteKind.FIRST_DATE, text=dated[0].strip()))
     try:
@@ -133,19 +108,16 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
 
 
 def _clean_text(opened: Opened) -> Opened:
-    """Drop what serial monitors and plotters add, and separate columns aligned by spaces with tabs."""
+    """Drop what serial monitors add, and separate columns aligned by spaces with tabs."""
     with opened() as stream:
         head = stream.read(HEAD)
     lines = ARRIVAL.sub(b"", head).split(b"\n")[:-1]
     rows = [line for line in lines if _is_aligned(line)]
     is_aligned = any(b"  " in row.strip() or row.startswith(b" ") for row in rows)
-    labels = re.findall(LABELLED, lines[0]) if lines and LABELLED_LINE.fullmatch(lines[0]) else []
-    if not (is_aligned or labels or ARRIVAL.search(head)):
+    if not (is_aligned or ARRIVAL.search(head)):
         return opened
     with opened() as stream:
         content = ARRIVAL.sub(b"", stream.read())
-    if labels:
-        content = b",".join(labels) + b"\n" + LABELLED.sub(b"", content)
     if is_aligned:
         start, width = content.index(rows[0]), len(rows[0].split())
         top = [_insert_tabs(line, width) for line in content[:start].split(b"\n")]
@@ -242,11 +214,6 @@ def _choose_cell_type(quantity: str, layout: Layout, column: FileColumn) -> pa.D
     return pa.string() if quantity == "segment" and first and not NUMBER.fullmatch(first) else pa.float64()
 
 
-def can_be_number(cell: str, header: str) -> bool:
-    """Return whether a column may hold numbers, by its first cell; a column without cells and name cannot."""
-    return bool(NUMBER.fullmatch(cell.replace(",", "."))) if cell else bool(header.strip())
-
-
 def _find_stamp(layout: Layout, time: FileColumn) -> re.Match[str] | None:
     """Return the first time, if it is a date."""
     return STAMP.fullmatch(layout.first[time.index])
@@ -256,141 +223,6 @@ def _parse_date(stamp: str) -> datetime:
     """Parse a date, UTC without a zone; digits below a microsecond are dropped."""
     date = datetime.fromisoformat(re.sub(r"(\.\d{6})\d+", r"\1", stamp.strip().replace(",", ".")))
     return date if date.tzinfo else date.replace(tzinfo=UTC)
-
-
-def _find_layout(head: bytes) -> Layout:
-    if not head.strip():
-        raise RecordingError("the file is empty: record it again")
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise RecordingError("the text is UTF-16: save it as UTF-8")
-    lines = [(match.end(), _decode_line(match.group()).strip("\r\n")) for match in LINE.finditer(head)]
-    content = [number for number, (_, line) in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
-    if not content:
-        raise RecordingError(f"there are comments but no header {HEADER} and no data: record it again")
-    content = content[_count_preamble([lines[number][1] for number in content]) :]
-    first = content[0]
-    line, start, data = lines[first][1], lines[first][0], content[1:]
-    probe = _split_cells(lines[content[-2]][1]) if len(content) > 2 else []
-    if len(probe) > 2 and not re.search(r"[,;\t]", line) and len(line.split()) != len(probe) and _is_numeric(probe):
-        line = lines[content[-2]][1]  # what stands above the table names none of its columns
-        raise RecordingError(
-            f"the file has no header: {NAME_COLUMNS.format(len(probe), quote_value(line.strip(), 40))}"
-        )
-    if _is_numeric(_split_cells(line)):  # no header, unless the comment above is one
-        comments = [text.lstrip(" #") for _, text in lines[:first] if text.strip()]
-        if not comments or len(_split_cells(comments[-1])) != len(_split_cells(line)):
-            what = NAME_COLUMNS.format(len(_split_cells(line)), quote_value(line.strip(), 40))
-            raise RecordingError(f"the first row holds numbers, the file has no header: {what}")
-        line, start, data = comments[-1], lines[first - 1][0], content
-    delimiter = _find_delimiter(line)
-    headers = _split_cells(line)
-    if data and _are_units(units := _split_cells(lines[data[0]][1], delimiter), headers):
-        headers = [
-            f"{name} [{unit.strip(' []()')}]" if unit.strip(" []()-") else name
-            for name, unit in zip(headers, units, strict=True)
-        ]
-        start, data = lines[data[0]][0], data[1:]
-    above = 0
-    while len(data) > 2 and _is_label(lines[data[0]][1], lines[data[-2]][1], delimiter):
-        start, data, above = lines[data[0]][0], data[1:], above + 1
-    samples = [lines[number][1] for number in data]
-    rows = [_split_cells(text, delimiter) for text in samples[:-1]]  # the last may be cut off
-    if rows and {len(row) for row in rows} == {width := len(rows[0])}:
-        if width == len(headers) + 1 and not any(row[-1].strip() for row in rows):
-            headers = [*headers, ""]  # a delimiter ends every row
-        elif len(_trim_header(headers)) <= width < len(headers):
-            headers = headers[:width]
-    numbers = [cell for row in rows for cell in row if NUMBER.fullmatch(cell.replace(",", ".", 1))]
-    comma = any("," in cell for cell in numbers) and not any("." in cell for cell in numbers)
-    first_cells = _collect_first_cells(samples, delimiter, len(headers))
-    return Layout(_number_repeated(headers), delimiter, "," if comma else ".", start, first_cells, above)
-
-
-def _is_label(line: str, later: str, delimiter: str) -> bool:
-    """Return whether a row begins with a word where later ones begin with a number: it describes the columns."""
-    word, number = (next(iter(_split_cells(text, delimiter)), "").strip() for text in (line, later))
-    is_number = [bool(NUMBER.fullmatch(cell.replace(",", "."))) for cell in (word, number)]
-    return bool(word and number) and is_number == [False, True] and word not in EMPTY
-
-
-def _number_repeated(headers: Sequence[str]) -> tuple[str, ...]:
-    """Number the names that repeat, so that each column has its own."""
-    names = [header.strip() for header in headers]
-    return tuple(
-        f"{name} ({names[: k + 1].count(name)})" if name and names.count(name) > 1 else headers[k]
-        for k, name in enumerate(names)
-    )
-
-
-def _trim_header(cells: list[str]) -> list[str]:
-    """Drop cells at the end of a header that rows may lack: empty ones, and LabVIEW's comment."""
-    while cells and cells[-1].strip().lower() in ("", "comment"):
-        cells = cells[:-1]
-    return cells
-
-
-def _collect_first_cells(lines: Sequence[str], delimiter: str, width: int) -> tuple[str, ...]:
-    """Return the first non-empty cell of each column, empty where there is none."""
-    first = [""] * width
-    for line in lines:
-        for k, cell in enumerate(_split_cells(line, delimiter)[:width]):
-            first[k] = first[k] or cell.strip()
-        if all(first):
-            break
-    return tuple(first)
-
-
-def _count_preamble(content: list[str]) -> int:
-    """Count the lines above the header, which have fewer cells than columns."""
-    if len(content) < 3:
-        return 0
-    probe = content[-2]  # the last may be cut off
-    delimiter, width = _find_delimiter(probe), len(_split_cells(probe))
-    rows = [_split_cells(line, delimiter) for line in content]
-    whole = [number for number, cells in enumerate(rows) if len(cells) == width > 1 and _are_names(cells)]
-    if whole:
-        return whole[0]
-    trimmed, width = [_trim_header(cells) for cells in rows], len(_trim_header(rows[-2]))
-    ends = [number for number, cells in enumerate(trimmed) if len(cells) == width > 1 and _are_names(cells)]
-    return ends[-1] if ends else 0
-
-
-def _are_names(cells: list[str]) -> bool:
-    return all(cell.strip() and not NUMBER.fullmatch(cell) for cell in cells)
-
-
-def _are_units(cells: list[str], headers: list[str]) -> bool:
-    """Return whether a row has units: at least one is known, the others are empty or unknown words."""
-    if len(cells) != len(headers) or any(NUMBER.fullmatch(cell) for cell in cells if cell.strip()):
-        return False
-    known = {unit for units in UNITS.values() for unit in units}
-    return any(normalise_name(cell) in known for cell in cells)
-
-
-def _decode_line(line: bytes) -> str:
-    try:
-        return line.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return line.decode("latin-1")  # has the degree sign of older Windows programs
-
-
-def _find_delimiter(line: str) -> str:
-    """Return the delimiter of a line; commas may be decimal, at most one more than there are delimiters."""
-    other = max(";\t", key=line.count)
-    if line.count(other) and line.count(other) >= line.count(",") - 1:
-        return other
-    return "," if "," in line else " "
-
-
-def _split_cells(line: str, delimiter: str | None = None) -> list[str]:
-    try:
-        return next(csv.reader([line], delimiter=delimiter or _find_delimiter(line)), [])
-    except csv.Error as error:
-        raise RecordingError(f"the header cannot be understood ({error}): put {HEADER} there") from None
-
-
-def _is_numeric(cells: list[str]) -> bool:
-    return any(cell.strip() for cell in cells) and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in cells)
 
 
 def _refuse_cell(told: str, layout: Layout, columns: dict[str, FileColumn]) -> NoReturn:

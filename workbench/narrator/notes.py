@@ -56,9 +56,6 @@ def _list_delays(note: Note) -> str:
 ROWS = (NoteKind.SPOILT, NoteKind.TIME_REPEATED, NoteKind.GLITCHES, NoteKind.STALE)
 PLACES = dict.fromkeys(ROWS, _name_rows) | dict.fromkeys((NoteKind.GAPS, NoteKind.FILLED), _name_times)
 VARIANTS: Mapping[NoteKind, Callable[[Note], str]] = {
-    NoteKind.ROWS_BELOW_HEADER: _choose_by_count(
-        "1 row below the header holds", "{count:g} rows below the header hold"
-    ),
     NoteKind.OTHER_ROWS: lambda note: {"held": "as it was last"}.get(note.text, "by interpolation"),
     NoteKind.SPOILT: lambda note: "is" if len(note.quantities) == 1 else "are",
     NoteKind.GAPS: _choose_by_count("a gap of", "{count:g} gaps of {shortest:.3g} to"),
@@ -85,7 +82,6 @@ TEXTS: Mapping[NoteKind, str] = {
     NoteKind.TORQUE_BY_OUTPUT: "torque is the {text} that was logged, in {header} by the drive",
     NoteKind.OTHER_TOPIC: "{quantity} is taken from {header} at the times of {header1}",
     NoteKind.SPARSE: "{quantity} is left out: it is {text} in {count:g} of {rows:.0f} rows",
-    NoteKind.ROWS_BELOW_HEADER: "{variant} no samples: left out",
     NoteKind.FIRST_DATE: "time is counted from {text}",
     NoteKind.LAST_ROW_CUT: "the last row is cut off: left out",
     NoteKind.CLOCK_RESTARTED: "time goes on where its counter began again",

@@ -118,21 +118,10 @@ ASKED: dict[str, tuple[str, str, dict[str, str]]] = {  # text, what is said, and
         "'position=Position actual value [inc]:counts/4096'",
         {"position": "Position actual value [inc]*1e-6"},
     ),
-    "TwinCAT Scope": (
-        text("Name\tMAIN.fAngle\tName\tMAIN.fTorque\nData-Type\tREAL64\tData-Type\tREAL64\nSampleTime\t5\tSampleTime\t5",
-             MILLIS, DEGREES, MILLIS, TORQUE, sep="\t"),
-        "'Name (1)', 'MAIN.fAngle', 'Name (2)'",
-        {"time": "Name (1):ms", "position": "MAIN.fAngle:deg", "torque": "MAIN.fTorque"},
-    ),
     "an oscilloscope": (
         text("x-axis,1,2\nsecond,Volt,Volt", TIME, ANGLE / 2, TORQUE / 3),
         "'Volt (1)', 'Volt (2)'",
         {"position": "Volt (1)*2", "torque": "Volt (2)*3"},
-    ),
-    "a serial plotter": (
-        "".join(f"t:{t},angle:{q:.6f},torque:{u}\n" for t, q, u in zip(MILLIS, ANGLE, TORQUE, strict=True)),
-        "time=t:ms",
-        {"time": "t:ms"},
     ),
     "a date of a spreadsheet": (
         text("time,angle,torque", [f"03/01/2026 {t}" for t in TIMES_OF_DAY], ANGLE, TORQUE), "dates as 2026-03-01", {},

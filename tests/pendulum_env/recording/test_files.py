@@ -152,7 +152,7 @@ def without_torque(lines: list[str]) -> list[str]:
 @pytest.mark.parametrize(
     ("edit", "match"),
     [
-        (lambda lines: lines[1:], "first row holds numbers.* put a line above that names the 3 columns"),
+        (lambda lines: lines[1:], "file has no header: put a line above that names the 3 columns"),
         (lambda lines: lines[:1], "header but no data"),
         (lambda lines: ["# nothing"], "comments but no header"),
         (changed(12, "0.022,abc,1"), r"data row 12 \(header not counted\) has 'abc' as pos"),
