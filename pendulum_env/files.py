@@ -2,10 +2,9 @@
 
 import errno
 import os
-import stat
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
 from io import FileIO
 from pathlib import Path
 from typing import BinaryIO
@@ -39,40 +38,31 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
 
 @contextmanager
 def replace_file(path: str | Path) -> Iterator[BinaryIO]:
-    """Open a file that takes its name only when all of it is on the disk.
+    """Open a file that takes its name only when all of it is on the disk; until then it has a hidden one beside.
 
-    Until then it lies beside its place under a hidden name, which goes away if anything is raised. Links are followed,
-    except one of the hidden name, which another user may have made. A device or pipe, such as /dev/null, is written to
-    rather than replaced. A file that is replaced keeps its permissions.
+    Links are followed, and a file that is replaced keeps its permissions. A device, such as /dev/null, is written to.
 
     Raises:
         OSError: if it cannot be written; it names the file.
     """
     place = Path(os.path.realpath(path))
-    special = place.exists() and not place.is_file()
-    target = place if special else place.with_name(f".{place.name}.{os.getpid()}.part")
-    permissions = stat.S_IMODE(place.stat().st_mode) if place.is_file() else 0o666
+    is_device = place.exists() and not place.is_file()
+    target = place if is_device else place.with_name(f".{place.name}.{os.getpid()}.part")
     try:
-        if not special:
-            target.unlink(missing_ok=True)  # of a program that was killed, or a link
-        try:
-            with open(target, "wb" if special else "xb", opener=partial(os.open, mode=permissions)) as file:
-                yield file
-                file.flush()
-                sync_file(file)
-            if not special:
-                target.replace(place)
-        finally:
-            if not special:
-                with suppress(OSError):  # what went wrong before is what counts
-                    target.unlink(missing_ok=True)
+        with target.open("wb") as file:
+            if place.is_file():
+                shutil.copymode(place, target)
+            yield file
+            file.flush()
+            sync_file(file)
+        if not is_device:
+            target.replace(place)
     except OSError as error:
         raise OSError(error.errno, error.strerror or " ".join(str(error).split()), str(path)) from error
-
-
-def open_nonblocking(path: str, flags: int) -> int:
-    """Open a file without waiting for the other end of a pipe; an opener of `open`."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)  # unknown to Windows
+    finally:
+        if not is_device:
+            with suppress(OSError):  # it has its name, or there never was one
+                target.unlink(missing_ok=True)
 
 
 def sync_file(file: BinaryIO | FileIO) -> None:

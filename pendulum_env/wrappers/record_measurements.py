@@ -1,12 +1,13 @@
 """Measurements of an environment, appended to a file while it runs."""
 
+import errno
 import math
-from collections.abc import Sequence
-from contextlib import suppress
-from functools import partial
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import gymnasium as gym
 
@@ -67,7 +68,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 
         Raises:
             FileExistsError: with the first step, if the file exists and may not be replaced.
-            OSError: if the measurements cannot be written any more, with the number of rows that are kept.
+            OSError: if the measurements cannot be written any more, with the time that was written.
         """
         if self._lost is not None:
             raise self._lost
@@ -88,7 +89,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         """Write what is left and close the environment.
 
         Raises:
-            OSError: if it cannot be written, with the number of rows that are kept.
+            OSError: if it cannot be written, with the time that was written.
         """
         try:
             super().close()
@@ -109,49 +110,37 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         columns: tuple[str, ...] = COLUMNS
         if self._joints is not None:
             columns = ("time", *(f"{quantity}_{joint}" for quantity in COLUMNS[1:] for joint in self._joints))
-        self._kept, self._size = -1, 0  # rows, without the header, and bytes
         self._rows = [",".join((*columns, *(name for name in TIMING if name in self._last))) + "\n"]
         self._flush()
 
     def _flush(self) -> None:
-        """Write the rows to the end of the file; of those that do not fit, as many as do."""
-        if self._file is None or not self._rows:
-            return
-        data, self._rows = "".join(self._rows).encode(), []  # in one piece: a killed process leaves no half row
-        self._written, done = self._last["time"], 0
-        try:
-            while done < len(data):  # a disk that fills up takes a part first, and refuses the rest
-                done += self._file.write(data[done:]) or 0
-        except OSError as error:
-            end = data.rfind(b"\n", 0, done) + 1
-            with suppress(OSError):  # a device has no length
-                self._file.truncate(self._size + end)
-            self._kept += data.count(b"\n", 0, end)
-            self._give_up(error)
-        self._kept, self._size = self._kept + data.count(b"\n"), self._size + len(data)
+        """Write the rows in one piece, so that a killed process leaves no half row."""
+        if self._file is not None and self._rows:
+            data, self._rows = "".join(self._rows).encode(), []
+            with self._give_up_on_error():
+                if self._file.write(data) != len(data):  # a disk that fills up takes a part first
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            self._written = self._last["time"]
 
     def _finish(self) -> None:
         """Close the file, once all of it is on the disk."""
         self._flush()
         if self._file is not None:
-            try:
+            with self._give_up_on_error():
                 sync_file(self._file)
-                self._file.close()
-            except OSError as error:
-                self._give_up(error)
+            self._file.close()
             self._file = None
 
-    def _give_up(self, error: OSError) -> NoReturn:
-        """Let go of the file, and raise an error with the number of its rows."""
-        assert self._file is not None
-        for end in (partial(sync_file, self._file), self._file.close):
+    @contextmanager
+    def _give_up_on_error(self) -> Iterator[None]:
+        """Let go of the file at an error, which every step of this episode raises from then on."""
+        try:
+            yield
+        except OSError as error:
+            assert self._file is not None
             with suppress(OSError):
-                end()
-        rows = max(0, self._kept)
-        self._file = None
-        self._lost = OSError(
-            error.errno,
-            f"{error.strerror}: {rows} rows were written: make room or choose another disk, and record again",
-            str(self.get_file(self._episode)),
-        )
-        raise self._lost from error
+                self._file.close()
+            self._file = None
+            told = f"{error.strerror}: {self._written:.3g} s were written: make room, and record again"
+            self._lost = OSError(error.errno, told, str(self.get_file(self._episode)))
+            raise self._lost from error

@@ -12,7 +12,6 @@ from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import Drive, DriveError, Sent
 from pendulum_env.backends.hardware.encoder import Encoder
 from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
-from pendulum_env.files import open_nonblocking
 
 log = logging.getLogger("pendulum_env.rig")
 log.addHandler(logging.NullHandler())  # users set a handler to see it
@@ -228,7 +227,7 @@ class Guard:
         path = self.config.log_file
         if path is not None:
             try:
-                with open(path, "a", encoding="utf-8", opener=open_nonblocking) as file:
+                with open(path, "a", encoding="utf-8") as file:
                     file.write(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {what}\n")
             except (OSError, ValueError) as error:  # ValueError: a name that is no Unicode, in an error's text
                 log.warning("%s: %s", path, error)  # a full disk must not keep the torque on

@@ -1,7 +1,6 @@
 """Each limit of the guard, on a drive that does as it is told, in a time that passes as it is told."""
 
 import math
-import os
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -111,15 +110,6 @@ def fault(guard, match):
             again()
     assert not guard.drive.powered
     assert guard.drive.sent[-1] == 0.0
-
-
-def test_a_log_that_nobody_reads_does_not_keep_the_torque_on(make, tmp_path):
-    guard, drive = make()
-    getattr(os, "mkfifo", lambda path: None)(tmp_path / "rig.log")
-    guard.config = replace(guard.config, log=tmp_path / "rig.log")
-    drive.fault = "over-temperature"
-    with fault(guard, "the drive reports: over-temperature"):
-        guard.read()
 
 
 @pytest.mark.parametrize("torque", [math.nan, -math.inf])

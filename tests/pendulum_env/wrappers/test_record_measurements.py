@@ -46,39 +46,20 @@ def test_each_episode_has_its_file_and_none_is_replaced(tmp_path):
     assert len(read_recording(tmp_path / "run.csv")) == 1100
 
 
-@pytest.mark.parametrize("size", [10, 50_000, 108_000])
-def test_a_disk_that_fills_up_is_told_and_rows_end_whole(tmp_path, size):
-    """At the header, on the way, and in the rows that are written when it is closed."""
-    path, whole = tmp_path / "run.csv", tmp_path / "whole.csv"
-    with RecordMeasurements(gym.make(PENDULUM), whole) as env:
-        rollout(env, POLICY, 2400, seed=0)
-    env = RecordMeasurements(gym.make(PENDULUM), path)
-    with full_after(size), pytest.raises(OSError, match=r"\d+ rows were written.* make room") as caught:
-        try:
-            rollout(env, POLICY, 2400, seed=0)
-        finally:
-            env.close()
-    kept = path.read_bytes()
-    assert whole.read_bytes().startswith(kept) and (size - 100 < len(kept) <= size or not kept)
-    assert not kept or kept.endswith(b"\n")  # no row is cut
-    assert f"{max(0, len(kept.splitlines()) - 1)} rows were written" in str(caught.value)
-    assert caught.value.filename == str(path)
-    env.close()  # has nothing left to say
-
-
 def test_an_episode_whose_file_failed_does_not_go_on_in_another(tmp_path):
     env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv")
     env.reset()
-    with full_after(30_000):
-        with pytest.raises(OSError, match="rows were written"):
+    with full_after(50_000):
+        with pytest.raises(OSError, match="were written: make room"):
             for _ in range(3000):
                 env.step(np.array([1.0], dtype=np.float32))
-        with pytest.raises(OSError, match="rows were written"):
+        with pytest.raises(OSError, match="were written: make room"):
             env.step(np.array([1.0], dtype=np.float32))
     rollout(env, POLICY, 1200)  # there is room again
     env.close()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run-2.csv", "run.csv"]
     assert len(read_recording(tmp_path / "run-2.csv")) == 1200
+    assert len(read_recording(tmp_path / "run.csv")) > 100  # half a row at its end is left out
 
 
 def test_bad_paths_are_refused(tmp_path):
