@@ -34,8 +34,7 @@ from pendulum_env.physics.mechanism import PENDULUM, Mechanism, describe_joints
 from pendulum_env.physics.model import NO_INERTIA, ModelError
 from pendulum_env.reading import quote_value
 from pendulum_env.recording import Recording, Source
-from pendulum_env.recording.arrays import is_data
-from pendulum_env.recording.formats import Readable, is_readable
+from pendulum_env.recording.formats import Readable, is_data, is_readable
 from pendulum_env.recording.study import parse_log_format
 from pendulum_env.settings import format_setting
 

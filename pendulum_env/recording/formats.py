@@ -2,17 +2,22 @@
 
 import os
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from pendulum_env.errors import FileError, RecordingError, shorten_error
-from pendulum_env.reading import check_size
-from pendulum_env.recording.arrays import is_data, read_data, read_hdf5, read_mat, read_npz, read_parquet
+from pendulum_env.reading import check_size, quote_value
+from pendulum_env.recording.arrays import read_arrays, read_npz
+from pendulum_env.recording.arrow import read_frame, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
+from pendulum_env.recording.cells import read_excel
+from pendulum_env.recording.matlab import read_hdf5, read_mat
 from pendulum_env.recording.table import ColumnFinder, RawTable
-from pendulum_env.recording.text import read_csv, read_excel
+from pendulum_env.recording.text import read_csv
 
 READERS: dict[str, Callable[[Path, ColumnFinder], RawTable]] = {
     ".csv": read_csv,
@@ -58,6 +63,13 @@ class ArrowStream(Protocol):
 Readable = str | os.PathLike[str] | Mapping[str, Any] | ArrowStream | NDArray[Any]  # arrays: structured
 
 
+def is_data(given: object) -> bool:
+    """Return whether something is a table in memory that `read_table` reads; a dataclass, such as a result, is none."""
+    is_mapping = isinstance(given, Mapping) and not is_dataclass(given)
+    is_structured = isinstance(given, np.ndarray) and bool(given.dtype.names)
+    return is_mapping or is_structured or hasattr(given, "__arrow_c_stream__")
+
+
 def is_readable(given: object) -> bool:
     """Return whether something is of a kind that `read_recording` reads."""
     return isinstance(given, str | os.PathLike) or is_data(given)
@@ -95,9 +107,11 @@ def read_table(source: Readable, find: ColumnFinder) -> RawTable:
         RecordingError: if it cannot be read; without the file's name.
     """
     if not isinstance(source, str | os.PathLike):
+        if not is_data(source):
+            raise TypeError(f"{quote_value(source)} is no table: give a path, a mapping of arrays or a data frame")
         try:
-            return read_data(source, find)
-        except (RecordingError, TypeError):
+            return read_arrays(source, find) if isinstance(source, Mapping | np.ndarray) else read_frame(source, find)
+        except RecordingError:
             raise
         except Exception as error:
             raise RecordingError(f"not a readable table ({shorten_error(error)}): give arrays of numbers") from error

@@ -1,18 +1,12 @@
-"""Read text, plain or gzipped, and sheets of Excel; only the columns in need are ever held."""
+"""Read text, plain or gzipped; only the columns in need are ever held."""
 
-import csv
-import io
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from datetime import UTC, datetime
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
-from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError, shorten_error
@@ -21,7 +15,8 @@ from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.columns import NONE, FileColumn, add_labels
 from pendulum_env.recording.layout import HEAD, NUMBER, Layout, find_layout
 from pendulum_env.recording.notes import Note, NoteKind
-from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series, require_module
+from pendulum_env.recording.stamps import CLOCK, STAMP, convert_times, parse_date
+from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series, rank_words
 from pendulum_env.recording.vocabulary import OPTIONAL
 from pendulum_env.settings import format_setting
 
@@ -34,11 +29,6 @@ TRUE, FALSE = (  # cells that are 1 and 0
 )
 EMPTY = ["", "NA", "N/A", "NULL", "null", "None", "-", "#N/A", "#DIV/0!"]  # cells without a value
 ARRIVAL = re.compile(rb"^\d\d:\d\d:\d\d\.\d{3} -> ", re.MULTILINE)  # that a serial monitor prints before a line
-CLOCK = re.compile(r"\s*(?:\d+:)?\d{1,2}:\d{1,2}(?:[.,]\d+)?\s*")  # hours, minutes and seconds
-DAY = 86400.0  # [s]
-STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d{1,9})?)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*")
-
-
 Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
 
 
@@ -54,38 +44,6 @@ def read_csv(path: Path, find: ColumnFinder) -> RawTable:
     return read_text_table(lambda: pa.input_stream(str(path), compression=packed), find)
 
 
-def read_excel(path: Path, find: ColumnFinder) -> RawTable:
-    """Read the first non-empty sheet of a workbook as the text of its cells."""
-    require_module("python_calamine")
-    from python_calamine import CalamineWorkbook
-
-    book = CalamineWorkbook.from_path(path)
-    rows = next((rows for name in book.sheet_names if (rows := book.get_sheet_by_name(name).to_python())), [])
-    text = io.StringIO()
-    csv.writer(text).writerows(
-        [cell.isoformat() if hasattr(cell, "isoformat") else cell for cell in row] for row in rows
-    )
-    content = pa.py_buffer(text.getvalue().encode())
-    return read_text_table(lambda: pa.BufferReader(content), find)
-
-
-def read_cells(headers: Sequence[str], columns: dict[str, FileColumn], cells: Mapping[str, NDArray[Any]]) -> RawTable:
-    """Read columns of arrays in memory, by quantity, as those of a text file: some of them hold text."""
-    made = {quantity: _make_cells(values) for quantity, values in cells.items()}
-    file = pa.BufferOutputStream()
-    pacsv.write_csv(pa.table(made), file, pacsv.WriteOptions(delimiter=";"))  # cells may have decimal commas
-    content, places = file.getvalue(), {q: replace(columns[q], index=k) for k, q in enumerate(made)}
-    found = read_text_table(lambda: pa.BufferReader(content), lambda *_, **__: places)
-    return replace(found, headers=headers, columns={quantity: columns[quantity] for quantity in found.columns})
-
-
-def _make_cells(values: NDArray[Any]) -> pa.Array:
-    """Make an Arrow column of the texts or numbers of an array."""
-    if values.dtype.kind not in "UO":
-        return pa.array(values)
-    return pa.array([None if cell is None or cell != cell else str(cell) for cell in values], pa.string())
-
-
 def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
     """Read the columns in need of a text, as `read_csv`."""
     opened = _clean_text(opened)
@@ -94,7 +52,7 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
     wordy = [k for k, cell in enumerate(layout.first) if not NUMBER.fullmatch(cell.replace(",", ".")) or not cell]
     columns = add_labels(find(layout.headers, wordy=wordy), layout.headers, layout.first)
     notes = []
-    if dated := _find_stamp(layout, columns["time"]):
+    if dated := STAMP.fullmatch(layout.first[columns["time"].index]):
         notes.append(Note(NoteKind.FIRST_DATE, text=dated[0].strip()))
     try:
         values = _read_values(opened, layout, columns)
@@ -104,7 +62,7 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
         except RecordingError:
             raise refusal from None
         notes.append(Note(NoteKind.LAST_ROW_CUT))
-    return RawTable(layout.headers, columns, values, tuple(notes), None if dated is None else _parse_date(dated[0]))
+    return RawTable(layout.headers, columns, values, tuple(notes), None if dated is None else parse_date(dated[0]))
 
 
 def _clean_text(opened: Opened) -> Opened:
@@ -148,9 +106,9 @@ def _read_values(opened: Opened, layout: Layout, columns: dict[str, FileColumn])
     names = [str(index) for index in range(len(layout.headers))]  # the file's own may repeat
     kept = [names[column.index] for column in columns.values()]
     types = {names[column.index]: _choose_cell_type(quantity, layout, column) for quantity, column in columns.items()}
-    if stamp := _find_stamp(layout, columns["time"]):
-        types[names[columns["time"].index]] = pa.timestamp("ns", tz="UTC" if stamp["zone"] else None)
     first = layout.first[columns["time"].index]
+    if stamp := STAMP.fullmatch(first):
+        types[names[columns["time"].index]] = pa.timestamp("ns", tz="UTC" if stamp["zone"] else None)
     if is_spelt := bool(CLOCK.fullmatch(first) or (stamp and "," in first)):
         types[names[columns["time"].index]] = pa.string()
     try:
@@ -177,33 +135,11 @@ def _read_values(opened: Opened, layout: Layout, columns: dict[str, FileColumn])
         _refuse_cell(str(error), layout, columns)
     series = dict(zip(columns, table.columns, strict=True))
     if is_spelt:
-        series["time"] = _convert_times(series["time"])
+        series["time"] = convert_times(series["time"])
     values = {quantity: convert_series(column) for quantity, column in series.items()}
     if values["time"].dtype.kind == "M":
         values["time"], _ = count_seconds(values["time"])
     return {quantity: rank_words(cells) if cells.dtype.kind == "O" else cells for quantity, cells in values.items()}
-
-
-def rank_words(cells: NDArray[Any]) -> Array:
-    """Number words (N,) by their alphabetical order."""
-    return np.unique(cells.astype(str), return_inverse=True)[1].astype(np.float64)
-
-
-def _convert_times(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Convert times of day to seconds, continued after midnight; dates with a decimal comma to dates."""
-    import pyarrow.compute as pc  # takes a while to import
-
-    column = pc.replace_substring(column, ",", ".")
-    if not CLOCK.fullmatch(column[0].as_py() or ""):
-        return column.cast(pa.timestamp("ns"))
-    parts = pc.split_pattern(column, ":")
-    count = len(parts[0])
-    seconds = sum(
-        60.0 ** (count - 1 - k) * convert_series(pc.list_element(parts, k).cast(pa.float64())) for k in range(count)
-    )
-    if count == 3:
-        seconds = seconds + np.append(0.0, np.cumsum(np.where(np.diff(seconds) < -DAY / 2, DAY, 0.0)))
-    return pa.chunked_array([seconds])
 
 
 def _choose_cell_type(quantity: str, layout: Layout, column: FileColumn) -> pa.DataType:
@@ -212,17 +148,6 @@ def _choose_cell_type(quantity: str, layout: Layout, column: FileColumn) -> pa.D
     if quantity in ("enabled", "segment") and first in (*TRUE, *FALSE):
         return pa.bool_()
     return pa.string() if quantity == "segment" and first and not NUMBER.fullmatch(first) else pa.float64()
-
-
-def _find_stamp(layout: Layout, time: FileColumn) -> re.Match[str] | None:
-    """Return the first time, if it is a date."""
-    return STAMP.fullmatch(layout.first[time.index])
-
-
-def _parse_date(stamp: str) -> datetime:
-    """Parse a date, UTC without a zone; digits below a microsecond are dropped."""
-    date = datetime.fromisoformat(re.sub(r"(\.\d{6})\d+", r"\1", stamp.strip().replace(",", ".")))
-    return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
 def _refuse_cell(told: str, layout: Layout, columns: dict[str, FileColumn]) -> NoReturn:
