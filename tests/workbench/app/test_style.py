@@ -16,9 +16,7 @@ PAIRS = [
     ("--muted", "--none-back"),
     ("--on-primary", "--primary"),
 ]
-MARKS = [
-    (mark, "--surface") for mark in ("--brush", "--scheme-1", "--scheme-2", "--scheme-3", "--measured", "--primary")
-]
+MARKS = [(mark, "--surface") for mark in ("--scheme-1", "--scheme-2", "--scheme-3", "--measured", "--primary")]
 
 
 def colors(theme: str) -> dict[str, str]:
