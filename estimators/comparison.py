@@ -39,7 +39,7 @@ from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import Model
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.recording.channel import TorqueConstant
 from pendulum_env.units import JointUnits
 
 SCHEMA = "pendulum-ident/comparison@2"

@@ -11,7 +11,7 @@ from pendulum_env.backends.hardware.config import load as load_rig
 from pendulum_env.excitation import Multisine
 from pendulum_env.physics import Model
 from pendulum_env.reading import read_toml
-from pendulum_env.recording.record import Load
+from pendulum_env.recording.channel import Load
 from pendulum_env.recording.study import Source, read_sources, write_study
 from pendulum_env.servo.drive import ServoDrive
 from tests.two_link import body

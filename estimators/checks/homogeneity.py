@@ -23,7 +23,7 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Column, Model, Term
-from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits
 
 

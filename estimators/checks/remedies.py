@@ -11,8 +11,8 @@ from estimators.selection.physical import compute_significant_sign, find_driving
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, Column, Model
 from pendulum_env.recording import Recording
+from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.record import NEWTON_METRE
 
 # takes the load torque out of the balance: its parameter is 0, or -2 if the sensor has the opposite sign
 # Of noise s in load l beyond the other columns it is -s^2 / (l^2 + s^2), or -(2 l^2 + s^2) / (l^2 + s^2): -1 at most

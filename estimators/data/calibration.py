@@ -8,7 +8,7 @@ from estimators.findings import Finding, Kind
 from estimators.free_swings import fit_inertia, scale_swing, scale_swings
 from estimators.regression.equations import IdentificationError
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
+from pendulum_env.recording.channel import NEWTON_METRE, PER_INERTIA, TorqueConstant
 from pendulum_env.settings import Blank, format_setting
 
 Recordings = tuple[Recording, ...]

@@ -27,7 +27,7 @@ from pendulum_env.arms.joints import find_body
 from pendulum_env.arms.recording import add_payload
 from pendulum_env.physics import Model, ModelError, Term
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
+from pendulum_env.recording.channel import NEWTON_METRE, PER_INERTIA, TorqueConstant
 from pendulum_env.settings import Blank, format_setting
 
 

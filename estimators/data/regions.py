@@ -8,7 +8,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.signals.residual import SYMBOLS, Region, find_regions, make_region_everywhere
 from pendulum_env._typing import Array
-from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.channel import NEWTON_METRE
 
 MOST = 6  # regions of a residual
 

@@ -35,7 +35,7 @@ from pendulum_env.physics import Model, Samples, Term, simulate
 from pendulum_env.physics.terms import list_ids
 from pendulum_env.plant import get_typical_values, paper_plant
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import JointUnits, is_of_torque
 
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word

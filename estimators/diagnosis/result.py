@@ -23,7 +23,7 @@ from pendulum_env.errors import UserError
 from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import Model
 from pendulum_env.physics.mechanism import Mechanism
-from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
 
 SCHEMA = "pendulum-ident/diagnosis@2"
 

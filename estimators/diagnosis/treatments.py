@@ -11,7 +11,7 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_links
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.terms import list_ids
-from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.channel import NEWTON_METRE
 
 TORQUE = {Kind.TIMED_BESIDE, Kind.PAYLOAD}  # treatments that change the torque
 WINDOWS = {Kind.NARROWER_WINDOWS, Kind.IMPACTS_INCLUDED}  # treatments of the windows alone

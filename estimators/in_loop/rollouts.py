@@ -19,7 +19,7 @@ from pendulum_env.physics import KnownLoad
 from pendulum_env.physics.model import SIGNIFICANT
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording, RecordingError
-from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.servo.drive import LONGEST
 from pendulum_env.servo.loop import Servos, follow
 from pendulum_env.servo.torque import get_bus_voltage

@@ -20,7 +20,7 @@ from pendulum_env.lookup import find
 from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import Model
 from pendulum_env.physics.mechanism import Mechanism
-from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
 
 SCHEMA = "pendulum-ident/identification@2"
 SAVED = "filtered_dynamic"  # scheme whose model of an arm is the one to go on with

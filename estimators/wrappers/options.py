@@ -23,7 +23,7 @@ from pendulum_env.lookup import find
 from pendulum_env.physics import Term
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.channel import NEWTON_METRE
 
 Names = str | Sequence[str | Scheme | JointState]
 AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]

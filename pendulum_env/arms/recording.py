@@ -17,11 +17,11 @@ from pendulum_env.lookup import find
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError, read_recording
+from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.columns import NONE, check_named, parse_column
 from pendulum_env.recording.formats import Readable, get_label
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.preview import Preview, read_preview
-from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.storage import describe_reading
 from pendulum_env.recording.study import Source
 from pendulum_env.settings import Blank, format_setting

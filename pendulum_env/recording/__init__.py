@@ -1,8 +1,9 @@
 """Recordings of a pendulum: one record type, alone or together as a study, read from files and written to them."""
 
 from pendulum_env.errors import RecordingError
+from pendulum_env.recording.channel import Load
 from pendulum_env.recording.notes import Note, NoteKind
-from pendulum_env.recording.record import Load, Recording
+from pendulum_env.recording.record import Recording
 from pendulum_env.recording.storage import read_recording
 from pendulum_env.recording.study import Source, Study, StudyError, read_study, write_study
 from pendulum_env.recording.writing import write_recording

@@ -12,6 +12,7 @@ from pendulum_env.recording.notes import NAMED, Note, NoteKind
 from pendulum_env.recording.vocabulary import QUANTITIES
 
 OPTIONAL = QUANTITIES[3:]  # that a recording can do without
+TURN = 2 * np.pi  # [rad]
 HELD = ("torque", "enabled")  # quantities that stay until they are told anew
 
 
@@ -237,6 +238,20 @@ def drop_spoilt_positions(log: Log, position: Array) -> None:
             log.notes.append(note_rows(kind, log.rows[at], "position"))
             good[at] = False
     log.keep_rows(good)
+
+
+def unwrap_positions(log: Log, is_angle: bool) -> int:
+    """Undo jumps of 2 pi in position, a reference that `is_angle` following; returns how many there were."""
+    position = log.values["position"]
+    unwrapped = np.unwrap(position)
+    log.values = {**log.values, "position": unwrapped}
+    if "reference" in log.values and is_angle:  # on the turn that the joint is on
+        reference = log.values["reference"]
+        log.values["reference"] = reference + TURN * np.round((unwrapped - reference) / TURN)
+    jumps = int(np.count_nonzero(np.abs(np.diff(position)) > np.pi))
+    if jumps:
+        log.notes.append(Note(NoteKind.UNWRAPPED, ("position",), {"count": Quantity(jumps)}))
+    return jumps
 
 
 def note_rows(kind: NoteKind, rows: Index, *quantities: str, text: str = "") -> Note:

@@ -1,85 +1,31 @@
 """The record that everything else works on: time, position and torque, uniformly sampled between gaps."""
 
-from __future__ import annotations
-
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import Array
 from pendulum_env.errors import ColumnError, RecordingError
-from pendulum_env.formatting import format_estimate
 from pendulum_env.notebook import render_html
 from pendulum_env.recording.angle_unit import suspect_unit
-from pendulum_env.recording.cleaning import Log, start_from_zero
+from pendulum_env.recording.channel import NEWTON_METRE, Load, TorqueConstant
 from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, find_date, is_uniform, sum_durations
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.sampling import cut_at_gaps, resample_uniformly
+from pendulum_env.recording.sampling import even_clock
 from pendulum_env.recording.vocabulary import QUANTITIES
 from pendulum_env.servo.drive import ServoDrive
 from pendulum_env.units import JointUnits
 
-NEWTON_METRE = "N m"
 ARRAYS = "{'time': time, 'position': position, 'torque': torque}"  # argument of `read_recording`, in messages
-PER_INERTIA = "rad/s^2"  # unit of a torque that is divided by the inertia
 NO_TORQUE = 1e-9  # [N m], at most: rounding
 BEYOND_NOISE = 3.0  # by which a load torque is larger than its noise, if it drives a joint
 NOISE_ORDER = 4  # of differences, in which a load torque vanishes and its noise does not
-NOISE_GAIN = 0.6745 * math.sqrt(math.comb(2 * NOISE_ORDER, NOISE_ORDER))  # of their median size
-
-
-@dataclass(frozen=True)
-class Load:
-    """Known load that hung on the joint during one recording, in addition to the mechanism.
-
-    A load torque that was measured is the column `load_torque` of the recording.
-    """
-
-    inertia: float  # [kg m^2] about the axis
-    gravity: float  # [N m], torque that holds it out level
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.inertia) and self.inertia >= 0):
-            raise RecordingError(f"a load has an inertia of 0 or more kg m^2, not {self.inertia:g}")
-        if not math.isfinite(self.gravity):
-            raise RecordingError(f"a load has a finite gravity torque [N m], not {self.gravity:g}")
-
-
-@dataclass(frozen=True)
-class TorqueConstant:
-    """Torque per unit of the logged current, from known loads."""
-
-    value: float  # [N m/unit]
-    std: float  # standard error [N m/unit]
-    of: str  # unit of the logged channel: `A`, `V` or `duty`
-    loads: int = 0  # how many different ones it is known from, none counting as one; 0 if none told it
-    by_load_torque: bool = False  # whether a measured load torque determines it
-
-    @property
-    def unit(self) -> str:
-        """Return `N m/A`."""
-        return f"N m/{self.of}"
-
-    @property
-    def text(self) -> str:
-        """Return `torque constant 0.873 ± 0.004 N m/A, from 8 known loads`."""
-        name = "torque constant" if self.of == "A" else "torque gain"
-        sources = ["the load torque"] if self.by_load_torque else []
-        sources += [f"{self.loads} known loads"] if self.loads > 1 else []
-        source = f"from {' and '.join(sources)}" if sources else "of the model"
-        return f"{name} {format_estimate(self.value, self.std)} {self.unit}, {source}"
-
-    def json(self) -> JSON:
-        """Return a plain dictionary for JSON."""
-        found = {"value": self.value, "std": self.std, "unit": self.unit, "loads": self.loads}
-        return {**found, "by_load_torque": self.by_load_torque}
+NOISE_GAIN = 0.6745 * 70**0.5  # of their median size: 70 is the sum of squares of 1, -4, 6, -4, 1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,7 +89,7 @@ class Recording:
             raise RecordingError(f"recording {self.name!r} holds {len(self.time)} samples and needs at least 2")
         object.__setattr__(self, "starts", tuple(int(start) for start in self.starts))
         bounds = (*self.starts, len(self.time))
-        if bounds[0] != 0 or min(b - a for a, b in pairwise(bounds)) < 2:
+        if bounds[0] != 0 or np.diff(bounds).min() < 2:
             raise RecordingError(
                 f"recording {self.name!r} has segments that start at {self.starts} of {len(self.time)} samples: "
                 "the first starts at 0, and each needs at least 2"
@@ -165,14 +111,9 @@ class Recording:
 
     def _even_clock(self) -> bool:
         """Make time uniform as that of a file, with a note; False if it has gaps or falls."""
-        if len(self.starts) > 1 or np.diff(self.time).min() <= 0:
+        log = even_clock(self.series) if len(self.starts) == 1 else None
+        if log is None:
             return False
-        log = Log(self.series)
-        start_from_zero(log)
-        cut_at_gaps(log, self.position)
-        if len(log.starts) > 1:
-            return False
-        resample_uniformly(log)
         object.__setattr__(self, "start_date", self.start_date or log.clock.date)
         object.__setattr__(self, "notes", (*self.notes, *log.notes))
         object.__setattr__(self, "time", log.values["time"])
@@ -248,7 +189,9 @@ class Recording:
         """Return the recording cut at its gaps; itself alone if it has none."""
         if len(self.starts) == 1:
             return (self,)
-        return tuple(self.slice(start, stop) for start, stop in pairwise((*self.starts, len(self))))
+        return tuple(
+            self.slice(start, stop) for start, stop in zip(self.starts, (*self.starts[1:], len(self)), strict=True)
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -256,7 +199,7 @@ class Recording:
         return ("",)
 
     @property
-    def joints(self) -> tuple[Recording, ...]:
+    def joints(self) -> tuple["Recording", ...]:
         """Return the recording of each joint (n,)."""
         return (self,)
 

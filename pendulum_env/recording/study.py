@@ -20,9 +20,6 @@ drive = {kp = 400}               # beside what [drive] says of all
 columns = {torque = "i_q:A*0.091"}   # instead of those above
 """
 
-from __future__ import annotations
-
-import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -37,8 +34,9 @@ from pendulum_env.arguments import check_order
 from pendulum_env.errors import ColumnError, FileError, RecordingError
 from pendulum_env.files import write_whole
 from pendulum_env.reading import NonNegative, Number, Text, convert, format_toml, read_toml
+from pendulum_env.recording.channel import Load
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
-from pendulum_env.recording.record import Load, Recording
+from pendulum_env.recording.record import Recording
 from pendulum_env.recording.storage import describe_reading, read_recording
 from pendulum_env.servo.drive import ServoDrive
 from pendulum_env.settings import format_setting
@@ -51,6 +49,46 @@ GRAVITY = 9.81  # [m/s^2]
 
 class StudyError(RecordingError):
     """A study that cannot be used; the message has file, recording, reason and remedy."""
+
+
+class _Load(Struct, forbid_unknown_fields=True):
+    """Load in a study, by mass and length or by inertia and gravity."""
+
+    mass: NonNegative | None = None  # [kg]
+    length: NonNegative | None = None  # [m]
+    inertia: NonNegative | None = None  # [kg m^2]
+    gravity: Number | None = None  # [N m]
+
+    @property
+    def known(self) -> Load:
+        """Load on the joint."""
+        match self:
+            case _Load(float(mass), float(length), None, None):
+                return Load(mass * length**2, mass * GRAVITY * length)
+            case _Load(None, None, float(inertia), float(gravity)):
+                return Load(inertia, gravity)
+        raise RecordingError("load needs mass and length, or inertia and gravity")
+
+
+class _Recording(Struct, forbid_unknown_fields=True):
+    """Recording in a study."""
+
+    file: Text
+    role: Role = "fit"
+    columns: dict[str, Any] = {}
+    unwrap: bool = False
+    range: tuple[NonNegative, NonNegative] | None = None
+    load: _Load | None = None
+    drive: dict[str, Any] = {}
+
+
+class _Study(Struct, forbid_unknown_fields=True):
+    """Content of a study."""
+
+    joints: Annotated[tuple[Text, ...], Meta(min_length=1)] | None = None
+    columns: dict[str, Any] = {}
+    drive: dict[str, Any] = {}
+    recording: list[_Recording] = []
 
 
 Sliced = TypeVar("Sliced", bound=Recording)  # of one joint or of several
@@ -147,7 +185,7 @@ def find_duplicate(sources: Iterable[Source]) -> Source | None:
     taken: dict[Path, list[tuple[float, float]]] = {}
     for source in sources:
         ranges = taken.setdefault(source.file.resolve(), [])
-        first, last = source.range or (0.0, math.inf)
+        first, last = source.range or (0.0, np.inf)
         if any(first < end and begin < last for begin, end in ranges):
             return source
         ranges.append((first, last))
@@ -229,46 +267,6 @@ def write_study(sources: Sequence[Source], path: str | os.PathLike[str]) -> None
         said |= {key: value for key, value in source.format.items() if not (shared and key == "columns")}
         lines += ["", "[[recording]]", *format_toml(said)]
     write_whole(path, "\n".join([*lines, ""]))
-
-
-class _Load(Struct, forbid_unknown_fields=True):
-    """Load in a study, by mass and length or by inertia and gravity."""
-
-    mass: NonNegative | None = None  # [kg]
-    length: NonNegative | None = None  # [m]
-    inertia: NonNegative | None = None  # [kg m^2]
-    gravity: Number | None = None  # [N m]
-
-    @property
-    def known(self) -> Load:
-        """Load on the joint."""
-        match self:
-            case _Load(float(mass), float(length), None, None):
-                return Load(mass * length**2, mass * GRAVITY * length)
-            case _Load(None, None, float(inertia), float(gravity)):
-                return Load(inertia, gravity)
-        raise RecordingError("load needs mass and length, or inertia and gravity")
-
-
-class _Recording(Struct, forbid_unknown_fields=True):
-    """Recording in a study."""
-
-    file: Text
-    role: Role = "fit"
-    columns: dict[str, Any] = {}
-    unwrap: bool = False
-    range: tuple[NonNegative, NonNegative] | None = None
-    load: _Load | None = None
-    drive: dict[str, Any] = {}
-
-
-class _Study(Struct, forbid_unknown_fields=True):
-    """Content of a study."""
-
-    joints: Annotated[tuple[Text, ...], Meta(min_length=1)] | None = None
-    columns: dict[str, Any] = {}
-    drive: dict[str, Any] = {}
-    recording: list[_Recording] = []
 
 
 def _build_source(folder: Path, data: _Recording, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:

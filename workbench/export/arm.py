@@ -16,7 +16,7 @@ import scipy
 
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.potential import HardStop
-from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.channel import NEWTON_METRE
 from workbench.export.request import ExportError, Request
 from workbench.narrator.effects import find_description
 

@@ -5,7 +5,7 @@ import numpy as np
 from estimators.comparison import Comparison
 from pendulum_env.formatting import format_percent
 from pendulum_env.quantity import Quantity
-from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.channel import NEWTON_METRE
 from workbench.narrator.findings import advise_inertia, measure
 
 

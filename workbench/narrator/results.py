@@ -17,7 +17,7 @@ from pendulum_env.formatting import TextTable, draw_bar, format_quantity, join_w
 from pendulum_env.physics import Model
 from pendulum_env.physics.model import shorten_name
 from pendulum_env.quantity import Quantity
-from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, to_shown_unit
 from workbench.narrator.addition import describe_addition, describe_table
 from workbench.narrator.comparison import describe_loop, describe_unstable

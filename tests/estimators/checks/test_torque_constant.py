@@ -19,7 +19,7 @@ from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, Estimate, KnownLoad, Model, ModelError, effect
 from pendulum_env.physics import simulate as fly
 from pendulum_env.recording import Load, Recording
-from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.recording.channel import TorqueConstant
 from tests.cases import diagnosed
 
 K = 0.873  # [N m/A]

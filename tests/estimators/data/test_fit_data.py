@@ -13,7 +13,7 @@ from estimators.findings import Kind
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.recording.channel import TorqueConstant
 from tests.cases import recording
 
 LATE = 4  # samples

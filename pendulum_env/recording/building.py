@@ -1,0 +1,115 @@
+"""Build a recording from raw columns: in SI units, cleaned, in segments of uniform time, every doubt raised at once."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import timedelta
+from typing import Any
+
+import numpy as np
+
+from pendulum_env._typing import JSON, Array
+from pendulum_env.errors import ColumnError, RecordingError
+from pendulum_env.recording import checks, cleaning, sampling
+from pendulum_env.recording.clock import find_unix_unit, unwrap_clock
+from pendulum_env.recording.columns import FileColumn
+from pendulum_env.recording.notes import Note, NoteKind
+from pendulum_env.recording.origin import Origin
+from pendulum_env.recording.record import Recording
+from pendulum_env.recording.table import RawTable
+from pendulum_env.recording.vocabulary import OUTPUTS
+from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo.torque import MOTOR, complete_torque
+
+
+def build_recording(
+    name: str, table: RawTable, unwrap: bool, drive: ServoDrive | None, named: Mapping[str, str], log_format: JSON
+) -> Recording:
+    """Convert a table to SI, clean it, cut it at gaps and make time uniform; refuse implausible data."""
+    columns, values = dict(table.columns), table.values
+    counted = unwrap_clock(values["time"])
+    notes = [*table.notes] + [Note(NoteKind.CLOCK_RESTARTED)] * (counted is not values["time"])
+    values["time"] = counted
+    unix = None if columns["time"].is_unit_told else find_unix_unit(values["time"])
+    if unix is not None:
+        columns["time"] = replace(columns["time"], unit=unix)
+    origin = Origin(columns, named, _are_counts(columns["position"], values["position"]))
+    if "torque" in values:
+        checks.refuse_large_current(values["torque"], origin)
+    for quantity, column in columns.items():
+        with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
+            values[quantity] *= column.scale
+            values[quantity] += column.offset
+    source = drive or MOTOR
+    if source.output == "duty" and source.supply is None and "supply" not in values:
+        raise RecordingError(
+            "a duty is a share of the supply: name its column (supply=...), or give the drive a supply [V]"
+        )
+    unit = columns["torque"].result_unit if "torque" in columns else source.unit
+    if "torque" not in values:
+        values["torque"] = np.zeros_like(values["position"])  # of a drive until the motion is known
+        if drive is None:
+            notes.append(Note(NoteKind.NO_TORQUE if "torque" in named else NoteKind.NO_TORQUE_COLUMN))
+    checks.refuse_too_few(values["time"])
+
+    def turns() -> Array:
+        return np.unwrap(log.values["position"]) if unwrap else log.values["position"]
+
+    is_output = unit == OUTPUTS.get(source.output)
+    noted = [own for own in columns.values() if not (is_output and own.quantity == "torque")]
+    log = cleaning.Log(values, [*(note for column in noted for note in column.notes), *notes])
+    cleaning.fill_unchanged(log)
+    cleaning.align_topics(log, checks.BOUNDS.fewest)
+    cleaning.drop_invalid_rows(log, checks.BOUNDS.fewest)
+    cleaning.shift_restarted_runs(log)
+    cleaning.drop_repeated_times(log)
+    if drive is None and not log.values["torque"].any() and np.ptp(log.values["position"]) > 0:
+        cleaning.drop_initial_hold(log, turns())
+    cleaning.start_from_zero(log)
+    cleaning.drop_spoilt_positions(log, turns())
+    checks.refuse_too_few(log.values["time"])
+    checks.refuse_still(log.values["position"])
+    sampling.cut_at_gaps(log, turns())
+    checks.refuse_jumps(log.values["position"], log.rows, log.starts, origin, allow_wrapped=unwrap)
+    jumps = cleaning.unwrap_positions(log, is_angle=not source.acts_on_speed) if unwrap else 0
+    sampling.drop_short_segments(log)
+    sampling.resample_uniformly(log)
+    signals: dict[str, Any] = {**log.values}
+    if "enabled" in signals:
+        signals["enabled"] = np.asarray(signals["enabled"] > 0.5, dtype=float)
+    recording = Recording(
+        name=name,
+        **signals,
+        notes=tuple(log.notes),
+        starts=log.starts,
+        torque_unit=unit,
+        drive=drive,
+        origin=origin,
+        log_format=log_format,
+        start_date=log.clock.date or (table.date and table.date + timedelta(seconds=log.clock.start)),
+    )
+    recording = complete_torque(recording)
+    checks.refuse_too_short(recording, origin)
+    checks.refuse_foreign_reference(recording, origin)
+    checks.refuse_torque_twice(recording, origin)
+    if recording.velocity is not None:
+        checks.refuse_foreign_velocity(recording, origin)
+    if not jumps:  # of 2 pi, which tell the unit
+        recording = replace(recording, notes=(*recording.notes, *_find_doubts(recording, origin)))
+    return recording
+
+
+def _are_counts(column: FileColumn, values: Array) -> bool:
+    """Return whether a position without a unit may be encoder counts: whole numbers that cover over 720."""
+    finite = values[np.isfinite(values)]
+    return column.unit is None and len(finite) > 0 and bool(np.ptp(finite) > 720 and (finite == np.round(finite)).all())
+
+
+def _find_doubts(recording: Recording, origin: Origin) -> tuple[Note, ...]:
+    """Find doubts about the unit of position: refuse a guessed unit, note a given one."""
+    try:
+        checks.refuse_too_fast(recording, origin)
+        return checks.check_unit(recording, origin)
+    except ColumnError as error:
+        if not origin.columns["position"].is_unit_told:
+            raise
+        return (Note(NoteKind.IMPLAUSIBLE, ("position",), text=str(error)),)
