@@ -18,7 +18,6 @@ from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.parameters import PlantParameters, PlantProperties, Schedule, Values
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import CommandLine, TorqueBalance, step
-from pendulum_env.physics.term import Memory
 from pendulum_env.plant import Effects, make_plant
 from pendulum_env.spaces import (
     MAX_TORQUE,
@@ -190,7 +189,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         def fresh(name: str) -> Array:
             return np.where(which, getattr(still, name), getattr(x, name))
 
-        memory: dict[str, Memory] = {
+        memory = {
             id: tuple(np.where(which, *each) for each in zip(states, x.memory[id], strict=True))
             for id, states in still.memory.items()
         }

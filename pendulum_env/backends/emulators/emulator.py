@@ -6,7 +6,6 @@ import select
 import sys
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,12 +13,11 @@ from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import process
 from pendulum_env.backends.hardware.config import load, mark_checked
-from pendulum_env.errors import FileError
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import PAPER
-from pendulum_env.reading import format_toml, read_text
+from pendulum_env.reading import format_toml
 
 MARK = "# written by an emulator, and overwritten by the next one\n"
 TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which acts in time anyway
@@ -141,7 +139,5 @@ def _find_plant_ranges(plant: Model) -> dict[str, Any]:
 
 def _refuse_overwrite(path: Path) -> None:
     """Refuse to overwrite the files of a real rig."""
-    with suppress(FileError):  # no text, or no file at all
-        if not path.exists() or read_text(path).startswith(MARK):
-            return
-    raise FileExistsError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")
+    if path.exists() and not (path.is_file() and path.read_bytes().startswith(MARK.encode())):
+        raise FileExistsError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")
