@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from estimators.diagnosis.result import Diagnosis
 from pendulum_env.formatting import TextTable
 from pendulum_env.physics import Estimate
-from pendulum_env.physics.model import shorten_name
+from pendulum_env.physics.estimate import shorten_name
 from workbench.narrator.diagnosis import (
     describe_disagreement,
     describe_errors,

@@ -18,7 +18,7 @@ from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table, remove_table
 from estimators.simulation import output_error
 from pendulum_env.physics import Model, Term
-from pendulum_env.physics.model import SIGNIFICANT
+from pendulum_env.physics.estimate import SIGNIFICANT
 from pendulum_env.physics.terms import find_untested_ends, has_transmission, is_hidden
 
 

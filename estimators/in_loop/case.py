@@ -40,8 +40,8 @@ from estimators.weak_form.torque_windows import cut_all
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.estimate import SIGNIFICANT
 from pendulum_env.physics.friction import LoadDependentFriction
-from pendulum_env.physics.model import SIGNIFICANT
 from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import compute_asked_torque

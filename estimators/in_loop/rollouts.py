@@ -16,7 +16,7 @@ from estimators.signals.motion import get_known_load, get_temperature
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad
-from pendulum_env.physics.model import SIGNIFICANT
+from pendulum_env.physics.estimate import SIGNIFICANT
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.recording.channel import NEWTON_METRE

@@ -17,7 +17,7 @@ from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import DRAWS
 from pendulum_env.physics import BASE, Estimate, Model, Term
-from pendulum_env.physics.model import SIGNIFICANT
+from pendulum_env.physics.estimate import SIGNIFICANT
 from pendulum_env.recording import Recording
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.columns import NONE

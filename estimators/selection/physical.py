@@ -10,7 +10,7 @@ from estimators.selection.errors import Gate, Step
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Term, effects
-from pendulum_env.physics.model import SIGNIFICANT
+from pendulum_env.physics.estimate import SIGNIFICANT
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import LOAD, list_loads
 from pendulum_env.physics.terms import has_link, list_forms

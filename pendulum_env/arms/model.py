@@ -15,7 +15,7 @@ from pendulum_env.arms.joints import FRICTION, Links, find_kind, find_links, joi
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics import Model, ModelError, Term
 from pendulum_env.physics.mechanism import Mechanism
-from pendulum_env.physics.model import ARM_SCHEMA, check_value, read_estimate
+from pendulum_env.physics.model_file import ARM_SCHEMA, check_value, read_estimate
 from pendulum_env.physics.table import TABLES, Table, read_table
 from pendulum_env.reading import Number, Text, convert, read_json
 from pendulum_env.settings import format_setting

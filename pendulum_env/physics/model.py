@@ -1,108 +1,36 @@
 """A model: an ordered list of terms and the values of their parameters."""
 
-from __future__ import annotations
-
-import json
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 import numpy as np
-from msgspec import Meta, Struct
 
 from pendulum_env import notebook
 from pendulum_env._typing import JSON, Array, ArrayLike
-from pendulum_env.errors import FileError, UserError
-from pendulum_env.files import write_whole
-from pendulum_env.formatting import format_estimate
 from pendulum_env.lookup import find
-from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
-from pendulum_env.physics.limits import collect_limits, limit_term, read_limits, write_limits
+from pendulum_env.physics.estimate import Estimate, derive_estimates, shorten_name
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
+from pendulum_env.physics.model_file import (
+    SCHEMA,
+    ModelError,
+    build_terms,
+    describe_terms,
+    parse_model,
+    read_estimates,
+    read_model,
+    write_model,
+)
 from pendulum_env.physics.simulation import Trajectory, simulate
-from pendulum_env.physics.table import Table, TableCurve, read_table, refuse_held
-from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term
+from pendulum_env.physics.table import Table, TableCurve, refuse_held
+from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.physics.terms import set_nonlinear_values
-from pendulum_env.reading import Number, Text, convert, read_json
 from pendulum_env.settings import Blank, format_setting
-from pendulum_env.units import JointUnits, to_shown_unit
+from pendulum_env.units import JointUnits
 
-SCHEMA = "pendulum-ident/model@1"
-ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_env.arms` reads
-
-
-class ModelError(UserError):
-    """Model or model file that is invalid; the message has the place and the remedy."""
-
-
-SIGNIFICANT = 3.0  # standard errors by which a parameter differs from zero
 NO_INERTIA = "the model lacks the term inertia: add it"
-
-
-@dataclass(frozen=True, repr=False)
-class Estimate:
-    """Value of a parameter with its standard error, both in `unit`; the error is 0 where nothing was estimated.
-
-    So it is at a bound: the fit would have gone further, and noise says nothing of a value that it did not choose.
-    If the model lacks an effect, the value is biased by an unknown amount, and the error counts noise alone.
-    """
-
-    value: float
-    std: float
-    unit: str
-    at_bound: bool = field(default=False, compare=False)
-    is_biased: bool = field(default=False, compare=False)
-    is_unknown: bool = field(default=False, compare=False)  # the data do not determine it
-
-    @classmethod
-    def from_bounds(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
-        """Make an estimate kept within bounds; equal bounds make a known value."""
-        at_bound = least < most and value in (least, most)
-        return cls(value, 0.0 if at_bound or least == most else std, unit, at_bound)
-
-    @property
-    def is_significant(self) -> bool:
-        """Return whether the value differs from zero by more than 3 standard errors."""
-        return abs(self.value) > SIGNIFICANT * self.std
-
-    @property
-    def text(self) -> str:
-        """Format the estimate for a table: `0.08951 ± 0.00012`, `0.3 (at its bound)`, `0.0895 (biased)`, `unknown`."""
-        if self.is_unknown:
-            return "unknown"
-        if self.is_biased and not self.at_bound and self.std > 0:
-            return f"{self.value:.3g} (biased)"
-        return format_estimate(self.value, self.std) + (" (at its bound)" if self.at_bound else "")
-
-    @property
-    def shown(self) -> Estimate:
-        """Convert to the displayed unit: an angle may be in degrees. Speeds and frequencies stay in rad/s."""
-        factor, unit = to_shown_unit(1.0, self.unit, is_parameter=True)
-        return replace(self, value=factor * self.value, std=factor * self.std, unit=unit)
-
-    def __str__(self) -> str:
-        own = self.shown
-        return own.text if own.is_unknown or own.unit == "1" else f"{own.text} {own.unit}"
-
-    def __repr__(self) -> str:
-        return f"<{self}>"
-
-    def __float__(self) -> float:
-        return self.value
-
-    def json(self) -> JSON:
-        """Return a plain dictionary for JSON; flags mark a biased or unknown value."""
-        data: JSON = {"value": self.value, "std": self.std, "unit": self.unit}
-        return data | {key: True for key, so in (("biased", self.is_biased), ("unknown", self.is_unknown)) if so}
-
-
-def shorten_name(name: str) -> str:
-    """Shorten the name of a parameter for a reader: `dead_time` for `dead_time.dead_time`."""
-    id, _, rest = name.partition(".")
-    part, at, joint = rest.partition("@")
-    return f"{id}{at}{joint}" if part == id else name
 
 
 @dataclass(frozen=True, repr=False)
@@ -226,7 +154,7 @@ class Model(Mapping[str, Estimate]):
         std = np.array([estimate.std for estimate in self.estimates.values()])
         return np.diag(std**2) if self.covariance is None else self.covariance
 
-    def with_covariance(self, names: Sequence[str], covariance: Array) -> Model:
+    def with_covariance(self, names: Sequence[str], covariance: Array) -> Self:
         """Return the model with the correlations of a covariance (Q, Q) of some parameters."""
         std = np.sqrt(np.diag(covariance))
         known = covariance / np.maximum(np.outer(std, std), 1e-300)
@@ -239,9 +167,9 @@ class Model(Mapping[str, Estimate]):
     @property
     def derived(self) -> dict[str, Estimate]:
         """Compute derived parameters, such as `backlash.k`, with standard errors to first order."""
-        return _derive_all(self)
+        return derive_estimates(self.terms, self.estimates, self.assumed_covariance, self.units())
 
-    def add(self, term: Term, theta: ArrayLike = 0.0) -> Model:
+    def add(self, term: Term, theta: ArrayLike = 0.0) -> Self:
         """Return the model with one more term, its linear parameters at `theta`; fit it to recordings next."""
         if term.id in {old.id for old in self.terms}:
             raise ModelError(f"the model has '{term.id}' already: each effect can be added once")
@@ -255,7 +183,7 @@ class Model(Mapping[str, Estimate]):
         """Return the mechanism: the joint of a pendulum, or the joints of an arm."""
         return self.terms[0].mechanism if self.terms else PENDULUM
 
-    def with_values(self, values: Mapping[str, float]) -> Model:
+    def with_values(self, values: Mapping[str, float]) -> Self:
         """Return the model with some parameters, by name, at other values."""
         for name, value in values.items():
             find("parameter of the model", name, self.estimates)
@@ -341,205 +269,61 @@ class Model(Mapping[str, Estimate]):
 
     def json(self) -> JSON:
         """Return a plain dictionary for JSON."""
+        described, covariance = describe_terms(self.terms), self.covariance
         data: JSON = {
             "schema": SCHEMA,
             "terms": [term.id for term in self.terms],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
+            "tables": described["tables"],
+            "torque_unit": "" if self.torque_unit == "N m" else self.torque_unit,
+            "slides": self.slides,
+            "torque_constant": None if self.torque_constant is None else self.torque_constant.json(),
+            "log_format": dict(self.log_format),
+            "limits": described["limits"],
+            "covariance": {}
+            if covariance is None
+            else {"parameters": list(self.estimates), "matrix": covariance.tolist()},
         }
-        if extents := {term.id: term.extent._asdict() for term in self.terms if isinstance(term, Table)}:
-            data["tables"] = extents
-        if self.torque_unit != "N m":
-            data["torque_unit"] = self.torque_unit
-        if self.slides:
-            data["slides"] = True
-        if self.torque_constant is not None:
-            data["torque_constant"] = self.torque_constant.json()
-        if self.log_format:
-            data["log_format"] = dict(self.log_format)
-        if limits := collect_limits(self.terms):
-            data["limits"] = write_limits(limits)
-        if (covariance := self.covariance) is not None:
-            data["covariance"] = {"parameters": list(self.estimates), "matrix": covariance.tolist()}
-        return data
+        return {key: value for key, value in data.items() if value or key in ("terms", "theta")}
 
     @classmethod
-    def from_json(cls, data: JSON) -> Model:
+    def from_json(cls, data: JSON) -> Self:
         """Make a model from a dictionary that `json` made.
 
         Raises:
             ModelError: if a term is unknown, or a parameter is missing or no number that a pendulum could have.
         """
-        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-            if isinstance(data, dict) and data.get("schema") == ARM_SCHEMA:
-                raise ModelError(
-                    f"this is a model of an arm, not of a pendulum: give the arm, {format_setting('robot', 'ARM.urdf')}"
-                )
-            raise ModelError(f"this is not a model: 'schema' should be {SCHEMA}")
         try:
-            return _build_model(convert(data, _ModelFile))
+            content = parse_model(data)
+            model = cls.build(build_terms(content), 0.0)
+            estimates = read_estimates(content, {name: own.unit for name, own in model.estimates.items()})
+            constant, covariance = content.torque_constant, content.covariance
+            model = replace(
+                replace(model, estimates=estimates).convert_units(
+                    JointUnits(content.torque_unit or "N m", content.slides)
+                ),
+                torque_constant=None if constant is None else constant.estimate(constant.unit or "N m/A"),
+                log_format=content.log_format or {},
+            )
+            if covariance is None:
+                return model
+            return model.with_covariance(list(estimates), covariance.read(list(estimates)))
         except ValueError as error:
             raise ModelError(str(error)) from None
 
     def save(self, path: str | Path) -> None:
         """Write JSON, whole or not at all."""
-        write_whole(path, json.dumps(self.json(), indent=1) + "\n")
+        write_model(path, self.json())
 
     @classmethod
-    def load(cls, path: str | Path) -> Model:
+    def load(cls, path: str | Path) -> Self:
         """Read a model file.
 
         Raises:
             ModelError: if the file is missing, is no JSON or is no model; the message names the file.
         """
+        content = read_model(path)
         try:
-            return cls.from_json(read_json(path, "a model is written by `Model.save` or by `identify`"))
-        except FileError as error:
-            raise ModelError(str(error)) from None
+            return cls.from_json(content)
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
-
-
-class ParameterFile(Struct):
-    """Parameter in a model file."""
-
-    value: Number
-    std: Annotated[float, Meta(ge=0.0, le=1e100)] | None = None  # large where data do not show it; its square is finite
-    unit: str | None = None
-    biased: bool | None = None
-    unknown: bool | None = None
-
-    def estimate(self, unit: str) -> Estimate:
-        """Make an estimate in a unit."""
-        return Estimate(self.value, self.std or 0.0, unit, is_biased=bool(self.biased), is_unknown=bool(self.unknown))
-
-
-class _Covariance(Struct):
-    """Covariance of all parameters in a model file."""
-
-    parameters: list[str]
-    matrix: list[list[Number]]
-
-
-class _ModelFile(Struct):
-    """Content of a model file."""
-
-    terms: list[Text]
-    theta: dict[str, Any]  # of each, as `ParameterFile`
-    tables: dict[str, Any] | None = None
-    torque_unit: Text | None = None
-    slides: bool = False
-    torque_constant: ParameterFile | None = None
-    covariance: _Covariance | None = None
-    log_format: dict[str, Any] | None = None
-    limits: dict[str, tuple[Number | None, Number | None]] | None = None  # of known and bounded parameters
-
-
-def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
-    """Read a parameter of a model file, in its unit."""
-    if theta.get(name) is None:
-        raise FileError(f"'theta' lacks '{name}'")
-    return convert(theta[name], ParameterFile, f"theta.{name}").estimate(unit)
-
-
-def _build_model(data: _ModelFile) -> Model:
-    """Build a model from the content of a file."""
-    limits = read_limits(data.limits or {})
-    terms = tuple(limit_term(_build_term(id, data), limits) for id in data.terms)
-    if len({term.id for term in terms}) != len(terms):
-        raise ModelError("the model names a term twice: each may appear once")
-    estimates = {}
-    for name, default in Model.build(terms, 0.0).estimates.items():
-        estimates[name] = read_estimate(data.theta, name, default.unit)
-    inertia = estimates.get("inertia")
-    if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
-        raise ModelError(f"'theta.inertia.value' is {inertia.value:g}: expected a number above zero")
-    constant = data.torque_constant
-    model = replace(
-        Model(terms, estimates).convert_units(JointUnits(data.torque_unit or "N m", data.slides)),
-        torque_constant=None if constant is None else constant.estimate(constant.unit or "N m/A"),
-        log_format=data.log_format or {},
-    )
-    return (
-        model if data.covariance is None else model.with_covariance(*_read_covariance(data.covariance, list(estimates)))
-    )
-
-
-def _derive_all(model: Model) -> dict[str, Estimate]:
-    """Compute the derived quantities of a model, by name."""
-    names, values = list(model.estimates), np.array([estimate.value for estimate in model.estimates.values()])
-    covariance = model.assumed_covariance
-    found, first = {}, 0
-    for term in model.terms:
-        place = [
-            *range(first, first + len(term.columns)),
-            *(names.index(term.get_full_name(s.name)) for s in term.free),
-        ]
-        first += len(term.columns)
-        own = values[place]
-        perturbations = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
-        moved = [_derive_quantities(term, own + perturbation) for perturbation in perturbations]
-        for name, (value, unit) in _derive_quantities(term, own).items():
-            slope = np.array([other[name][0] - value for other in moved]) / perturbations.diagonal()
-            std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
-            is_biased = any(model.estimates[names[k]].is_biased for k in place)
-            found[term.get_full_name(name)] = Estimate(
-                float(value), float(std), model.units().unit(unit), is_biased=is_biased
-            )
-        for part in term.percent_of:
-            name, of = term.get_full_name(part), f"{part}@{term.at}" if term.at else part
-            base, entry = model.estimates.get(of), model.estimates[name]
-            if base is not None and base.value != 0:
-                share, both = 100 * entry.value / base.value, [names.index(name), names.index(of)]
-                slope = np.array([100.0, -share]) / base.value
-                std = float(np.sqrt(slope @ covariance[np.ix_(both, both)] @ slope))
-                unit = f"%{entry.unit.removeprefix(base.unit)}"
-                found[term.get_full_name(f"{part}_share")] = Estimate(share, std, unit, is_biased=entry.is_biased)
-    return found
-
-
-def _derive_quantities(term: Term, values: Array) -> dict[str, tuple[float, str]]:
-    """Compute derived quantities of a term from its parameters (P + S,), linear ones first."""
-    count = len(term.columns)
-    nonlinear = {parameter.name: float(value) for parameter, value in zip(term.free, values[count:], strict=True)}
-    return replace(term, **nonlinear).derived(values[:count])
-
-
-def _build_term(id: str, data: _ModelFile) -> Term:
-    """Build the term of an id in a model file, with its nonlinear parameters, or its extent."""
-    kind = library.find_term(id)
-    if issubclass(kind, Table):
-        tables = data.tables or {}
-        if id not in tables:
-            raise ModelError(f"'tables' lacks '{id}'")
-        return read_table(kind, tables[id], f"tables.{id}")
-    values = {}
-    for parameter in kind.nonlinear_parameters:
-        name = kind.get_full_name(parameter.name)
-        if parameter.nominal is not None and data.theta.get(name) is None:
-            continue
-        number = read_estimate(data.theta, name, parameter.unit).value
-        values[parameter.name] = check_value(parameter, number, f"theta.{name}.value")
-    term = kind(**values)
-    if term.fault:
-        raise ModelError(f"'{kind.id}' makes no sense: {term.fault}")
-    return term
-
-
-def check_value(parameter: NonlinearParameter, number: float, place: str) -> float:
-    """Return the value of a nonlinear parameter in a model file; refuse one out of its range, by its place."""
-    if not (parameter.low <= number <= parameter.high and (number.is_integer() or not parameter.integer)):
-        what = "a whole number" if parameter.integer else "a number"
-        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-        raise ModelError(f"'{place}' is {number:g}: expected {what} from {parameter.low:g} to {parameter.high:g}{unit}")
-    return number
-
-
-def _read_covariance(data: _Covariance, known: Sequence[str]) -> tuple[list[str], Array]:
-    """Read the known parameters and their covariance from a model file, which may hold more."""
-    names = data.parameters
-    is_square = [len(row) for row in data.matrix] == [len(names)] * len(names)
-    if not (set(known) <= set(names) and is_square and min(np.diag(data.matrix)) >= 0):
-        raise ModelError("'covariance' is no covariance of all parameters: leave the whole key out")
-    matrix = np.array(data.matrix)
-    place = [names.index(name) for name in known]
-    return list(known), matrix[np.ix_(place, place)]

@@ -15,7 +15,7 @@ from estimators.signals.residual import SYMBOLS, Profile
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import TextTable, draw_bar, format_quantity, join_words
 from pendulum_env.physics import Model
-from pendulum_env.physics.model import shorten_name
+from pendulum_env.physics.estimate import shorten_name
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, to_shown_unit

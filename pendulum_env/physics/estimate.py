@@ -1,0 +1,118 @@
+"""Estimates: values of parameters with their standard errors, and quantities that are derived from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pendulum_env._typing import JSON, Array
+from pendulum_env.formatting import format_estimate
+from pendulum_env.physics.term import Term
+from pendulum_env.units import JointUnits, to_shown_unit
+
+SIGNIFICANT = 3.0  # standard errors by which a parameter differs from zero
+
+
+@dataclass(frozen=True, repr=False)
+class Estimate:
+    """Value of a parameter with its standard error, both in `unit`; the error is 0 where nothing was estimated.
+
+    So it is at a bound: the fit would have gone further, and noise says nothing of a value that it did not choose.
+    If the model lacks an effect, the value is biased by an unknown amount, and the error counts noise alone.
+    """
+
+    value: float
+    std: float
+    unit: str
+    at_bound: bool = field(default=False, compare=False)
+    is_biased: bool = field(default=False, compare=False)
+    is_unknown: bool = field(default=False, compare=False)  # the data do not determine it
+
+    @classmethod
+    def from_bounds(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
+        """Make an estimate kept within bounds; equal bounds make a known value."""
+        at_bound = least < most and value in (least, most)
+        return cls(value, 0.0 if at_bound or least == most else std, unit, at_bound)
+
+    @property
+    def is_significant(self) -> bool:
+        """Return whether the value differs from zero by more than 3 standard errors."""
+        return abs(self.value) > SIGNIFICANT * self.std
+
+    @property
+    def text(self) -> str:
+        """Format the estimate for a table: `0.08951 ± 0.00012`, `0.3 (at its bound)`, `0.0895 (biased)`, `unknown`."""
+        if self.is_unknown:
+            return "unknown"
+        if self.is_biased and not self.at_bound and self.std > 0:
+            return f"{self.value:.3g} (biased)"
+        return format_estimate(self.value, self.std) + (" (at its bound)" if self.at_bound else "")
+
+    @property
+    def shown(self) -> Estimate:
+        """Convert to the displayed unit: an angle may be in degrees. Speeds and frequencies stay in rad/s."""
+        factor, unit = to_shown_unit(1.0, self.unit, is_parameter=True)
+        return replace(self, value=factor * self.value, std=factor * self.std, unit=unit)
+
+    def __str__(self) -> str:
+        own = self.shown
+        return own.text if own.is_unknown or own.unit == "1" else f"{own.text} {own.unit}"
+
+    def __repr__(self) -> str:
+        return f"<{self}>"
+
+    def __float__(self) -> float:
+        return self.value
+
+    def json(self) -> JSON:
+        """Return a plain dictionary for JSON; flags mark a biased or unknown value."""
+        data: JSON = {"value": self.value, "std": self.std, "unit": self.unit}
+        return data | {key: True for key, so in (("biased", self.is_biased), ("unknown", self.is_unknown)) if so}
+
+
+def shorten_name(name: str) -> str:
+    """Shorten the name of a parameter for a reader: `dead_time` for `dead_time.dead_time`."""
+    id, _, rest = name.partition(".")
+    part, at, joint = rest.partition("@")
+    return f"{id}{at}{joint}" if part == id else name
+
+
+def derive_estimates(
+    terms: Sequence[Term], estimates: Mapping[str, Estimate], covariance: Array, units: JointUnits
+) -> dict[str, Estimate]:
+    """Compute the derived quantities of a model, by name, with standard errors to first order."""
+    names, values = list(estimates), np.array([estimate.value for estimate in estimates.values()])
+    found, first = {}, 0
+    for term in terms:
+        place = [
+            *range(first, first + len(term.columns)),
+            *(names.index(term.get_full_name(s.name)) for s in term.free),
+        ]
+        first += len(term.columns)
+        own = values[place]
+        perturbations = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
+        moved = [_derive_quantities(term, own + perturbation) for perturbation in perturbations]
+        for name, (value, unit) in _derive_quantities(term, own).items():
+            slope = np.array([other[name][0] - value for other in moved]) / perturbations.diagonal()
+            std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
+            is_biased = any(estimates[names[k]].is_biased for k in place)
+            found[term.get_full_name(name)] = Estimate(float(value), float(std), units.unit(unit), is_biased=is_biased)
+        for part in term.percent_of:
+            name, of = term.get_full_name(part), f"{part}@{term.at}" if term.at else part
+            base, entry = estimates.get(of), estimates[name]
+            if base is not None and base.value != 0:
+                share, both = 100 * entry.value / base.value, [names.index(name), names.index(of)]
+                slope = np.array([100.0, -share]) / base.value
+                std = float(np.sqrt(slope @ covariance[np.ix_(both, both)] @ slope))
+                unit = f"%{entry.unit.removeprefix(base.unit)}"
+                found[term.get_full_name(f"{part}_share")] = Estimate(share, std, unit, is_biased=entry.is_biased)
+    return found
+
+
+def _derive_quantities(term: Term, values: Array) -> dict[str, tuple[float, str]]:
+    """Compute derived quantities of a term from its parameters (P + S,), linear ones first."""
+    count = len(term.columns)
+    nonlinear = {parameter.name: float(value) for parameter, value in zip(term.free, values[count:], strict=True)}
+    return replace(term, **nonlinear).derived(values[:count])

@@ -1,0 +1,157 @@
+"""Model files: what stands in them, and how it is checked."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from pendulum_env._typing import JSON, Array
+from pendulum_env.errors import FileError, UserError
+from pendulum_env.files import write_whole
+from pendulum_env.physics import library
+from pendulum_env.physics.estimate import Estimate
+from pendulum_env.physics.limits import collect_limits, limit_term, read_limits, write_limits
+from pendulum_env.physics.table import Table, read_table
+from pendulum_env.physics.term import NonlinearParameter, Term
+from pendulum_env.reading import Number, Text, convert, read_json
+from pendulum_env.settings import format_setting
+
+SCHEMA = "pendulum-ident/model@1"
+ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_env.arms` reads
+
+
+class ModelError(UserError):
+    """Model or model file that is invalid; the message has the place and the remedy."""
+
+
+class ParameterFile(Struct):
+    """Parameter in a model file."""
+
+    value: Number
+    std: Annotated[float, Meta(ge=0.0, le=1e100)] | None = None  # large where data do not show it; its square is finite
+    unit: str | None = None
+    biased: bool | None = None
+    unknown: bool | None = None
+
+    def estimate(self, unit: str) -> Estimate:
+        """Make an estimate in a unit."""
+        return Estimate(self.value, self.std or 0.0, unit, is_biased=bool(self.biased), is_unknown=bool(self.unknown))
+
+
+class Covariance(Struct):
+    """Covariance of all parameters in a model file."""
+
+    parameters: list[str]
+    matrix: list[list[Number]]
+
+    def read(self, known: Sequence[str]) -> Array:
+        """Return the covariance (Q, Q) of known parameters; the file may hold more."""
+        names = self.parameters
+        is_square = [len(row) for row in self.matrix] == [len(names)] * len(names)
+        if not (set(known) <= set(names) and is_square and min(np.diag(self.matrix)) >= 0):
+            raise ModelError("'covariance' is no covariance of all parameters: leave the whole key out")
+        place = [names.index(name) for name in known]
+        return np.array(self.matrix)[np.ix_(place, place)]
+
+
+class ModelFile(Struct):
+    """Content of a model file."""
+
+    terms: list[Text]
+    theta: dict[str, Any]  # of each, as `ParameterFile`
+    tables: dict[str, Any] | None = None
+    torque_unit: Text | None = None
+    slides: bool = False
+    torque_constant: ParameterFile | None = None
+    covariance: Covariance | None = None
+    log_format: dict[str, Any] | None = None
+    limits: dict[str, tuple[Number | None, Number | None]] | None = None  # of known and bounded parameters
+
+
+def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
+    """Read a parameter of a model file, in its unit."""
+    if theta.get(name) is None:
+        raise FileError(f"'theta' lacks '{name}'")
+    return convert(theta[name], ParameterFile, f"theta.{name}").estimate(unit)
+
+
+def parse_model(content: Any) -> ModelFile:
+    """Parse the content of a model file; raises ModelError if it is none."""
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema == ARM_SCHEMA:
+        raise ModelError(
+            f"this is a model of an arm, not of a pendulum: give the arm, {format_setting('robot', 'ARM.urdf')}"
+        )
+    if schema != SCHEMA:
+        raise ModelError(f"this is not a model: 'schema' should be {SCHEMA}")
+    return convert(content, ModelFile)
+
+
+def build_terms(data: ModelFile) -> tuple[Term, ...]:
+    """Build the terms of a model file, with their nonlinear parameters and limits."""
+    limits = read_limits(data.limits or {})
+    terms = tuple(limit_term(_build_term(id, data), limits) for id in data.terms)
+    if len({term.id for term in terms}) != len(terms):
+        raise ModelError("the model names a term twice: each may appear once")
+    return terms
+
+
+def read_estimates(data: ModelFile, units: Mapping[str, str]) -> dict[str, Estimate]:
+    """Read the parameters of a model file, in given units by name."""
+    estimates = {name: read_estimate(data.theta, name, unit) for name, unit in units.items()}
+    inertia = estimates.get("inertia")
+    if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
+        raise ModelError(f"'theta.inertia.value' is {inertia.value:g}: expected a number above zero")
+    return estimates
+
+
+def describe_terms(terms: Sequence[Term]) -> JSON:
+    """Describe the tables among terms by their extents, and limits of parameters, as in a model file."""
+    tables = {term.id: term.extent._asdict() for term in terms if isinstance(term, Table)}
+    return {"tables": tables, "limits": write_limits(collect_limits(terms))}
+
+
+def read_model(path: str | Path) -> Any:
+    """Read the JSON of a model file; raises ModelError with its name if it is missing or no JSON."""
+    try:
+        return read_json(path, "a model is written by `Model.save` or by `identify`")
+    except FileError as error:
+        raise ModelError(str(error)) from None
+
+
+def write_model(path: str | Path, content: JSON) -> None:
+    """Write the JSON of a model file, whole or not at all."""
+    write_whole(path, json.dumps(content, indent=1) + "\n")
+
+
+def _build_term(id: str, data: ModelFile) -> Term:
+    """Build the term of an id in a model file, with its nonlinear parameters, or its extent."""
+    kind = library.find_term(id)
+    if issubclass(kind, Table):
+        tables = data.tables or {}
+        if id not in tables:
+            raise ModelError(f"'tables' lacks '{id}'")
+        return read_table(kind, tables[id], f"tables.{id}")
+    values = {}
+    for parameter in kind.nonlinear_parameters:
+        name = kind.get_full_name(parameter.name)
+        if parameter.nominal is not None and data.theta.get(name) is None:
+            continue
+        number = read_estimate(data.theta, name, parameter.unit).value
+        values[parameter.name] = check_value(parameter, number, f"theta.{name}.value")
+    term = kind(**values)
+    if term.fault:
+        raise ModelError(f"'{kind.id}' makes no sense: {term.fault}")
+    return term
+
+
+def check_value(parameter: NonlinearParameter, number: float, place: str) -> float:
+    """Return the value of a nonlinear parameter in a model file; refuse one out of its range, by its place."""
+    if not (parameter.low <= number <= parameter.high and (number.is_integer() or not parameter.integer)):
+        what = "a whole number" if parameter.integer else "a number"
+        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+        raise ModelError(f"'{place}' is {number:g}: expected {what} from {parameter.low:g} to {parameter.high:g}{unit}")
+    return number
