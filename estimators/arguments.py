@@ -18,7 +18,7 @@ from pendulum_env.arms.joints import (
     place_effects,
     place_term,
 )
-from pendulum_env.arms.recording import read_logged
+from pendulum_env.arms.reading import read_logged
 from pendulum_env.errors import ColumnError, UserError
 from pendulum_env.physics import BASE, Model, ModelError, Term, list_nameable
 from pendulum_env.physics.library import find_term

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.recording import STILL, ArmRecording, find_logged_joints, read_arm_source
+from pendulum_env.arms.reading import STILL, find_logged_joints, read_arm_source
+from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.arms.robot import find_movable_joints, import_pinocchio
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Source

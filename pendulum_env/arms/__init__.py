@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from pendulum_env.arms.model import ArmModel
     from pendulum_env.arms.planar import TWO_LINK, Link
     from pendulum_env.arms.plane import find_planar_links
-    from pendulum_env.arms.recording import ArmRecording, find_logged_joints, read_arm_recording, read_arm_source
+    from pendulum_env.arms.reading import find_logged_joints, read_arm_recording, read_arm_source
+    from pendulum_env.arms.recording import ArmRecording
     from pendulum_env.arms.robot import find_movable_joints
 else:
     __getattr__, __dir__ = lazy_exports(__name__)

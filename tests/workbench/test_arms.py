@@ -10,8 +10,8 @@ import pytest
 from benchmarks.two_link import TwoLink
 from estimators import Diagnosis, diagnose
 from estimators.selection.errors import Step
+from pendulum_env.arms import read_arm_recording
 from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.recording import read_arm_recording
 from pendulum_env.physics import Model
 from pendulum_env.recording import write_recording
 from tests import robots, slow

@@ -13,7 +13,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from pendulum_env._typing import Array
-from pendulum_env.arms.recording import strip_units
+from pendulum_env.arms.columns import strip_units
 from pendulum_env.errors import ColumnError
 from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source

@@ -8,9 +8,9 @@ from estimators.arms.excitation import design_excitation
 from estimators.arms.limits import DEFAULT_LIMITS
 from estimators.arms.standard import standard_parameters
 from estimators.findings import Kind
+from pendulum_env.arms import read_arm_recording
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import arm_base
-from pendulum_env.arms.recording import read_arm_recording
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Cogging, Spring

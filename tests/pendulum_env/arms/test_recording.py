@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pendulum_env.arms.recording import ArmRecording, read_arm_recording
+from pendulum_env.arms import ArmRecording, read_arm_recording
 from pendulum_env.recording import RecordingError, write_recording
 from tests.notes import noted
 from tests.pendulum_env.recording.test_files import moved

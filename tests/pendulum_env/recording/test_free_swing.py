@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from pendulum_env.arms.recording import ArmRecording, read_arm_recording
+from pendulum_env.arms import ArmRecording, read_arm_recording
 from pendulum_env.recording import RecordingError, read_recording
 from tests.notes import noted
 

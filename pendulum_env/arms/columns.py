@@ -1,0 +1,95 @@
+"""Columns of the joints of an arm: their names, in files and in messages."""
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.errors import ColumnError
+from pendulum_env.lookup import find
+from pendulum_env.recording.columns import NONE, parse_column
+from pendulum_env.recording.notes import Note, NoteKind
+from pendulum_env.recording.preview import Preview
+from pendulum_env.settings import Blank, format_setting
+
+QUANTITIES = ("position", "torque")
+OF_JOINTS = (*QUANTITIES, "temperature")  # the last where there are any
+
+
+def find_joint_columns(
+    label: str,
+    headers: Sequence[str],
+    joints: Sequence[str],
+    held: Collection[str],
+    given: dict[str, str],
+) -> dict[str, str]:
+    """Name the column of `position_<joint>` and `torque_<joint>` of every joint, from the user or from its name."""
+    wanted = [f"{quantity}_{joint}" for quantity in OF_JOINTS for joint in (*joints, *held)]
+    for name in given:
+        try:
+            find("column of the arm", name, dict.fromkeys(["time", *wanted]))
+        except ValueError as error:
+            raise ColumnError(f"{label}: {error}") from None
+    plain = strip_units(headers)
+    found = {name: plain[name] for name in wanted if name in plain} | given
+    for quantity in OF_JOINTS:
+        numbered = sorted(
+            (header for header in plain if re.fullmatch(rf"{quantity}_?\d+", header)),
+            key=lambda header: int(re.sub(r"\D", "", header)),
+        )
+        missing = [joint for joint in joints if f"{quantity}_{joint}" not in found]
+        if len(missing) == len(joints) == len(numbered):
+            found |= {f"{quantity}_{joint}": plain[name] for joint, name in zip(joints, numbered, strict=True)}
+        elif missing and quantity in QUANTITIES:
+            need = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
+            first = f"{quantity}_{missing[0]}"
+            option = format_setting("columns", {first: "NAME:A*0.4" if quantity == "torque" else "NAME"})
+            current = " (a current, by its torque constant)" if quantity == "torque" else ""
+            raise ColumnError(
+                f"{label}: {len(joints)} {need} of {quantity}, there is none for {', '.join(missing)} among "
+                f"{', '.join([*plain][:12])}: name them {first} and so on, say which with "
+                f"{option}{current}, or hold joints by naming those that move, "
+                f"{format_setting('joints', Blank('A,B,C'))}"
+            )
+        for header in plain:
+            if header.startswith(f"{quantity}_") and header not in wanted and plain[header] not in found.values():
+                raise ColumnError(
+                    f"{label}: column '{header}' is of no joint of the robot, which has {', '.join((*joints, *held))}"
+                )
+    return found
+
+
+def strip_units(headers: Sequence[str]) -> dict[str, str]:
+    """Strip the units from headers: `position_lift` of `position_lift [mm]`."""
+    return {re.split(r"[\[(]", header)[0].strip(): header for header in headers}
+
+
+def read_held_position(label: str, look: Preview, text: str) -> Array:
+    """Read the positions (M,) of a joint that is held from its column."""
+    try:
+        column = parse_column("position", text, look.headers)
+    except ColumnError as error:
+        raise ColumnError(f"{label}: {error}") from None
+    values = look.values[column.index]
+    if values is None or not np.isfinite(values).any():
+        option = format_setting("columns", {"position_JOINT": NONE})
+        raise ColumnError(f"{label}: column {column.header!r} has no numbers: leave it out, {option}")
+    return np.asarray(column.scale * values[np.isfinite(values)] + column.offset)
+
+
+def note_joint(joint: str, note: Note) -> Note:
+    """Return a note on columns of one joint, by their names in the file."""
+    quantities = (f"{own}_{joint}" if own in OF_JOINTS else own for own in note.quantities)
+    named = {q: text for q, text in note.columns.items() if text != NONE}
+    columns = {f"{q}_{joint}" if q in OF_JOINTS else q: text for q, text in named.items()}
+    text = name_joint(joint, note.text) if note.kind is NoteKind.IMPLAUSIBLE else note.text
+    return replace(note, quantities=tuple(quantities), columns=columns, text=text)
+
+
+def name_joint(joint: str, text: str) -> str:
+    """Write a text about columns of one joint, ready to paste."""
+    text = re.sub(",(velocity|reference)=none|, '(velocity|reference)': 'none'", "", text)
+    text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda found: f"{found[1]}_{joint} is", text)
+    return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})(=|': )", lambda found: f"{found[1]}_{joint}{found[2]}", text)
