@@ -13,7 +13,7 @@ from pendulum_env.physics import Model
 from pendulum_env.reading import read_toml
 from pendulum_env.recording.channel import Load
 from pendulum_env.recording.study import Source, read_sources, write_study
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 from tests.two_link import body
 from workbench.suggestions import read_suggestion
 

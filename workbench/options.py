@@ -15,7 +15,7 @@ from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import LARGE, quote_value
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import TOLD
-from pendulum_env.servo.drive import KEYS, WORDS, ServoDrive
+from pendulum_env.servo import KEYS, WORDS, ServoDrive
 from workbench.errors import InputError
 
 T = TypeVar("T")

@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
+from pendulum_env.backends.hardware import DriveError
 from pendulum_env.backends.hardware.config import RigConfig, mark_checked
-from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.backends.hardware.rig import Rig
 from pendulum_env.backends.port import Sample, Start, Status
 
@@ -57,7 +57,7 @@ def _check_wiring(rig: Rig, confirm: Confirm) -> str:
         "make it so first: software is never the emergency stop",
     )
     rig.open()
-    reading = rig.guard.drive.read()
+    reading = rig.guard.motor.read()
     return f"the drive answers; counts {reading.counts}, {reading.fault or 'no fault'}"
 
 
@@ -79,7 +79,7 @@ def _check_encoder(rig: Rig, confirm: Confirm) -> str:
 def _check_zero(rig: Rig, confirm: Confirm) -> str:
     _ask(confirm, "Let the arm hang down and rest, touching nothing. Done?")
     off = math.degrees(math.remainder(rig.guard.read()[1], 2 * math.pi))
-    counts = rig.guard.drive.read().counts
+    counts = rig.guard.motor.read().counts
     _require(
         abs(off) < math.degrees(ROUGHLY),
         f"it hangs at {off:.0f} degrees: start the check with the arm hanging down, or set encoder.zero to {counts}",
@@ -125,17 +125,17 @@ def _check_torque(rig: Rig, confirm: Confirm) -> str:
 def _measure_motion(rig: Rig, most: float) -> float:
     """Measure the motion of the arm by a torque while the drive must have no power [rad]."""
     rig.disable()
-    drive, sign, moved = rig.guard.drive, rig.config.torque_sign, 0.0
+    motor, sign, moved = rig.guard.motor, rig.config.torque_sign, 0.0
     _, start = rig.guard.read()
     try:
         for k in range(round(most / RAMP / STEP)):
-            drive.write(sign * RAMP * k * STEP)
+            motor.write(sign * RAMP * k * STEP)
             time.sleep(STEP)
             moved = abs(rig.guard.read()[1] - start)
             if moved > MOVED:
                 break
     finally:
-        drive.write(0.0)
+        motor.write(0.0)
     return moved
 
 
@@ -154,7 +154,7 @@ def _check_watchdog(rig: Rig, confirm: Confirm) -> str:
     for _ in _run(rig, lambda t: 0.0, 0.2):
         pass
     time.sleep(patience)  # a program that hangs
-    fault = rig.guard.drive.read().fault
+    fault = rig.guard.motor.read().fault
     rig.disable()
     _require(
         fault is not None,

@@ -11,9 +11,8 @@ import numpy as np
 
 from agents.network import load
 from agents.observer import CONSTRAINTS, EPISODE, Pilot
-from pendulum_env.backends.hardware import config
+from pendulum_env.backends.hardware import DriveError, config
 from pendulum_env.backends.hardware.config import RigConfig
-from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import STILL, Excitation, excitation
 from pendulum_env.physics import Model

@@ -18,7 +18,7 @@ from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.sampling import even_clock
 from pendulum_env.recording.vocabulary import QUANTITIES
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 from pendulum_env.units import JointUnits
 
 ARRAYS = "{'time': time, 'position': position, 'torque': torque}"  # argument of `read_recording`, in messages

@@ -12,7 +12,7 @@ from pendulum_env.recording.building import build_recording
 from pendulum_env.recording.columns import NONE, check_named, find_columns
 from pendulum_env.recording.formats import Readable, find_stem, get_label, read_table
 from pendulum_env.recording.record import Recording
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 
 
 @refuse_unknown_arguments

@@ -38,7 +38,7 @@ from pendulum_env.recording.channel import Load
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.storage import describe_reading, read_recording
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 from pendulum_env.settings import format_setting
 
 Role = Literal["fit", "holdout"]

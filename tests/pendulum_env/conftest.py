@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from pendulum_env.backends.hardware.drive import find_adapter
+from pendulum_env.backends.hardware import find_adapter
 from tests.options import options as options
 from tests.pendulum_env.rigs import EmulatedRig, Host
 

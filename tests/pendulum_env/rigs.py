@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.backends.hardware import DriveError
 from pendulum_env.backends.hardware.guard import Fault
 from tests.once import ROOT
 from tests.patience import PATIENCE, wait_until

@@ -10,7 +10,7 @@ from pendulum_env.physics import Estimate, KnownLoad, Model
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.plant import hide, paper_plant
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 from pendulum_env.servo.loop import Servos, follow
 from tests.workbench.exported import in_mujoco, library, module, needs_compiler, off
 from workbench.export import ExportError, Request, export

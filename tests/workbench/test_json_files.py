@@ -12,7 +12,7 @@ from pendulum_env.arms import read_body
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 from tests.cases import recording
 from tests.two_link import recorded
 from tools.prose import ROOT

@@ -2,8 +2,8 @@
 
 import argparse
 
+from pendulum_env.backends.hardware import DriveError
 from pendulum_env.backends.hardware.config import load
-from pendulum_env.backends.hardware.drive import DriveError
 from workbench.errors import InputError
 from workbench.rig_check import CheckFailed, check_rig
 from workbench.terminal import Terminal

@@ -19,7 +19,7 @@ from pendulum_env.physics.simulation import TorqueBalance, step, write_balance
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, make_symbol, set_label, sort_symbols
 from pendulum_env.physics.term import ROOM, Memory
 from pendulum_env.recording.vocabulary import SI
-from pendulum_env.servo.drive import UNIT, ServoDrive
+from pendulum_env.servo import UNIT, ServoDrive
 from pendulum_env.servo.loop import GAINS, ControllerState, ServoInputs, compute_control, compute_gains, compute_taps
 from workbench.export.request import ExportError, Request
 from workbench.export.servo import get_supply

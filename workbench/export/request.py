@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 from workbench.errors import InputError
 
 Language = Literal["python", "c"]

@@ -9,7 +9,7 @@ import numpy as np
 from pendulum_env.physics import Model
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.recording.channel import NEWTON_METRE
-from pendulum_env.servo.drive import UNIT, ServoDrive
+from pendulum_env.servo import UNIT, ServoDrive
 from workbench.export.request import ExportError, Request
 
 

@@ -1,1 +1,29 @@
 """The DM1015B rig: adapters that reach its drive, and around each the same guard, pacing and care."""
+
+from pendulum_env.backends.hardware.drive import (
+    BUILT_IN,
+    ENTRY_POINTS,
+    OPENING,
+    Drive,
+    DriveError,
+    Reading,
+    Sent,
+    Settings,
+    driver_errors,
+    find_adapter,
+    list_adapters,
+)
+
+__all__ = [
+    "BUILT_IN",
+    "ENTRY_POINTS",
+    "OPENING",
+    "Drive",
+    "DriveError",
+    "Reading",
+    "Sent",
+    "Settings",
+    "driver_errors",
+    "find_adapter",
+    "list_adapters",
+]

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, cast
 
 from msgspec import Meta
 
-from pendulum_env.backends.hardware.drive import Settings, find_adapter, list_adapters
+from pendulum_env.backends.hardware import Settings, find_adapter, list_adapters
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find

@@ -19,7 +19,7 @@ BUILT_IN = {
     "serial": EntryPoint("serial", f"{HERE}.serial_drive:SerialDrive", ENTRY_POINTS),
     "nidaq": EntryPoint("nidaq", f"{HERE}.nidaq:NiDaq", ENTRY_POINTS),
 }
-OPENING = 2.0  # [s] to wait for an answer at least while the drive is opened, without power: it may set itself up
+OPENING = 2.0  # [s] to wait at least for an answer of a drive that opens, without power: it may set itself up
 
 
 class DriveError(RuntimeError):

@@ -9,8 +9,8 @@ import math
 import time
 from collections import deque
 
+from pendulum_env.backends.hardware import DriveError
 from pendulum_env.backends.hardware.config import EncoderSettings
-from pendulum_env.backends.hardware.drive import DriveError
 
 TURNOVER = 2**32  # of a counter of encoder lines or of microseconds
 

@@ -8,8 +8,8 @@ import math
 import time
 from datetime import datetime
 
+from pendulum_env.backends.hardware import Drive, DriveError, Sent
 from pendulum_env.backends.hardware.config import RigConfig
-from pendulum_env.backends.hardware.drive import Drive, DriveError, Sent
 from pendulum_env.backends.hardware.encoder import Encoder
 from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
 
@@ -29,15 +29,15 @@ class Guard:
 
     rise = 1.0  # [rad/s] by which an arm may speed up against stall_torque or a brake
 
-    def __init__(self, drive: Drive, config: RigConfig) -> None:
-        """Take the drive and what is allowed."""
-        self.drive, self.config, self.limits = drive, config, config.limits
+    def __init__(self, motor: Drive, config: RigConfig) -> None:
+        """Take the motor's drive and what is allowed."""
+        self.motor, self.config, self.limits = motor, config, config.limits
         self.encoder = Encoder(config.encoder, config.limits.hard_velocity)
         self.fault: str | None = None
         self.powered = False
         self._open = False
         self.torque = 0.0  # [N m], as last sent
-        self._motion = PlausibilityCheck(config.plant, self.encoder.step, drive.noise)
+        self._motion = PlausibilityCheck(config.plant, self.encoder.step, motor.noise)
         self._forget()
 
     def _forget(self) -> None:
@@ -59,8 +59,8 @@ class Guard:
             self._open = True
             self.encoder = Encoder(self.config.encoder, self.limits.hard_velocity)  # if no count, zero is here now
             self._forget()
-            self.drive.open()
-            reading = self.drive.read()
+            self.motor.open()
+            reading = self.motor.read()
             self.encoder.take(reading.time, reading.counts)
         except BaseException as error:
             self.note(f"cannot open: {error}")
@@ -77,8 +77,8 @@ class Guard:
             DriveError: if it cannot be reached.
         """
         if self.fault is not None:
-            self.drive.close()
-            self.drive.open()
+            self.motor.close()
+            self.motor.open()
             self.fault = None
             self.note("fault cleared")
 
@@ -93,7 +93,7 @@ class Guard:
         self.torque = 0.0
         try:
             self.powered = True  # before it is: what follows may be interrupted
-            self.drive.enable()
+            self.motor.enable()
         except DriveError as error:
             raise self.trip(str(error)) from error
         self.note("enabled")
@@ -118,7 +118,7 @@ class Guard:
         torque = self._limit_torque(torque, passed or 1.0 / self.config.rate)
         sign = self.config.torque_sign
         try:
-            sent = self.drive.write(sign * torque)
+            sent = self.motor.write(sign * torque)
         except DriveError as error:
             raise self.trip(str(error)) from error
         self._written, self._waited, self.torque = now, time.monotonic() - now, sign * sent.torque
@@ -134,7 +134,7 @@ class Guard:
         self._refuse()
         asked = time.monotonic()
         try:
-            reading = self.drive.read()
+            reading = self.motor.read()
             took = time.monotonic() - asked
             self._waited += took
             if self.powered and reading.fault is not None:
@@ -183,9 +183,9 @@ class Guard:
         """Set zero torque and cut the power, braked first if asked to; never raises."""
         if not self.powered:
             return
-        failures = _brake_arm(self.drive, self.encoder, self.config, self.rise) if brake else []
+        failures = _brake_arm(self.motor, self.encoder, self.config, self.rise) if brake else []
         self.powered, self.torque = False, 0.0
-        for tell in (lambda: self.drive.write(0.0), self.drive.disable):  # the one even if the other fails
+        for tell in (lambda: self.motor.write(0.0), self.motor.disable):  # the one even if the other fails
             try:
                 tell()
             except Exception as error:
@@ -198,7 +198,7 @@ class Guard:
         """Let go of all; never raises and may be called again."""
         self.disable()
         try:
-            self.drive.close()
+            self.motor.close()
         except Exception as error:
             self.note(f"closing failed: {error}")
         if self._open:

@@ -17,8 +17,8 @@ from nidaqmx.stream_readers import CounterReader, DigitalSingleChannelReader
 from nidaqmx.stream_writers import AnalogSingleChannelWriter, DigitalSingleChannelWriter
 from nidaqmx.system.watchdog import DOExpirationState, WatchdogTask
 
+from pendulum_env.backends.hardware import OPENING, DriveError, Reading, Sent
 from pendulum_env.backends.hardware.config import DaqSettings, RigConfig
-from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent
 from pendulum_env.errors import shorten_error
 
 LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of when a count is taken: by the driver here, over gRPC

@@ -16,7 +16,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.backends.hardware import DriveError
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last one is unknown to Windows
 

@@ -5,8 +5,8 @@ import math
 import time
 import weakref
 
+from pendulum_env.backends.hardware import DriveError, find_adapter
 from pendulum_env.backends.hardware.config import RigConfig, load
-from pendulum_env.backends.hardware.drive import DriveError, find_adapter
 from pendulum_env.backends.hardware.encoder import Ticks
 from pendulum_env.backends.hardware.guard import Fault, Guard
 from pendulum_env.backends.hardware.process import Ownership, Signals, request_realtime, restore_priority
@@ -36,7 +36,7 @@ class Rig:
         self._last = Sample(0.0, 0.0, None, 0.0)
         self._waiting = False  # for the first torque of a run
         counts = config.encoder.counts  # as far as their steps can be told from the uncertainty of time
-        blur = self.speed * self.guard.drive.noise * math.sqrt(12.0)  # [rad], step of an encoder that is as uncertain
+        blur = self.speed * self.guard.motor.noise * math.sqrt(12.0)  # [rad], step of an encoder that is as uncertain
         resolved = min(counts, int(2 * math.pi / blur)) if blur else counts
         self.traits = Traits(config.rate, resolved, config.max_torque)
 

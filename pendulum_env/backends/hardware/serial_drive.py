@@ -6,9 +6,8 @@ from contextlib import contextmanager, suppress
 
 import serial
 
-from pendulum_env.backends.hardware import frames
+from pendulum_env.backends.hardware import OPENING, DriveError, Reading, Sent, driver_errors, frames
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
-from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware.encoder import DriveClock
 
 

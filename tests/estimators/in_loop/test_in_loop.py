@@ -23,7 +23,7 @@ from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording, RecordingError, Source, read_recording, write_recording, write_study
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 from tests.notes import noted
 from workbench.cli import main
 from workbench.narrator.diagnosis import describe_result

@@ -15,7 +15,7 @@ from pendulum_env.physics import BASE
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.physics.transmission import Backlash
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 from tests import slow
 
 TERMS = (*BASE, GravityTilt())

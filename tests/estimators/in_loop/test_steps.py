@@ -7,7 +7,7 @@ import pytest
 
 from estimators import diagnose
 from pendulum_env.recording import Recording, read_recording
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 
 INERTIA, GRAVITY, VISCOUS, COULOMB = 0.0116, 0.61, 0.047, 0.039  # kg m^2, N m, N m s/rad, N m
 SUPPLY, GAIN, RESOLUTION = 12.0, 0.29, 2 * math.pi / 4096  # V, N m/V, rad

@@ -8,9 +8,8 @@ import pytest
 
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.serial import Firmware
-from pendulum_env.backends.hardware import frames
+from pendulum_env.backends.hardware import DriveError, find_adapter, frames
 from pendulum_env.backends.hardware.config import load
-from pendulum_env.backends.hardware.drive import DriveError, find_adapter
 from pendulum_env.backends.hardware.encoder import DriveClock
 from pendulum_env.plant import paper_plant
 from pendulum_env.registration import PENDULUM

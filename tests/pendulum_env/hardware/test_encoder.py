@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pendulum_env.backends.hardware import DriveError
 from pendulum_env.backends.hardware.config import EncoderSettings
-from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.backends.hardware.encoder import DriveClock, Encoder, Ticks, subtract_counts
 
 

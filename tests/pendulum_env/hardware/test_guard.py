@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from pendulum_env.backends.hardware import DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware import guard as guards
 from pendulum_env.backends.hardware.config import GuardLimits, OnFault, PlantRanges, load
-from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware.guard import Fault, Guard
 
 PER_RADIAN = 1_024_000 / (2 * math.pi)
@@ -86,7 +86,7 @@ def make(clock, tmp_path):
         guard.enable()
         guard.write(0.0)
         guard.read()
-        return guard, guard.drive
+        return guard, guard.motor
 
     return make
 
@@ -95,9 +95,9 @@ def step(guard, clock, torque, velocity=0.0, dt=DT):
     """One period: a torque, then what the arm did; returns what the drive was sent."""
     guard.write(torque)
     clock.now += dt
-    guard.drive.angle += velocity * dt
+    guard.motor.angle += velocity * dt
     guard.read()
-    return guard.drive.sent[-1]
+    return guard.motor.sent[-1]
 
 
 @contextmanager
@@ -108,8 +108,8 @@ def fault(guard, match):
     for again in (lambda: guard.write(1.0), guard.read, guard.enable) * 2:
         with pytest.raises(Fault, match=match):
             again()
-    assert not guard.drive.powered
-    assert guard.drive.sent[-1] == 0.0
+    assert not guard.motor.powered
+    assert guard.motor.sent[-1] == 0.0
 
 
 @pytest.mark.parametrize("torque", [math.nan, -math.inf])

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.backends.hardware import DriveError
 from pendulum_env.backends.hardware.process import Ownership, Signals
 from tests.patience import PATIENCE
 

@@ -12,7 +12,7 @@ import pytest
 
 from estimators import add
 from estimators.wrappers import EstimateParameters
-from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.backends.hardware import DriveError
 from pendulum_env.excitation import excitation
 from pendulum_env.plant import PAPER, paper_plant
 from pendulum_env.policy import OpenLoop, rollout
@@ -163,8 +163,8 @@ def test_an_interrupt_while_the_rig_is_closed_leaves_no_handler_behind(emulated,
     before = signal.getsignal(signal.SIGINT)
     env = make(rig)
     guard = env.unwrapped.backend.guard
-    close = guard.drive.close
-    monkeypatch.setattr(guard.drive, "close", lambda: (os.kill(os.getpid(), signal.SIGINT), close()))
+    close = guard.motor.close
+    monkeypatch.setattr(guard.motor, "close", lambda: (os.kill(os.getpid(), signal.SIGINT), close()))
     with pytest.raises(KeyboardInterrupt):
         env.close()
     monkeypatch.undo()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pendulum_env.physics import BASE, KnownLoad, effect, simulate
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 from pendulum_env.servo.loop import Servos, follow
 from tests.runge_kutta import stepped
 from tests.terms import Clipped, Table
