@@ -20,17 +20,16 @@ from estimators.checks.homogeneity import (
     find_misfits,
     fit_each_recording,
 )
-from estimators.data.fit_data import FitData, convert_to_model_unit
+from estimators.data.calibration import convert_to_model_unit
+from estimators.data.fit_data import FitData
 from estimators.data.regions import find_failures
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.goals import decide_goals
-from estimators.in_loop.simulation import add_loop_errors
 from estimators.prediction import Prediction, predict_recordings
 from estimators.selection.errors import Errors, get_single
 from estimators.signals.residual import AXES, Profile, Region, compute_profiles
 from estimators.simulation.free_running import HORIZON
 from estimators.weak_form.torque_windows import join_windows
-from pendulum_env._typing import JSON
+from pendulum_env._typing import JSON, Array
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
 from pendulum_env.errors import UserError
@@ -181,11 +180,10 @@ def make_floors_json(floors: Mapping[str, float]) -> JSON:
     return {"torque_rms": get_single(floors) if len(floors) == 1 else None, "joints": dict(floors)}
 
 
-def compute_distance(name: str, prepared: RegressionData, model: Model) -> Distance:
-    """Compute errors of a model with inertia on prepared data, and in the loop if the recordings have drives."""
+def compute_distance(name: str, prepared: RegressionData, model: Model, in_loop: Array) -> Distance:
+    """Compute errors of a model with inertia on prepared data; those of positions in the loop (R,) [rad] are known."""
     steady, unstable = prepared.with_steady_segments(model)
-    errors = steady.errors(model)
-    return Distance(name, add_loop_errors(model, prepared.recordings, errors), prepared.floors, unstable)
+    return Distance(name, steady.errors(model).with_loop(in_loop), prepared.floors, unstable)
 
 
 def join_recordings(parts: Sequence[RegressionData]) -> RegressionData:
@@ -221,26 +219,28 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     model = check_model(model)
     check_horizon(horizon, model.body.can_simulate)
     recordings = select_recordings(recordings, body=model.body, log_format=model.log_format)
-    recordings = decide_goals(convert_to_model_unit(model, recordings).recordings)
+    recordings = convert_to_model_unit(model, recordings)
     if recordings[0].units.slides:
         model = model.convert_units(JointUnits(model.torque_unit, slides=True))
     select_visible_effects({term.id: type(term) for term in model.terms if term.needs}, recordings)
     joints = model.terms if isinstance(model.body, Body) else ()
     alone = [] if joints else [_prepare_data(recording, model, horizon) for recording in recordings]
     together = join_recordings(alone) if alone else RegressionData.of_arm(recordings, joints)
-    joint = compute_distance("all", together, model)
+    data = FitData(recordings, recordings, terms=joints, horizon=horizon).with_parts((together, together))
+    loop = data.simulate_in_loop(model)
+    joint = compute_distance("all", together, model, loop.error)
     left = together.residual(model.terms, model.theta)
     fits = fit_each_recording([together.data], model.terms) if alone and not joint.errors.is_in_loop else []
     failing, most = joint.floors if _is_logged(recordings) else (), max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,
-        tuple(compute_distance(part.recordings[0].name, part, model) for part in alone),
+        tuple(compute_distance(part.names[0], part, model, loop.of(k).error) for k, part in enumerate(alone)),
         joint,
         tuple(compute_profiles(together.samples, left, joint.noise_floor, units=together.units()) if alone else ()),
         tuple(region for at in failing for region in find_failures(together, left, at, most)),
         (*find_disagreements_with_model(model, fits), *find_misfits(fits)),
         recordings[0].torque_constant,
-        FitData(recordings, recordings, terms=joints, horizon=horizon).with_parts((together, together)),
+        data,
         None if joints else horizon or HORIZON,
     )
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.simulation import simulate_from_goals
 from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import Segments, follow
 from estimators.weak_form import links
@@ -80,19 +79,17 @@ class Prediction:
 
 def predict_recordings(model: Model, data: FitData) -> tuple[Prediction, ...]:
     """Predict the recordings that a result is of: those that were fitted, then those that were held out."""
-    is_same = data.holdout is data.recordings  # compared, all alike
-    seen = data.recordings if is_same else (*data.recordings, *data.holdout)
-    paths = simulate_from_goals(model, seen)
-    found = [_make_empty_prediction(model, recording) for recording in seen]
-    if is_same:
+    found, loop = [_make_empty_prediction(model, recording) for recording in data.every], data.simulate_in_loop(model)
+    if data.is_same:
         found = [replace(own, is_held_out=None) for own in found]
-    with suppress(*[IdentificationError] * bool(paths)):  # a servo may move too little for a regression of its torque
+    with suppress(*[IdentificationError] * bool(loop)):  # a servo may move too little for a regression of its torque
         fitted, unseen = data.parts
         _predict(model, fitted, found[: len(data.recordings)], False)
-        if not is_same:
+        if not data.is_same:
             _predict(model, unseen, found[len(data.recordings) if data.holdout else 0 :], True)
-    for own, path in zip(found, paths, strict=False):
-        own.simulated_position[:] = path
+    if loop:
+        for k, recording in enumerate(data.every):
+            found[k].simulated_position[:] = loop.of(k).interpolate(recording)
     return tuple(found)
 
 

@@ -23,7 +23,7 @@ class Drawing:
     broad: float = 3.4  # width of a measured curve, on which models are drawn [px]
     close: float = 5.0  # length of what is shown at first, where that is a part [s]
     compared: int = 4  # recordings that are drawn beside models, at most
-    in_loop: int = 8  # recordings that are drawn beside simulations in the loop, at most
+    loops: int = 8  # recordings that are drawn beside simulations in the loop, at most
     settled: float = 0.25  # share of a recording from which on estimates decide what is in the picture
     frame: float = 0.6  # share of the picture's height that these take
     correlated: int = 20  # largest number of parameters in a table of correlations

@@ -1,12 +1,13 @@
 """Calibration: torque of recordings in N m, by a torque constant, known loads, or the known parameter of a swing."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 from estimators.checks.torque_constant import estimate_torque_constant, explain_unknown_constant, find_torque_unit
 from estimators.findings import Finding, Kind
 from estimators.free_swings import fit_inertia, scale_swing, scale_swings
+from estimators.in_loop.goals import decide_goals
 from estimators.regression.equations import IdentificationError
+from pendulum_env.physics import Model, ModelError
 from pendulum_env.recording import Recording
 from pendulum_env.recording.channel import NEWTON_METRE, PER_INERTIA, TorqueConstant
 from pendulum_env.settings import Blank, format_setting
@@ -26,7 +27,7 @@ def calibrate(
     """
     every, count = (*recordings, *holdout), len(recordings)
     driven, doubt = [own for own in every if not own.is_free], None
-    if any(own.drive is not None and own.drive.ki and own.torque_unit != NEWTON_METRE for own in every):
+    if any(own.has_unknown_integral for own in every):
         doubt = explain_unknown_constant(Kind.INTEGRAL_CONTROLLER, every[0].torque_unit)
     elif len(driven) == len(every):
         every, doubt = _convert_by_constant(every, count, constant)
@@ -70,17 +71,42 @@ def _convert_by_constant(
     found = constant or estimate_torque_constant(every[:count])
     if isinstance(found, Finding):
         return every, found
-    return tuple(_convert_to_newton_metres(own, found) for own in every), None
-
-
-def _convert_to_newton_metres(recording: Recording, constant: TorqueConstant) -> Recording:
-    """Return a recording in N m; the torque constant becomes the gain of its drive."""
-    torque, drive = constant.value * recording.torque, recording.drive
-    if drive is not None and drive.unit == constant.of:
-        drive = replace(drive, gain=constant.value)
-    return replace(recording, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant, drive=drive)
+    return tuple(own.convert_to_newton_metres(found) for own in every), None
 
 
 def _scale_swings(recordings: Recordings, inertia: float, torque_unit: str) -> Recordings:
     """Return the recordings, with free swings scaled by an inertia."""
     return tuple(scale_swing(recording, inertia, torque_unit) for recording in recordings)
+
+
+def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Recordings:
+    """Return recordings as a model takes them: in its unit of torque, with goals that are held or run on.
+
+    Raises:
+        IdentificationError: if a current is to be turned into torque, and nothing tells the torque constant.
+        ModelError: if the model is of a current and the recordings are not.
+    """
+    driven, inertia = [recording for recording in recordings if not recording.is_free], dict[str, float]()
+    if driven and model.torque_unit == PER_INERTIA:
+        raise ModelError(
+            f"the model is relative to the inertia, and {driven[0].name} has torque: compare it with free swings, or "
+            f"identify it with {format_setting('fixed', {'inertia': Blank('VALUE')})}"
+        )
+    if len(driven) < len(recordings):
+        inertia = {"inertia": model.estimates["inertia"].value}
+        unit = find_torque_unit(driven) if driven else model.torque_unit
+        recordings = [scale_swing(own, inertia["inertia"], unit) for own in recordings]
+    unit, known, constant = find_torque_unit(recordings), model.torque_constant, None
+    if unit == model.torque_unit:
+        return decide_goals(recordings)
+    if model.torque_unit != NEWTON_METRE:
+        raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
+    if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
+        constant = TorqueConstant(known.value, known.std, unit)
+    converted, _, doubt = calibrate(recordings, (), constant, inertia)
+    if doubt is not None:
+        raise IdentificationError(
+            f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: record "
+            "under known loads that differ, or identify the model with a torque constant"
+        )
+    return decide_goals(converted)

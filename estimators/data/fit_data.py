@@ -15,20 +15,18 @@ import numpy as np
 from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
 from estimators.checks.homogeneity import Disagreement
-from estimators.checks.torque_constant import find_torque_unit
 from estimators.data.calibration import calibrate
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import Parts, split_arm, split_recordings, with_contacts
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import find_known_values, scale_swing
-from estimators.regression.equations import IdentificationError
+from estimators.free_swings import find_known_values
+from estimators.in_loop.simulation import LoopMotion, simulate_in_loop
 from pendulum_env.arms.body import Body, LinkLoad
 from pendulum_env.arms.joints import find_body
 from pendulum_env.arms.recording import add_payload
-from pendulum_env.physics import Model, ModelError, Term
+from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import NEWTON_METRE, PER_INERTIA, TorqueConstant
-from pendulum_env.settings import Blank, format_setting
+from pendulum_env.recording.channel import TorqueConstant
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +203,16 @@ class FitData:
         return {name: value for name, value in vars(self).items() if name != "parts"}
 
     @property
+    def is_same(self) -> bool:
+        """Return whether the recordings are compared, all alike, so that nothing is fitted."""
+        return self.holdout is self.recordings
+
+    @property
+    def every(self) -> tuple[Recording, ...]:
+        """All recordings, fitted ones first."""
+        return self.recordings if self.is_same else (*self.recordings, *self.holdout)
+
+    @property
     def constant(self) -> TorqueConstant | None:
         """Torque constant by which currents were converted; None if they were not."""
         return self.recordings[0].torque_constant
@@ -235,6 +243,10 @@ class FitData:
         }
         return [replace(finding, kind=kinds[finding.kind]) for finding in self.find_timing(True)]
 
+    def simulate_in_loop(self, model: Model) -> LoopMotion:
+        """Simulate all recordings, fitted ones first, with their controllers in the loop; empty without controllers."""
+        return simulate_in_loop(model, self.every)
+
     def find_timing(self, is_late: bool) -> tuple[Finding, ...]:
         """Return findings on torque that is logged late, or acts late; with names of recordings if these differ."""
         every = zip((*self.recordings, *self.holdout), self.alignments, strict=bool(self.alignments))
@@ -249,36 +261,3 @@ class FitData:
         if all(one is self.alignments[0] for one in self.alignments):
             return tuple(found)
         return tuple(replace(one, recordings=tuple(own)) for one, own in zip(found, names, strict=True))
-
-
-def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> FitData:
-    """Convert recordings to the unit of torque of a model.
-
-    Raises:
-        IdentificationError: if a current is to be turned into torque, and nothing tells the torque constant.
-        ModelError: if the model is of a current and the recordings are not.
-    """
-    driven, inertia = [recording for recording in recordings if not recording.is_free], dict[str, float]()
-    if driven and model.torque_unit == PER_INERTIA:
-        raise ModelError(
-            f"the model is relative to the inertia, and {driven[0].name} has torque: compare it with free swings, or "
-            f"identify it with {format_setting('fixed', {'inertia': Blank('VALUE')})}"
-        )
-    if len(driven) < len(recordings):
-        inertia = {"inertia": model.estimates["inertia"].value}
-        unit = find_torque_unit(driven) if driven else model.torque_unit
-        recordings = [scale_swing(own, inertia["inertia"], unit) for own in recordings]
-    unit, known, constant = find_torque_unit(recordings), model.torque_constant, None
-    if unit == model.torque_unit:
-        return FitData(tuple(recordings))
-    if model.torque_unit != NEWTON_METRE:
-        raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
-    if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
-        constant = TorqueConstant(known.value, known.std, unit)
-    given = FitData.of(recordings, constant=constant, known=inertia)
-    if given.doubt is not None:
-        raise IdentificationError(
-            f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: record "
-            "under known loads that differ, or identify the model with a torque constant"
-        )
-    return given

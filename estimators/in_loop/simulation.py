@@ -3,49 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.in_loop.goals import decide_goals
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
-from estimators.selection.errors import Errors
 from estimators.simulation.output_error import Point
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 
 
-def make_rollouts(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, Array]:
-    """Return rollouts whose goals are held or run on as `decide_goals` has it, and their position errors (R,) [rad]."""
-    rollouts = Rollouts(decide_goals(recordings), FINE)
-    return rollouts, rollouts.position_errors([Point.of(model)])[:, 0]
+@dataclass(frozen=True)
+class LoopMotion:
+    """Simulated and measured motion of recordings (R,); without rows, and false, if no controllers are known.
 
+    Attributes:
+        time: from the start of each recording [s].
+        measured: position [rad].
+        error: simulated minus measured position [rad].
+        recording_of: number of the recording.
+    """
 
-def simulate_recording(model: Model, recording: Recording) -> tuple[Array, Array, Array]:
-    """Return times (R,) [s], simulated and measured positions (R,) [rad] of a recording with a drive."""
-    rollouts, missed = make_rollouts(model, [recording])
-    return rollouts.time, rollouts.position + missed, rollouts.position
+    time: Array
+    measured: Array
+    error: Array
+    recording_of: Index
 
+    def __bool__(self) -> bool:
+        return bool(len(self.error))
 
-def simulate_from_goals(model: Model, recordings: Sequence[Recording]) -> list[Array]:
-    """Return simulated positions (N,) [rad] of each recording of a servo; none without drives."""
-    if not are_driven(recordings):
-        return []
-    rollouts, missed = make_rollouts(model, recordings)
-    simulated, paths = rollouts.position + missed, []
-    for k, recording in enumerate(recordings):
-        own, path = rollouts.recording_of == k, []
+    @property
+    def simulated(self) -> Array:
+        """Simulated position (R,) [rad]."""
+        return self.measured + self.error
+
+    def of(self, number: int) -> LoopMotion:
+        """Return the motion of one recording."""
+        own = self.recording_of == number
+        return LoopMotion(self.time[own], self.measured[own], self.error[own], self.recording_of[own])
+
+    def interpolate(self, recording: Recording) -> Array:
+        """Return the simulated position at the samples (N,) of the recording that this motion is of [rad]."""
+        path = []
         for part in recording.segments:
             time = part.time - recording.time[0]
-            within = own & (rollouts.time > time[0]) & (rollouts.time <= time[-1])
-            known = np.r_[time[0], rollouts.time[within]], np.r_[part.position[0], simulated[within]]
+            within = (self.time > time[0]) & (self.time <= time[-1])
+            known = np.r_[time[0], self.time[within]], np.r_[part.position[0], self.simulated[within]]
             path.append(np.interp(time, *known, right=np.nan))
-        paths.append(np.concatenate(path))
-    return paths
+        return np.concatenate(path)
 
 
-def add_loop_errors(model: Model, recordings: Sequence[Recording], errors: Errors) -> Errors:
-    """Return the errors of a model with those in the loop, if the recordings have drives."""
+def simulate_in_loop(model: Model, recordings: Sequence[Recording]) -> LoopMotion:
+    """Simulate whole recordings of servos with their controllers in the loop."""
     if not are_driven(recordings):
-        return errors
-    return errors.with_loop(make_rollouts(model, recordings)[1])
+        return LoopMotion(np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.intp))
+    rollouts = Rollouts(tuple(recordings), FINE)
+    error = rollouts.position_errors([Point.of(model)])[:, 0]
+    return LoopMotion(rollouts.time, rollouts.position, error, rollouts.recording_of)

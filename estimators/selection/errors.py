@@ -45,7 +45,9 @@ class Errors:
     in_loop_rms: float = np.nan
 
     def with_loop(self, missed: Array) -> Errors:
-        """Return the errors with those of positions (R,) [rad] simulated with the controller in the loop."""
+        """Return the errors with those of positions (R,) [rad] simulated with the controller in the loop, if any."""
+        if not len(missed):
+            return self
         mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))
         return replace(self, in_loop=mean, in_loop_rms=rms)
 

@@ -168,9 +168,9 @@ def _suggest_position_unit(origin: Origin, unit: str = "deg", *, confirms: bool 
 
 def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
     """Refuse the goal of an angle that is turns away from the position: it has other units, or another zero."""
-    if recording.reference is None or recording.drive is None or recording.drive.acts_on_speed:
+    if (goal := recording.goal) is None:
         return
-    away = float(np.median(np.abs(recording.reference - recording.position)))
+    away = float(np.median(np.abs(goal - recording.position)))
     if away > BOUNDS.followed:
         raise ColumnError(
             f"the goal is {away:.3g} rad away from the position, as if in other units or from another zero: say them "

@@ -245,6 +245,24 @@ class Recording:
         """Return whether the joint swings freely: nothing drives it, and no controller is known."""
         return self.drive is None and not self.has_torque
 
+    @property
+    def goal(self) -> Array | None:
+        """Return the position that the controller was asked to follow (N,) [rad]; None if none is known."""
+        return self.reference if self.drive is not None and not self.drive.acts_on_speed else None
+
+    @property
+    def has_unknown_integral(self) -> bool:
+        """Return whether no known load tells the torque, as it is that of a controller with an integral part."""
+        return self.drive is not None and bool(self.drive.ki) and self.torque_unit != NEWTON_METRE
+
+    def convert_to_newton_metres(self, constant: TorqueConstant) -> Self:
+        """Return the recording in N m; the torque constant becomes the gain of its drive."""
+        drive = self.drive
+        if drive is not None and drive.unit == constant.of:
+            drive = replace(drive, gain=constant.value)
+        torque = constant.value * self.torque
+        return replace(self, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant, drive=drive)
+
     def slice(self, start: int | None, stop: int | None) -> Self:
         """Return samples start to stop - 1, indices as in Python slicing; time is not shifted.
 

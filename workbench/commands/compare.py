@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from estimators.arms.payload import Payload, find_payload
 from estimators.comparison import compare
-from estimators.data.fit_data import convert_to_model_unit
+from estimators.data.calibration import convert_to_model_unit
+from estimators.data.fit_data import FitData
 from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
@@ -67,7 +68,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     asked = open_sources(arguments, list_sources(arguments, outputs), terminal)
     model, recordings = asked.model, [*asked.recordings, *asked.holdout]
     if not isinstance(asked.body, Body):
-        given = report_timing(convert_to_model_unit(model, recordings), arguments.align, terminal)
+        given = report_timing(FitData(convert_to_model_unit(model, recordings)), arguments.align, terminal)
     else:
         given = asked.calibrate(terminal, arguments.align)
     recordings = [*given.recordings, *given.holdout]

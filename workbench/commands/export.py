@@ -3,8 +3,7 @@
 import argparse
 import sys
 
-from estimators.data.fit_data import convert_to_model_unit
-from estimators.in_loop.rollouts import are_driven
+from estimators.data.calibration import convert_to_model_unit
 from pendulum_env.files import write_whole
 from pendulum_env.physics import Model
 from pendulum_env.reading import quote_value
@@ -93,8 +92,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     exported = export(model, arguments.to, request)
     if sources:
         sources = tuple(apply_log_format(source, model.log_format, arguments.model) for source in sources)
-        given = convert_to_model_unit(model, read_all(sources, terminal, Source.read))
-        _check(model, exported, request, given.recordings, terminal)
+        recordings = convert_to_model_unit(model, read_all(sources, terminal, Source.read))
+        _check(model, exported, request, recordings, terminal)
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)
         for note in exported.notes:
@@ -120,16 +119,11 @@ def _find_checks(arguments: argparse.Namespace) -> tuple[Source, ...]:
 def _check(
     model: Model, exported: Exported, request: Request, recordings: tuple[Recording, ...], terminal: Terminal
 ) -> None:
-    """Print how far what is exported is from recordings, of servos in the loop, in rad and in shares of the motion."""
-    from workbench.export.check import check, check_in_loop  # needs the libraries of a comparison
+    """Print how far what is exported is from recordings, in rad and in shares of the motion."""
+    from workbench.export.check import check  # needs the libraries of a comparison
 
-    in_loop, name = are_driven(recordings), recordings[0].name
-    if in_loop and request.drive is None:
-        raise InputError(f"{name}: is of a servo: say the drive to export and check with --drive")
-    if not in_loop and (request.drive is not None or request.callback is not None):
-        raise InputError(f"{name}: has no goal: a servo, or a joint with a callback, is checked in the loop alone")
     with terminal.progress("running in MuJoCo"):
-        found = check_in_loop(model, request, recordings) if in_loop else check(model, exported, recordings)
+        found = check(model, exported, request, recordings)
     terminal.heading(found.title)
     rows = [(what, f"{error:.3g} rad", f"{100 * error / found.motion:.2g} %") for what, error in found.errors.items()]
     terminal.table(("", "error", "of the motion"), rows)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.rollouts import GRAIN
-from estimators.in_loop.simulation import make_rollouts
+from estimators.in_loop.rollouts import GRAIN, Rollouts, are_driven
 from estimators.signals.motion import load_in_newton_metres
 from estimators.simulation.free_running import Segments, simulate_all, start_memory
 from estimators.simulation.output_error import Point
@@ -32,13 +31,22 @@ class CheckResult:
     motion: float  # distance of the measured position from its mean, measured alike
 
 
-def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> CheckResult:
-    """Run the exported XML in MuJoCo against recordings, over windows that each start from the measured state.
+def check(model: Model, exported: Exported, request: Request, recordings: Sequence[Recording]) -> CheckResult:
+    """Run what is exported in MuJoCo against recordings: a servo, or a joint with a callback, from their goals.
 
     Raises ExportError if a known load hung on the joint, which no exported model has, IdentificationError if a
     recording holds too little motion, and InputError if the extra `export` is not installed.
     """
-    refuse_loads(recordings)
+    for recording in recordings:
+        if load_in_newton_metres(recording):
+            raise ExportError(f"{recording.name}: a known load acted on the joint: check with a recording without one")
+    if request.takes_goal:
+        return _check_in_loop(model, request, recordings)
+    return _check_free_runs(model, exported, recordings)
+
+
+def _check_free_runs(model: Model, exported: Exported, recordings: Sequence[Recording]) -> CheckResult:
+    """Run the exported XML against recordings, over windows that each start from the measured state."""
     segments = RegressionData.of(recordings).with_link_states(model).segments
     own = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
     theirs = [_simulate(model, exported, segment) for segment in segments]
@@ -52,17 +60,17 @@ def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> 
     return CheckResult("Free run over windows of one second, RMS", errors, motion)
 
 
-def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording]) -> CheckResult:
-    """Run what is exported in MuJoCo against recordings of servos, each with the drive that it was recorded with.
+def _check_in_loop(model: Model, request: Request, recordings: Sequence[Recording]) -> CheckResult:
+    """Run what is exported against whole recordings of servos, each with the drive that it was recorded with.
 
-    Raises ExportError if a known load hung on the joint, or steps do not add up to those that are compared, and
-    InputError if the extra `export` is not installed.
+    Raises ExportError if there is no goal, or steps do not add up to those that are compared.
     """
-    refuse_loads(recordings)
+    if not are_driven(recordings):
+        raise ExportError(f"{recordings[0].name}: has no goal: a servo, or a callback, is checked in the loop alone")
     steps = round(GRAIN / request.step)
     if abs(steps * request.step - GRAIN) > 1e-9:
         raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
-    rollouts = replace(make_rollouts(model, recordings)[0], steps=steps)
+    rollouts = Rollouts(tuple(recordings), steps)
 
     def error(request: Request) -> float:
         return _compute_mean_size(rollouts.compare_paths(_follow(model, request, rollouts.servos, steps)))
@@ -80,13 +88,6 @@ def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording
 
 def _compute_mean_size(values: Array) -> float:
     return float(np.mean(np.abs(values)))
-
-
-def refuse_loads(recordings: Sequence[Recording]) -> None:
-    """Raise ExportError if a known load hung on the joint or drove it, which no exported model has."""
-    for recording in recordings:
-        if load_in_newton_metres(recording):
-            raise ExportError(f"{recording.name}: a known load acted on the joint: check with a recording without one")
 
 
 def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array:

@@ -39,6 +39,11 @@ class Request:
     drive: ServoDrive | None = None
     callback: Language | None = None
 
+    @property
+    def takes_goal(self) -> bool:
+        """Return whether what is exported is checked from goals: a servo, or a joint with a callback."""
+        return self.drive is not None or self.callback is not None
+
 
 @dataclass(frozen=True)
 class Exported:

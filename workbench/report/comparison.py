@@ -5,13 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.in_loop.goals import decide_goals
-from estimators.in_loop.simulation import simulate_recording
 from estimators.simulation.free_running import HORIZON, Segments, follow
 from pendulum_env._typing import Array
 from pendulum_env.formatting import TextTable, capitalise, format_number
-from pendulum_env.physics import Model
-from pendulum_env.recording import Recording
 from pendulum_env.thinning import POINTS, thin
 from workbench.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line
 from workbench.narrator.diagnosis import describe_next_step, describe_region, describe_result, list_remarks
@@ -89,56 +85,42 @@ def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> Figure
     return figure
 
 
-def make_loop(
-    headline: str,
-    models: Sequence[tuple[str, Model]],
-    recordings: Sequence[Recording],
-    angle: tuple[float, str],
-    left: Sequence[str] = (),
-    advice: Sequence[str] = (),
-) -> Section:
-    """Make the section on one or two models in the loop: errors, simulated motion and the next step.
-
-    `angle` is the factor and the unit in which positions are shown, see `Case.angle`.
-    """
-    rows, figures, (factor, unit) = [], [], angle
-    for number, recording in enumerate(decide_goals(recordings)):
-        errors, curves = [], []
-        for (label, model), color in zip(models, ("--base", "--final")[-len(models) :], strict=True):
-            time, simulated, measured = simulate_recording(model, recording)
-            simulated, measured = factor * simulated, factor * measured
-            errors.append(float(np.mean(np.abs(simulated - measured))))
-            curves.append(line(time, simulated, label, color, unit))
-        rows.append((recording.name, *(format_number(error, padded=True) for error in errors)))
-        if number >= DRAWING.in_loop or recording.reference is None:
+def make_loop(case: ReportData, headline: str) -> Section:
+    """Make the section on models in the loop: errors and simulated motion, held-out recordings first."""
+    loops = [case.data.simulate_in_loop(model) for _, _, model in case.models]
+    fitted, (factor, unit) = len(case.data.recordings), case.angle
+    rows, figures = [], list[Figure]()
+    for k, recording in sorted(enumerate(case.data.every), key=lambda one: one[0] < fitted):
+        name = recording.name if k < fitted else f"{recording.name} (held out)"
+        motions = [loop.of(k) for loop in loops]
+        errors = [factor * float(np.mean(np.abs(own.error))) for own in motions]
+        rows.append((name, *(format_number(error, padded=True) for error in errors)))
+        if len(figures) >= DRAWING.loops:
             continue
-        start = recording.time - recording.time[0]
-        lines = [line(time, measured, "measured", "--measured", unit), *curves]
-        if recording.drive is not None and not recording.drive.acts_on_speed:
+        lines = [line(motions[0].time, factor * motions[0].measured, "measured", "--measured", unit)]
+        for (label, color), own in zip(case.drawn, motions, strict=True):
+            lines.append(line(own.time, factor * own.simulated, label, color, unit))
+        if recording.goal is not None:
             dotted = {"color": "--muted", "dash": "dot", "width": 1}
-            lines.insert(0, line(start, factor * recording.reference, "goal", "", unit, line=dotted))
-        layout = {"title": {"text": recording.name}, "xaxis": axis("time [s]"), "yaxis": axis(f"position [{unit}]")}
-        label = f"{recording.name}: goal, measured and simulated position"
-        figures.append(Figure(f"loop-{number}", label, lines, layout))
+            time = recording.time - recording.time[0]
+            lines.insert(0, line(time, factor * recording.goal, "goal", "", unit, line=dotted))
+        layout = {"title": {"text": name}, "xaxis": axis("time [s]"), "yaxis": axis(f"position [{unit}]")}
+        label = f"{name}: goal, measured and simulated position"
+        figures.append(Figure(f"loop-{len(figures)}", label, lines, layout))
     content: Content = [
         "Whole recordings are simulated with the controller in the loop: all that is known is the goal. The error is "
         "the mean distance of the simulated from the measured position.",
-        TextTable(("recording", *(f"{label} [{unit}]" for label, _ in models)), rows),
+        TextTable(("recording", *(f"{label} [{unit}]" for label, _ in case.drawn)), rows),
         *figures,
-        *(Part(title, [tuple(texts)]) for title, texts in (("Left unexplained", left), (NEXT, advice)) if texts),
     ]
     return Section("loop", "In the loop", capitalise(headline), content)
 
 
 def make_loop_diagnosis(case: ReportData) -> Section:
-    """Compare the first and the last model of a diagnosis, held-out recordings first."""
+    """Make the section on the models of a diagnosis in the loop, with its residual and the next step."""
     found = case.diagnosis
-    held_out = [replace(recording, name=f"{recording.name} (held out)") for recording in case.data.holdout]
-    recordings = [*held_out, *case.data.recordings]
-    models = [("base model", found.steps[0].model)]
-    if len(found.steps) > 1:
-        models.append(("with what was found", found.model))
-    left = [describe_region(region) for region in found.unexplained]
-    return make_loop(
-        describe_result(found), models, recordings, case.angle, left, [describe_next_step(found), *list_remarks(found)]
-    )
+    section = make_loop(case, describe_result(found))
+    left, advice = (describe_region(region) for region in found.unexplained), describe_next_step(found)
+    texts = {"Left unexplained": tuple(left), NEXT: (advice, *list_remarks(found))}
+    parts = [Part(title, [own]) for title, own in texts.items() if own]
+    return replace(section, content=[*section.content, *parts])

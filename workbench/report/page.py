@@ -140,7 +140,7 @@ def render_comparison(compared: Comparison) -> str:
     result = Section("result", "Result", describe_comparison(compared), parts)
     sections = [result, make_comparison(case), make_failures(case), make_parameters(case)]
     if (error := describe_loop(compared)) is not None:
-        sections.insert(1, make_loop(error, [("model", compared.model)], case.data.recordings, case.angle))
+        sections.insert(1, make_loop(case, error))
     return _render_recordings(case, sections, "comparison with")
 
 
