@@ -61,11 +61,6 @@ def select_recordings(
         if item.names != body.joints:
             ours, other = describe_joints(item.names), describe_joints(body.joints)
             raise TypeError(f"{item.name}: is of {ours}, and the terms are of {other}: give BASE, or arm_base(body)")
-        if isinstance(item, Recording) and item.drive is not None and not item.torque.any():
-            raise ValueError(
-                f"{item.name}: torque is 0 throughout, but a drive moves the joint: read_recording({{'time': ..., "
-                "'position': ..., 'reference': ...}, drive=...) computes the torque that the drive asks for"
-            )
     if not several and not empty:
         raise ValueError("there is no recording to work on: give one or several")
     return tuple(one if one.time[0] == 0.0 else replace(one, time=one.time - one.time[0]) for one in several)

@@ -180,10 +180,10 @@ def make_floors_json(floors: Mapping[str, float]) -> JSON:
     return {"torque_rms": get_single(floors) if len(floors) == 1 else None, "joints": dict(floors)}
 
 
-def compute_distance(name: str, prepared: RegressionData, model: Model, in_loop: Array) -> Distance:
+def compute_distance(name: str, prepared: RegressionData, model: Model, loop_error: Array) -> Distance:
     """Compute errors of a model with inertia on prepared data; those of positions in the loop (R,) [rad] are known."""
     steady, unstable = prepared.with_steady_segments(model)
-    return Distance(name, steady.errors(model).with_loop(in_loop), prepared.floors, unstable)
+    return Distance(name, steady.errors(model).with_loop(loop_error), prepared.floors, unstable)
 
 
 def join_recordings(parts: Sequence[RegressionData]) -> RegressionData:

@@ -21,7 +21,8 @@ from estimators.selection.search import SearchResult, search
 from estimators.selection.tables import find_explaining_law
 from estimators.signals.residual import Region, make_region_everywhere
 from estimators.weak_form.windows import concatenate_samples
-from pendulum_env.arms.joints import find_links, place_effects
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import find_body, find_links, place_effects
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
@@ -90,6 +91,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
 
 
 ARM = Case(
+    takes=lambda base, recordings: isinstance(find_body(base), Body),
     prepare=prepare,
     evaluator=make_evaluator,
     search=search,

@@ -70,6 +70,7 @@ class Case:
     """Functions by which recordings of a pendulum, of an arm, and of servos differ in a diagnosis.
 
     Attributes:
+        takes: whether a base model and recordings are of the case.
         prepare: calibrate recordings, and complete the base model and the library for them.
         evaluator: make the evaluator of models.
         search: search for effects.
@@ -85,6 +86,7 @@ class Case:
         refit_to_horizon: refit the final model to free-running motion; None where no motion follows from torque alone.
     """
 
+    takes: Callable[[Sequence[Term], Sequence[Recording]], bool]
     prepare: Callable[[Sequence[Recording], Sequence[Recording], Setting], tuple[FitData, Setting]]
     evaluator: Callable[[FitData, Setting], ModelEvaluator]
     search: Callable[[ModelEvaluator], SearchResult]

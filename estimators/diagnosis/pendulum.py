@@ -163,6 +163,7 @@ def _find_untested_ranges(model: Model, low: float, high: float) -> list[Finding
 
 
 PENDULUM = Case(
+    takes=lambda base, recordings: True,
     prepare=prepare,
     evaluator=make_evaluator,
     search=search_by_torque,

@@ -28,7 +28,7 @@ from estimators.in_loop.goals import (
 )
 from estimators.in_loop.refit import fit_step, refine_rows, refit_step
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.in_loop.rollouts import Rollouts
+from estimators.in_loop.rollouts import Rollouts, are_driven
 from estimators.selection.errors import Step, Terms, get_single
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import compute_significant_sign
@@ -231,6 +231,7 @@ def find_regions(trial: Trial) -> Sequence[Region]:
 
 
 SERVO = Case(
+    takes=lambda base, recordings: are_driven(recordings),
     prepare=prepare,
     evaluator=make_evaluator,
     search=search,

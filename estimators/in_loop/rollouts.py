@@ -240,6 +240,11 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
         drive = recording.drive
         if known and drive is None:
             raise RecordingError(f"{recording.name}: has no drive, but others have one: say its drive, or leave it out")
+        if drive is not None and not recording.torque.any():
+            raise RecordingError(
+                f"{recording.name}: torque is 0 throughout, but a drive moves the joint: read_recording({{'time': ..., "
+                "'position': ..., 'reference': ...}, drive=...) computes the torque that the drive asks for"
+            )
         if drive is not None and drive.acts_on_speed != known[0].acts_on_speed:
             raise RecordingError(f"{recording.name}: controls another quantity than the others: take those apart")
         if drive is not None and drive.gain is not None and recording.torque_unit != NEWTON_METRE:

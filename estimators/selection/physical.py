@@ -169,8 +169,8 @@ def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Sam
         return wrong
     gates = [Gate("physical_bounds", 0, 0, True)]
     gates += make_base_gates(after.model, before.model)
-    angle = after.model.units().unit("rad")
-    errors = [("in_loop", new.in_loop, old.in_loop, angle), ("position", new.position_rms, old.position_rms, angle)]
+    angle, kinds = after.model.units().unit("rad"), [kind for kind in new.kinds if kind != "torque_rms"]
+    errors = [(kind.removesuffix("_rms"), getattr(new, kind), getattr(old, kind), angle) for kind in kinds]
     for at in (joint for joint in new.joints if joint in changed):
         unit = after.model.units(at).unit("N m")
         errors.append((f"torque@{at}" if at else "torque", new.at(at), old.at(at), unit))

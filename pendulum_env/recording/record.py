@@ -257,10 +257,7 @@ class Recording:
 
     def convert_to_newton_metres(self, constant: TorqueConstant) -> Self:
         """Return the recording in N m; the torque constant becomes the gain of its drive."""
-        drive = self.drive
-        if drive is not None and drive.unit == constant.of:
-            drive = replace(drive, gain=constant.value)
-        torque = constant.value * self.torque
+        torque, drive = constant.value * self.torque, self.drive and self.drive.with_gain(constant.value, constant.of)
         return replace(self, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant, drive=drive)
 
     def slice(self, start: int | None, stop: int | None) -> Self:

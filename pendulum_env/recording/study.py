@@ -6,7 +6,7 @@ joints = ["lift", "elbow"]       # of an arm, those that move; see `pendulum_env
 position = "-motor_angle:deg/6"
 torque = "current:A*0.091"
 
-[drive]                          # the controller that followed the goal, see `pendulum_env.servo.drive`
+[drive]                          # the controller that followed the goal, see `ServoDrive`
 preset = "xl330"
 
 [[recording]]

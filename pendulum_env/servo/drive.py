@@ -10,7 +10,7 @@ torque, comes the motor's torque: in SI if its gain is known, and per volt or am
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
@@ -96,6 +96,10 @@ class ServoDrive:
         """Return the torque, in its `unit`, per unit of the output at a supply [V]."""
         volts = supply if self.output == "duty" else np.ones_like(supply)
         return volts if self.gain is None else volts * self.gain
+
+    def with_gain(self, gain: float, unit: str) -> Self:
+        """Return the drive with a gain per unit of its output; the same if its torque is in another unit."""
+        return replace(self, gain=gain) if self.unit == unit else self
 
     @property
     def acts_on_speed(self) -> bool:

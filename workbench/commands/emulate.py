@@ -22,7 +22,7 @@ LIMITS = {  # of the rig's configuration, on a machine that does other things as
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare kind, plant and outputs."""
-    parser.add_argument("kind", choices=("serial",), help="how the drive is reached")
+    parser.add_argument("kind", choices=("serial",), help="connection of the drive")
     parser.add_argument(
         "-o", "--output", metavar="FILE", default="rig.toml", help="configuration to write (default rig.toml)"
     )

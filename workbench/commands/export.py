@@ -63,7 +63,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--check",
         metavar="RECORDING",
-        help="run it in MuJoCo against a recording or a study, in the loop where a drive is known",
+        help="run it in MuJoCo against a recording or a study, with --drive from its goals",
     )
     options.add_reading(parser)
     options.add_robot(parser, pendulums=["mass", "armature", "callback", "check"], about="with mjcf: the arm")

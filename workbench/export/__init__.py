@@ -20,8 +20,8 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
 
     Raises:
         ValueError: if the format is unknown.
-        ExportError: if the format cannot hold the model, and approximations are not allowed, or a drive is in another
-            unit than the model.
+        ExportError: if the format cannot hold the model, and approximations are not allowed, or the model and a drive
+            differ in their units.
         InputError: if a library of the extra `export` is not installed, or the format is none of an arm.
     """
     check_order("export(model, format, request)", (model, Model), (format, str), (request, Request))

@@ -174,8 +174,8 @@ class _Parts:
             for symbol, text, at_rest in zip(symbols, remembered[id], long_ago[id], strict=True):
                 symbol.label, start[text] = text, at_rest
         parts = cls(request.step, balance, x, remembered, parameters, given, start)
-        if request.drive:
-            parts.take_goal(model, request.drive)
+        if (drive := request.drive) is not None:
+            parts.take_goal(model, drive)
         else:
             parts.delay = sum(term.delay for term in terms)
         return parts

@@ -81,9 +81,9 @@ def choose_actuator(request: Request) -> Motor | Servo:
 
 def convert_request(model: Model, request: Request) -> Request:
     """Return a request whose drive, if any, has torque in the unit of a model; raises ExportError without its gain."""
-    drive, known = request.drive, model.torque_constant
-    if drive is None:
+    if (drive := request.drive) is None:
         return request
+    known = model.torque_constant
     if drive.gain is None and known is not None and known.unit == f"{NEWTON_METRE}/{UNIT[drive.output]}":
         drive = replace(drive, gain=known.value)
     if drive.unit != model.torque_unit:

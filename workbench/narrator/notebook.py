@@ -160,11 +160,7 @@ def show_diagnosis(found: Diagnosis) -> str:
 @render_html.register
 def show_addition(found: Addition) -> str:
     """Show the errors before and after, what follows from them, and the parameters."""
-    noise = make_note(
-        describe_noise(floor, found.is_in_loop, found.model.units())
-        if np.isfinite(floor := get_single(found.floors))
-        else ""
-    )
+    noise = make_note(describe_noise(found.before, floor) if np.isfinite(floor := get_single(found.floors)) else "")
     title = f"The model with {found.after.added}"
     return make_card(title, noise, *_render_parts(narrate_addition(found)))
 

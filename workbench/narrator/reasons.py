@@ -32,6 +32,7 @@ HELD_OUT = {
     "holdout_torque": "torque error",
 }
 ERRORS = {"in_loop": "in the loop", "torque_rms": "torque", "position_rms": "position"}
+FLOOR_SOURCES = {"in_loop": "the resolution of the encoder", "torque_rms": "the scatter between samples"}
 FALLS = ERRORS | {"position_rms": "free-running position"}
 
 

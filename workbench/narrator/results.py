@@ -31,7 +31,7 @@ from workbench.narrator.diagnosis import (
 )
 from workbench.narrator.findings import describe, measure
 from workbench.narrator.parts import Content, Part
-from workbench.narrator.reasons import ERRORS, describe_reason
+from workbench.narrator.reasons import ERRORS, FLOOR_SOURCES, describe_reason
 
 NEXT = "What to do next"
 RUNNERS_UP = 5  # rejected candidates that are shown
@@ -77,9 +77,8 @@ def narrate_diagnosis(found: Diagnosis) -> list[Part]:
 
 def narrate_errors(found: Diagnosis) -> Content:
     """Narrate the errors of a pendulum or a servo after every step."""
-    units = found.model.units()
-    noise = describe_noise(found.noise_floor, found.is_in_loop, units)
-    return [tabulate_errors(found.steps, units), describe_fit(found.steps), noise, LEGEND]
+    noise = describe_noise(found.steps[0], found.noise_floor)
+    return [tabulate_errors(found.steps, found.model.units()), describe_fit(found.steps), noise, LEGEND]
 
 
 def narrate_refit(refit: HorizonRefit, units: JointUnits) -> Content:
@@ -263,12 +262,11 @@ def tabulate_detectable(found: Sequence[Detectable]) -> TextTable:
     )
 
 
-def describe_noise(floor: float, in_loop: bool = False, units: JointUnits = TURNING) -> str:
-    """Describe the noise floor [N m], or [rad] in the loop, and its source in a sentence."""
-    if in_loop:
-        return f"noise floor, by the resolution of the encoder: {measure(Quantity(floor, unit=units.unit('rad')), 2)}"
-    noise = measure(Quantity(floor, unit=units.unit(NEWTON_METRE)))
-    return f"noise floor, by the scatter between samples: {noise}"
+def describe_noise(step: Step, floor: float) -> str:
+    """Describe the noise floor of the errors of a step, and its source, in a sentence."""
+    kind, unit = next(iter(step.errors["holdout"].kinds.items()))
+    noise = measure(Quantity(floor, unit=step.model.units().unit(unit)))
+    return f"noise floor, by {FLOOR_SOURCES[kind]}: {noise}"
 
 
 def tabulate_recordings(found: Comparison) -> TextTable:

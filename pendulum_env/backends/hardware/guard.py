@@ -69,7 +69,7 @@ class Guard:
         self.note("opened")
 
     def clear(self) -> None:
-        """Clear the fault, once its cause is gone; the drive is connected anew.
+        """Connect the drive anew, and clear the fault: its cause has to be gone.
 
         Zero stays where the counter has it: after its supply was off, close and open the rig instead.
 
