@@ -7,7 +7,7 @@ from pendulum_env.lazy import lazy_exports
 if TYPE_CHECKING:
     from estimators.checks.alignment import Alignment
     from estimators.checks.channel import align
-    from estimators.comparison import Comparison, compare
+    from estimators.comparison import compare
     from estimators.data.fit_data import FitData
     from estimators.data.fits import fit_terms
     from estimators.data.regression_data import RegressionData
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.run import diagnose
     from estimators.prediction import Prediction
     from estimators.regression.equations import IdentificationError
+    from estimators.results import Comparison
     from estimators.schemes.identification import identify
     from estimators.schemes.result import Identification
     from estimators.schemes.six import SCHEMES, scheme

@@ -27,7 +27,7 @@ from estimators.simulation.free_running import (
 from estimators.simulation.multiple_shooting import estimate_link_state, simulate_link_motion
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import TorqueWindows, prepare
+from estimators.weak_form.torque_windows import TorqueWindows, join_windows, prepare
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import Coupling, Links, arm_base, find_body
@@ -99,6 +99,14 @@ class RegressionData:
         kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in others)
         shared = [kind for kind in kinds if issubclass(kind, Coupling)]
         return cls(prepare_arm(recordings, links, shared), base=arm_base(links.body))
+
+    @classmethod
+    def join(cls, parts: Sequence[RegressionData]) -> RegressionData:
+        """Join the data of several recordings, with the link states of each."""
+        data = join_windows([window for part in parts for window in part.data.windows])
+        link_states = {id: [x for part in parts for x in part.data.link_states[id]] for id in parts[0].data.link_states}
+        segments = tuple(segment for part in parts for segment in part.segments)
+        return cls(replace(data, link_states=link_states), segments)
 
     @cached_property
     def torque(self) -> TorqueRows:
@@ -282,6 +290,15 @@ class RegressionData:
             for segment, x in zip(self.segments, link_states, strict=True)
         ]
         return replace(self, data=replace(self.data, link_states={term.id: link_states}), segments=tuple(segments))
+
+    def with_contacts(self, model: Model) -> RegressionData:
+        """Return the data with contacts that the friction of a model does not explain; with a link, its states."""
+        if has_link(model.terms):
+            return self.with_link_states(model)
+        count, inertia = len(model.theta), abs(model.estimates["inertia"].value)
+        covariance = model.assumed_covariance[:count, :count]
+        known = model.terms, model.theta, covariance, inertia
+        return replace(self, data=self.data.with_contacts(*known, self.data.free_range(*known)))
 
     def joint_errors(self, residual: Array) -> dict[str, float]:
         """Return the root mean square of a residual (R,) at each joint."""

@@ -8,11 +8,11 @@ from math import isfinite
 
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
-from estimators.comparison import make_floors_json, make_result_json
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding
 from estimators.prediction import Prediction, predict_recordings
+from estimators.results import make_floors_json, make_result_json
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Step, Terms, get_single
 from estimators.selection.evaluator import ModelEvaluator

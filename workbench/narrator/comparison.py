@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimators.comparison import Comparison
+from estimators.results import Comparison
 from pendulum_env.formatting import format_percent
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.channel import NEWTON_METRE

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
-from estimators.comparison import Comparison
 from estimators.diagnosis.result import Detectable, Diagnosis, HorizonRefit, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Kind, Quantity
+from estimators.results import Comparison
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
 from pendulum_env.excitation import encode_signal

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.online.estimates import SchemeEstimate, SchemeEstimates
+from estimators.results import Comparison
 from estimators.schemes.fitting import Identified
 from estimators.schemes.result import Identification
 from estimators.selection.errors import get_single

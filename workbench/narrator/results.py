@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from estimators.checks.homogeneity import Disagreement
-from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, HorizonRefit, Verdict
+from estimators.results import Comparison
 from estimators.selection.errors import Errors, Step
 from estimators.signals.residual import SYMBOLS, Profile
 from estimators.simulation.free_running import HORIZON

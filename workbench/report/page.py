@@ -11,8 +11,8 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
-from estimators.comparison import Comparison
 from estimators.diagnosis.result import Diagnosis
+from estimators.results import Comparison
 from estimators.selection.errors import Step
 from pendulum_env.arguments import check_order
 from pendulum_env.files import write_whole

@@ -1,0 +1,162 @@
+"""Result of a comparison, and what the JSON of all results shares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from estimators.checks.homogeneity import Disagreement
+from estimators.data.fit_data import FitData
+from estimators.prediction import Prediction, predict_recordings
+from estimators.selection.errors import Errors, get_single
+from estimators.signals.residual import AXES, Profile, Region
+from estimators.simulation.free_running import HORIZON
+from pendulum_env._typing import JSON
+from pendulum_env.errors import UserError
+from pendulum_env.notebook import render_html, summarise
+from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import TorqueConstant
+
+SCHEMA = "pendulum-ident/comparison@2"
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Errors of a model on one or all recordings.
+
+    Attributes:
+        name: of the recording.
+        errors: in torque and in free-running position.
+        floors: torque error that measurement noise alone gives at each joint [N m].
+        unstable: share of the windows of free run in which a small error grows tenfold, as with the arm balanced
+            upright; they are not counted in the error of position, unless there are no others.
+    """
+
+    name: str
+    errors: Errors
+    floors: Mapping[str, float]
+    unstable: float = 0.0
+
+    @property
+    def noise_floor(self) -> float:
+        """Return the noise floor of a single joint; NaN for several joints."""
+        return get_single(self.floors)
+
+    def json(self) -> JSON:
+        """Return a dictionary for JSON."""
+        return {
+            "name": self.name,
+            "errors": self.errors.json(),
+            "noise_floor": make_floors_json(self.floors),
+            "unstable": self.unstable,
+        }
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison:
+    """Comparison of a model with recordings.
+
+    Attributes:
+        model: as it came; nothing is fitted.
+        distances: one a recording; empty of an arm.
+        joint: all recordings together.
+        profiles: residual torque over position, velocity, torque, time and frequency, all recordings together; empty of
+            an arm.
+        regions: where it stands out of the noise, the most telling first, of an arm joint by joint.
+        disagreements: recordings that show another plant than the model is of, or than the others.
+        torque_constant: by which a current was turned into torque, if one was.
+        data: that it was made of, all compared alike.
+        horizon: length of the windows of free run [s]; None of an arm.
+    """
+
+    model: Model
+    distances: tuple[Distance, ...]
+    joint: Distance
+    profiles: tuple[Profile, ...]
+    regions: tuple[Region, ...]
+    disagreements: tuple[Disagreement, ...] = ()
+    torque_constant: TorqueConstant | None = None
+    data: FitData | None = field(default=None, compare=False, repr=False)
+    horizon: float | None = HORIZON
+
+    @property
+    def errors(self) -> Errors:
+        """Return the errors on all recordings together."""
+        return self.joint.errors
+
+    @cached_property
+    def recordings(self) -> tuple[Prediction, ...]:
+        """Return each recording with the predictions of the model, sample by sample."""
+        if self.data is None:
+            raise UserError("the comparison has no data: compare the model with the recordings again")
+        return predict_recordings(self.model, self.data)
+
+    @property
+    def torque_unit(self) -> str:
+        """Return the unit of torque of the model, `N m` or the unit of a current."""
+        return self.model.torque_unit
+
+    @property
+    def is_torque_logged(self) -> bool:
+        """Return whether a recording has measured torque instead of the command of a controller."""
+        return self.data is None or is_logged(self.data.recordings)
+
+    @property
+    def headline(self) -> str:
+        """Return the result in one sentence."""
+        return summarise(self)
+
+    def __repr__(self) -> str:
+        return f"<Comparison: {self.headline}>"
+
+    def _repr_html_(self) -> str:
+        return render_html(self)
+
+    def json(self) -> JSON:
+        """Return a dictionary for JSON; `joint` has all recordings together."""
+        return make_result_json(self.model, self.torque_constant, self.regions, self.disagreements) | {
+            "schema": SCHEMA,
+            "recordings": [distance.json() for distance in self.distances],
+            "joint": self.joint.json(),
+            "horizon": self.horizon,
+            "profiles": [
+                {
+                    "axis": item.axis,
+                    "unit": item.unit,
+                    "edges": item.edges.tolist(),
+                    "mean": item.mean.tolist(),
+                    "error": item.error.tolist(),
+                }
+                for item in self.profiles
+            ],
+        }
+
+
+def make_result_json(
+    model: Model,
+    constant: TorqueConstant | None,
+    regions: Sequence[Region],
+    disagreements: Sequence[Disagreement],
+) -> JSON:
+    """Return what the files of `compare` and `diagnose` share, as a plain dictionary for JSON."""
+    every = {at: model.units(at) for at in model.body.joints}
+    return {
+        "torque_unit": model.torque_unit,
+        "torque_constant": constant.json() if constant is not None else None,
+        "units": {at: {name: units.unit(AXES[name]) for name in ("position", "torque")} for at, units in every.items()},
+        "model": model.json(),
+        "regions": [region.json() for region in regions],
+        "disagreements": [disagreement.json() for disagreement in disagreements],
+    }
+
+
+def make_floors_json(floors: Mapping[str, float]) -> JSON:
+    """Return noise floors as a plain dictionary for JSON; null stands for that of several joints together."""
+    return {"torque_rms": get_single(floors) if len(floors) == 1 else None, "joints": dict(floors)}
+
+
+def is_logged(recordings: Sequence[Recording]) -> bool:
+    """Return whether a recording has measured torque."""
+    return any(recording.has_logged_torque for recording in recordings)
