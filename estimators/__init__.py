@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from estimators.data.fits import fit_terms
     from estimators.data.regression_data import RegressionData
     from estimators.data.split import split_recordings
-    from estimators.diagnosis.addition import add, fit
+    from estimators.diagnosis.addition import add
+    from estimators.diagnosis.fit import fit
     from estimators.diagnosis.result import Addition, Diagnosis, Verdict
     from estimators.diagnosis.run import diagnose
     from estimators.prediction import Prediction

@@ -17,7 +17,7 @@ from pendulum_env.errors import UserError
 from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.recording.channel import TorqueConstant
 
 SCHEMA = "pendulum-ident/comparison@2"
 

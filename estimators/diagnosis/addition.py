@@ -1,6 +1,6 @@
 """Addition of one chosen effect to a model: by torque and free runs, or of servos in the loop."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,37 +13,25 @@ from estimators.arguments import (
     select_recordings,
     select_visible_effects,
 )
-from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.case import Setting, Trial
+from estimators.diagnosis.case import Trial
 from estimators.diagnosis.cases import choose_case
+from estimators.diagnosis.fit import fit_effect
 from estimators.diagnosis.result import Addition
+from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
 from estimators.progress import Progress, no_progress
-from estimators.regression.equations import IdentificationError
-from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_parameters
-from estimators.selection.errors import Step, explain_rejection
-from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.motion import refit_by_likelihood
+from estimators.selection.errors import explain_rejection
 from estimators.selection.physical import make_confirmation_gates
 from estimators.selection.search import SearchResult
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics import Model, Term
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.terms import is_hidden
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import collect_log_format
-
-
-def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = BASE) -> Step:
-    """Fit terms to the result of `split_recordings`, as `diagnose` and `add` do: the model and its errors on both."""
-    is_free = all(recording.known_inertia for recording in train.recordings)  # the terms have what is known
-    evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)
-    return refit_by_likelihood(
-        SearchResult(evaluator, [evaluator.fit_with_std(None, refit_nonlinear(evaluator, tuple(terms)))])
-    ).steps[-1]
 
 
 @refuse_unknown_arguments
@@ -94,7 +82,7 @@ def add(
     data, setting = case.prepare(recordings, holdout, setting)
     data = case.reveal(data, tuple(setting.base), library[kind.id])
     evaluator = case.evaluator(data, setting)
-    before, longer = _search_effect(evaluator, library[kind.id])
+    before, longer = fit_effect(evaluator, library[kind.id])
     progress("refitting", 0.9)
     (refitted,) = case.refit(SearchResult(evaluator, [before]), replace(model, terms=tuple(setting.base))).steps
     more = longer.model.terms[-1]
@@ -107,29 +95,3 @@ def add(
     trial, log_format = Trial(case, data, setting, found), collect_log_format(recordings)
     refitted, after = (case.present(trial, step).with_log_format(log_format) for step in (refitted, after))
     return Addition(refitted, after, evaluator.residuals.floors, objection, data.doubt)
-
-
-def release_significant(evaluator: ModelEvaluator, terms: tuple[Term, ...]) -> tuple[Term, ...]:
-    """Release nonlinear parameters from their default values, one by one, while the gain is significant."""
-    for looser in sorted(release_parameters(evaluator, terms), key=evaluator.screening_score):
-        if evaluator.is_significant(looser, terms) and not evaluator.violations(looser):
-            return release_significant(evaluator, looser)
-    return terms
-
-
-def _search_effect(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step]:
-    """Fit the base model, and the same with the best variant of an effect.
-
-    Raises:
-        IdentificationError: if the motion does not show the effect.
-    """
-    evaluator.progress("fitting without it", 0.1)
-    before = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
-    evaluator.progress(f"searching {kind.id}", 0.3)
-    trial = find_best_variant(evaluator, before.model.terms, kind)
-    if trial is None:
-        raise IdentificationError(f"{', '.join(evaluator.train.names)}: nothing there shows {kind.id}", kind.id)
-    evaluator.progress(f"fitting with {kind.id}", 0.8)
-    return before, evaluator.fit_with_std(
-        kind.id, refit_nonlinear(evaluator, release_significant(evaluator, trial.terms))
-    )

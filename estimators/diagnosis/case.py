@@ -1,25 +1,20 @@
-"""Options and cases of a diagnosis, and trials: searches on data under some treatments.
+"""Cases of a diagnosis, and trials: searches on data under some treatments.
 
 A record for each of pendulum, arm and servos holds their differences; the driver has no other branches.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-
-import numpy as np
 
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.data.fit_data import FitData
 from estimators.data.fits import fit_within_laws
-from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.experiment import Limits
 from estimators.diagnosis.result import Diagnosis, HorizonRefit
+from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding
-from estimators.progress import Progress, no_progress
-from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
@@ -30,39 +25,6 @@ from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 
 Treatment = Callable[["Trial"], FitData | None]  # data after one more treatment; None if it does not apply
-
-
-@dataclass(frozen=True)
-class Setting:
-    """Options of a diagnosis.
-
-    Attributes:
-        base: terms of the model to start from.
-        original: base of a pendulum as the user gave it.
-        library: effects to search, by id.
-        criterion: thresholds of the search.
-        rng: of the bootstrap.
-        progress: called with the current stage and the share that is done.
-        limits: of the rig, for the suggested experiment.
-        horizon: length of the free-running motion to which the final model is refitted [s]; None for no refit.
-    """
-
-    base: Sequence[Term]
-    library: Mapping[str, type[Term]]
-    criterion: Criterion = field(default_factory=Criterion)
-    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
-    progress: Progress = no_progress
-    limits: Limits = field(default_factory=Limits)
-    horizon: float | None = None
-    original: Sequence[Term] = ()
-
-    def evaluator(
-        self, prepared: tuple[RegressionData, RegressionData], tables: Sequence[type[Term]] = ()
-    ) -> ModelEvaluator:
-        """Return the evaluator of models on some data, with tables that compete with the effects."""
-        return ModelEvaluator(
-            *prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables
-        )
 
 
 @dataclass(frozen=True)

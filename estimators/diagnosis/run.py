@@ -14,11 +14,11 @@ from estimators.arguments import (
     select_terms,
     select_visible_effects,
 )
-from estimators.diagnosis.case import Setting
 from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.experiment import Limits
 from estimators.diagnosis.explanation import explain
 from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import choose_treatment
 from estimators.progress import Progress, forward, no_progress
 from estimators.selection.criterion import Criterion

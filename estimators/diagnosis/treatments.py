@@ -2,8 +2,9 @@
 
 from estimators.arms.payload import Payload, find_carried
 from estimators.data.fit_data import FitData
-from estimators.diagnosis.case import Case, Setting, Trial
+from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import TriedTreatment
+from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.evaluator import compute_held_out_cost
 from estimators.selection.motion import is_misfit

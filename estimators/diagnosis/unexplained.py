@@ -1,13 +1,16 @@
-"""Unexplained residual of the final model of a joint in torque or motion: its regions and findings."""
+"""Unexplained residual of the final model in torque or motion: its regions and findings."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from estimators.data.regions import make_scattered_region
+from estimators.checks.remedies import find_turned_torque
+from estimators.data.fits import fit_within_laws
+from estimators.data.regions import find_regions_at, make_scattered_region
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
+from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import is_misfit
 from estimators.selection.physical import find_violations
@@ -19,9 +22,20 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
 
+def find_contradiction(evaluator: ModelEvaluator) -> Finding | None:
+    """Find a reversed sign of the logged torque."""
+    return find_turned_torque(fit_within_laws(evaluator.train, evaluator.base), evaluator.train.recordings)
+
+
 def find_unexplained(found: SearchResult) -> list[Region]:
-    """Find the unexplained regions of the final model in torque, or else in free-running motion, fitted or held out."""
+    """Find the unexplained regions of the final model in torque, or else in free-running motion, fitted or held out.
+
+    The region is all time if the sign of the torque is reversed.
+    """
     evaluator, last = found.evaluator, found.steps[-1]
+    if (reversal := find_contradiction(evaluator)) is not None:
+        end = float(evaluator.train.samples.time.max())
+        return [Region("time", 0.0, end, 0.0, 0.0, is_profiled=False, cause=reversal)]
     units, noise_floor = last.model.units(), evaluator.residuals.noise_floor
     wrong = find_violations(last.model, evaluator.train.motions)
     if wrong:
@@ -48,6 +62,26 @@ def find_unexplained(found: SearchResult) -> list[Region]:
     error = last.errors["train"].position_rms
     cause = Finding(Kind.NEAR_REVERSALS, {"error": Quantity(error, unit=units.unit("rad"))})
     return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, units.unit("rad/s"), is_profiled=False, cause=cause)]
+
+
+def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, float], list[Region]]:
+    """Return the residual of each joint that is no noise [N m], and the region where it stands out most.
+
+    The residual is its correlated part if that is significant, else its RMS. Held-out data count at joints whose fitted
+    data leave noise only.
+    """
+    sizes, regions, criterion = dict[str, float](), list[Region](), evaluator.criterion
+    residuals = evaluator.train.residual(terms), evaluator.residuals.holdout_residual(terms)
+    parts = zip(evaluator.parts, residuals, ((), evaluator.holdout.names), strict=True)
+    for (part, residual, names), found in zip(parts, evaluator.residuals.structures(terms), strict=True):
+        for at, own in found.items():
+            floor = max(evaluator.residuals.noise_floor(part, at), part.data.negligible(at))
+            if at not in sizes and not criterion.is_noise(own, floor):
+                sizes[at] = own.correlated_rms if own.z_score > criterion.z_score else own.rms
+                places = find_regions_at(part, residual, at, most=1)
+                region = places[0] if places else make_region_everywhere(at=at, units=part.units(at))
+                regions.append(replace(region, held_out=names))
+    return sizes, regions
 
 
 def find_holdout_structure(evaluator: ModelEvaluator, final: Sequence[Term]) -> Finding | None:

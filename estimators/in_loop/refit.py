@@ -7,14 +7,64 @@ import numpy as np
 
 from estimators.checks.torque_constant import widen_by_constant
 from estimators.data.fits import fit_terms
+from estimators.diagnosis.case import Trial
+from estimators.findings import Finding
 from estimators.in_loop.profile import Profile, widen_by_profile
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.selection.errors import Step
+from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.search import SearchResult
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, Term
+from pendulum_env.physics.estimate import SIGNIFICANT
+from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 from pendulum_env.units import is_of_torque
+
+
+def refit(found: SearchResult, start: Model | None = None) -> SearchResult:
+    """Refit all steps with shorter steps of the integrator."""
+    return replace(found, steps=[refit_step(found.evaluator, step) for step in found.steps])
+
+
+def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
+    """Refit all steps with shorter steps of the integrator, and drop effects that are not needed then.
+
+    An effect is needed if it predicts better and its size is not zero within 3 standard errors. The prediction alone
+    does not decide: a servo that sticks a little earlier or later changes whole seconds of the motion.
+    """
+    found = refit(trial.found)
+    last = found.steps[-1]
+    train, unseen = refine_rows(found.evaluator)
+    evaluator, steps = replace(found.evaluator, train=train.data, holdout=unseen.data), found.steps
+    fitted = {list_ids(step.model.terms): step.model.terms for step in steps}
+    terms, named = found.terms, [step.added for step in steps[1:]]
+
+    def without(*left_out: str | None) -> Terms:
+        return tuple(term for term in terms if term.id not in left_out)
+
+    def find_idle() -> list[str | None]:
+        sizeless = {term.id for term in last.model.terms if term.columns and not has_size(last.model, term)}
+        return [id for id in named if id in sizeless or not evaluator.is_significant(terms, without(id))]
+
+    while idle := find_idle():
+        named.remove(idle[-1])
+        rest = without(idle[-1])
+        terms = fitted.get(list_ids(rest)) or train.with_nonlinear(rest)
+        last = fit_step(found.evaluator, named[-1] if named else None, terms)
+    if len(named) == len(steps) - 1:
+        return found, ()
+    earlier = [fit_step(found.evaluator, id, without(*named[k + 1 :])) for k, id in enumerate(named[:-1])]
+    return replace(found, steps=[steps[0], *earlier, *([last] if named else [])]), ()
+
+
+def has_size(model: Model, term: Term) -> bool:
+    """Return whether the linear parameters of a term differ from zero together by more than 3 standard errors."""
+    names = list(model.estimates)
+    place = [names.index(column.name) for column in term.columns]
+    values = np.array([model.estimates[names[k]].value for k in place])
+    covariance = model.assumed_covariance[np.ix_(place, place)]
+    return bool(values @ np.linalg.pinv(covariance) @ values > SIGNIFICANT**2)
 
 
 def refine_rows(evaluator: ModelEvaluator) -> tuple[RolloutRows, RolloutRows]:

@@ -10,7 +10,8 @@ from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_
 from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.fit_data import FitData
 from estimators.data.split import split_arm
-from estimators.diagnosis.addition import add, fit
+from estimators.diagnosis.addition import add
+from estimators.diagnosis.fit import fit
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.diagnosis.run import diagnose
 from estimators.findings import Finding

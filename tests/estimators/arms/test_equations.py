@@ -9,7 +9,7 @@ import pytest
 from estimators import identify
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.case import Setting
+from estimators.diagnosis.setting import Setting
 from estimators.regression.balance import Columns
 from estimators.selection.search import search
 from pendulum_env.arms.joints import Links, arm_base, choose_coupling, list_couplings, place_effect, place_term

@@ -1,0 +1,46 @@
+"""Options of a diagnosis."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimators.data.regression_data import RegressionData
+from estimators.diagnosis.experiment import Limits
+from estimators.progress import Progress, no_progress
+from estimators.selection.criterion import Criterion
+from estimators.selection.evaluator import ModelEvaluator
+from pendulum_env.physics import Term
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Options of a diagnosis.
+
+    Attributes:
+        base: terms of the model to start from.
+        original: base of a pendulum as the user gave it.
+        library: effects to search, by id.
+        criterion: thresholds of the search.
+        rng: of the bootstrap.
+        progress: called with the current stage and the share that is done.
+        limits: of the rig, for the suggested experiment.
+        horizon: length of the free-running motion to which the final model is refitted [s]; None for no refit.
+    """
+
+    base: Sequence[Term]
+    library: Mapping[str, type[Term]]
+    criterion: Criterion = field(default_factory=Criterion)
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    progress: Progress = no_progress
+    limits: Limits = field(default_factory=Limits)
+    horizon: float | None = None
+    original: Sequence[Term] = ()
+
+    def evaluator(
+        self, prepared: tuple[RegressionData, RegressionData], tables: Sequence[type[Term]] = ()
+    ) -> ModelEvaluator:
+        """Return the evaluator of models on some data, with tables that compete with the effects."""
+        return ModelEvaluator(
+            *prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables
+        )

@@ -1,0 +1,38 @@
+"""Search for effects of a pendulum by torque, and refit of its result by the likelihood of the motion."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from estimators.data.fits import fit_within_laws
+from estimators.diagnosis.case import Trial
+from estimators.diagnosis.unexplained import find_contradiction
+from estimators.findings import Finding
+from estimators.schemes.identifiability import find_undetermined, find_unidentifiable
+from estimators.selection.candidates import refit_nonlinear
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.motion import refit_by_likelihood, refit_if_misfit
+from estimators.selection.search import SearchResult, search
+from estimators.signals.measurements import measure_segments
+
+
+def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
+    """Search for effects; with a reversed sign of the logged torque, fit the base model only."""
+    if find_contradiction(evaluator) is None:
+        return refit_if_misfit(search(evaluator))
+    evaluator = replace(evaluator, library={}, tables=())
+    model = fit_within_laws(evaluator.train, refit_nonlinear(evaluator, evaluator.base))
+    return SearchResult(evaluator, [evaluator.make_step(None, model)])
+
+
+def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
+    """Refit the result by likelihood, and withhold parameters that the data do not determine."""
+    if find_contradiction(trial.evaluator) is not None:
+        return trial.found, ()
+    trial.setting.progress("refitting", 0.93)
+    found = refit_by_likelihood(trial.found)
+    *others, last = found.steps
+    measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
+    doubts = find_undetermined(measured, last.model.terms, last.model.units())
+    unknown = find_unidentifiable(last.model, measured, doubts)
+    model = last.model.withhold({name for doubt in unknown for name in doubt.withheld})
+    return replace(found, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)

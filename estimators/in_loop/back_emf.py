@@ -1,0 +1,62 @@
+"""Back-EMF of motors that a voltage drives: a part of viscous friction, unless the recordings distinguish the two."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.data.fit_data import FitData
+from estimators.diagnosis.case import Trial
+from estimators.diagnosis.setting import Setting
+from estimators.findings import Finding, Kind
+from estimators.in_loop.goals import has_unpowered_motor, select_voltage_drives
+from estimators.in_loop.refit import fit_step, refine_rows
+from estimators.selection.errors import Step
+from estimators.selection.physical import compute_significant_sign
+from estimators.simulation.output_error import Point
+from pendulum_env.physics import Term
+from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.friction import LoadDependentFriction
+from pendulum_env.physics.terms import list_ids
+
+
+def setting_with_back_emf(data: FitData, setting: Setting) -> Setting:
+    """Return the setting with back-EMF in the base model if that is a treatment of the data."""
+    if not data.has_treatment(Kind.BACK_EMF_INCLUDED):
+        return setting
+    return replace(setting, base=(*setting.base, BackEmf()))
+
+
+def present(trial: Trial, step: Step) -> Step:
+    """Return a step with back-EMF added to viscous friction if recordings do not distinguish the two.
+
+    They do if the motor is ever off, or if friction depends on its torque. Known or bounded friction stays as it is.
+    """
+    if BackEmf.id not in step.model.estimates or has_unpowered_motor(trial.data.recordings) or has_gear_friction(step):
+        return step
+    theta = {column.name: value for column, value in zip(step.model.columns, step.model.theta, strict=True)}
+    viscous = next((column for column in step.model.columns if column.name == "viscous"), None)
+    both = theta.get("viscous", 0.0) + theta.pop(BackEmf.id)
+    if viscous is None or viscous.is_known or not viscous.is_allowed(both):
+        return step
+    rest = tuple(term for term in step.model.terms if term.id != BackEmf.id)
+    start = Point.within(rest, np.array(list((theta | {"viscous": both}).values())))
+    refine_rows(trial.evaluator)[0].begin_at(start)
+    return fit_step(trial.evaluator, step.added, start.terms)
+
+
+def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
+    """Include back-EMF in the base model if a voltage drives the motor and friction depends on the load.
+
+    Otherwise back-EMF is viscous friction, unless the motor is ever off: then the base model has it already.
+    """
+    is_pressed = LoadDependentFriction.id in list_ids(terms) and BackEmf.id not in list_ids(terms)
+    finding = Finding(Kind.BACK_EMF_INCLUDED, effects=(BackEmf.id,))
+    return data.with_treatment(finding) if is_pressed and select_voltage_drives(data.recordings) else None
+
+
+def has_gear_friction(step: Step) -> bool:
+    """Return whether load-dependent friction is significant; it distinguishes back-EMF from viscous friction."""
+    return compute_significant_sign(step.model, LoadDependentFriction.id) > 0

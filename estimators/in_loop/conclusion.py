@@ -1,0 +1,85 @@
+"""Conclusion of the diagnosis of servos: findings on the drive and the goals, and the residual of the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.checks.remedies import find_remedies
+from estimators.diagnosis.case import Trial
+from estimators.diagnosis.result import Diagnosis
+from estimators.findings import Finding, Kind, Quantity
+from estimators.in_loop.fit import LOOP
+from estimators.in_loop.refit import refine_rows
+from estimators.selection.errors import get_single
+from estimators.signals.residual import Region, make_region_everywhere
+from pendulum_env.physics import Model
+from pendulum_env.physics.terms import list_ids
+from pendulum_env.recording import Recording
+from pendulum_env.servo.torque import compute_asked_torque
+
+
+def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
+    """Add findings on the drive and on the reading of the goals."""
+    data = trial.data
+    dropped = list_ids(trial.found.terms) - list_ids(trial.final.terms)
+    doubts = (data.doubt, find_speed_rate(found.model, data.recordings), find_torque_scale(data.recordings))
+    readings = [one for one in data.treatments if one.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
+    return replace(
+        found,
+        candidates=tuple(
+            replace(own, reason=Finding(Kind.LONG_STEPS)) if own.effect in dropped else own for own in found.candidates
+        ),
+        floors=refine_rows(trial.evaluator)[0].rollouts.encoder,
+        findings=(
+            *readings,
+            *find_remedies(trial.unbounded(found.model), data.recordings, found.ambiguous, not found.unexplained),
+            *filter(None, doubts),
+        ),
+        forbidden=Finding(Kind.CHECK_DRIVE) if found.unexplained else None,
+    )
+
+
+def find_speed_rate(model: Model, recordings: Sequence[Recording]) -> Finding | None:
+    """Return a finding where a controller may see the speed so late that this passes for inertia."""
+    drives = [own.drive for own in recordings if own.drive is not None and own.drive.rate is None]
+    gains = [(drive.kp if drive.acts_on_speed else drive.kd) * (drive.gain or 1.0) for drive in drives]
+    off = max(gains, default=0.0) / (2 * LOOP.seldom)
+    if off <= model.estimates["inertia"].std:
+        return None
+    inertia = Quantity(off, unit=model.estimates["inertia"].unit)
+    return Finding(Kind.SPEED_RATE_UNKNOWN, {"rate": Quantity(LOOP.seldom, unit="Hz"), "inertia": inertia})
+
+
+def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
+    """Return a finding where the logged torque is not the torque that the drive asks for, but a multiple of it."""
+    told = [own for own in recordings if own.has_logged_torque and own.drive and own.torque_unit == own.drive.unit]
+    if not told:
+        return None
+    logged, asked = (
+        np.concatenate(every) for every in zip(*((own.torque, compute_asked_torque(own)) for own in told), strict=True)
+    )
+    share = float(logged @ asked / max(asked @ asked, np.finfo(float).tiny))
+    if abs(share - 1.0) < LOOP.scale:
+        return None
+    return Finding(Kind.TORQUE_SCALED, {"factor": Quantity(share)})
+
+
+def find_regions(trial: Trial) -> Sequence[Region]:
+    """Find the residual of the motion under the final model, and the recording with the largest share."""
+    evaluator, last, train = trial.evaluator, trial.final.steps[-1], refine_rows(trial.evaluator)[0]
+    data = train.rollouts
+    residual = train.residual(last.model.terms, np.asarray(last.model.theta))
+    if evaluator.residuals.is_noise_in(evaluator.train, residual):
+        return []
+    sizes = np.array([np.mean(np.abs(residual[data.recording_of == k])) for k in range(len(data.recordings))])
+    worst = int(np.argmax(sizes))
+    error, floor = float(np.mean(np.abs(residual))), get_single(data.encoder)
+    unit = last.model.units().unit("rad")
+    numbers = {"error": Quantity(error, unit=unit), "times": Quantity(error / floor)}
+    if len(sizes) > 1:
+        numbers["worst"] = Quantity(sizes[worst], unit=unit)
+    cause = Finding(Kind.SERVO_OFF, numbers, recordings=(data.recordings[worst].name,))
+    return [make_region_everywhere(cause, evaluator.train.samples, error, floor)]
