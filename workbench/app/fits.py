@@ -17,10 +17,8 @@ from estimators.diagnosis.run import diagnose
 from estimators.findings import Finding
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.progress import Progress
-from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.result import SAVED, Identification
-from estimators.schemes.six import SCHEMES
 from estimators.selection.errors import Step
 from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import Model, Term
@@ -29,6 +27,7 @@ from pendulum_env.recording.channel import PER_INERTIA
 from workbench.errors import InputError
 from workbench.narrator.findings import describe
 from workbench.processes import Task
+from workbench.report.data import identify_schemes
 
 SCHEMES_OF_ARM = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")
 
@@ -97,14 +96,6 @@ def _fit_pendulum(
         find_disagreements(fit_each_recording(parts, model.terms), only_if_all_fit=True),
         *(timed.find_timing(is_late) for is_late in (True, False)),
     )
-
-
-def identify_schemes(recordings: tuple[Recording, ...], model: Model) -> Identification | None:
-    """Identify a pendulum by all schemes; None where recordings are too poor for them."""
-    try:
-        return identify(recordings, model.terms, SCHEMES)
-    except IdentificationError:
-        return None
 
 
 def fit_effect(

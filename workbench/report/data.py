@@ -14,6 +14,7 @@ from estimators.schemes.six import SCHEMES
 from estimators.selection.errors import Step
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.narrator.parts import Content
 
@@ -54,12 +55,7 @@ class ReportData:
     @cached_property
     def schemes(self) -> Identification | None:
         """Return all schemes with the terms of the final model, None where the recordings are too poor for them."""
-        if self.identified is not None:
-            return self.identified
-        try:
-            return identify(self.data.recordings, self.diagnosis.model.terms, SCHEMES)
-        except IdentificationError:
-            return None
+        return self.identified or identify_schemes(self.data.recordings, self.diagnosis.model)
 
     @property
     def models(self) -> list[tuple[str, str, Model]]:
@@ -100,3 +96,11 @@ class ReportData:
         """Return the measured minus modelled torque (R,) [N m] of each drawn model."""
         seen = zip(self.with_link_states(prepared), self.models, strict=True)
         return [own.residual(model.terms, model.theta) for own, (_, _, model) in seen]
+
+
+def identify_schemes(recordings: tuple[Recording, ...], model: Model) -> Identification | None:
+    """Identify a pendulum by all schemes; None where recordings are too poor for them."""
+    try:
+        return identify(recordings, model.terms, SCHEMES)
+    except IdentificationError:
+        return None
