@@ -7,8 +7,8 @@ same torque for one instant or for N of them, in any order, and never exceeds `a
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from typing import Annotated, Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -44,12 +44,13 @@ class TwoTone:
     """
 
     amplitude: Torque
-    phases: tuple[Number, ...]  # [rad]
+    phases: tuple[Number, Number]  # [rad]
 
     @classmethod
     def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
         """Draw random phases."""
-        return cls(amplitude, tuple(rng.uniform(0, 2 * np.pi, 2).tolist()))
+        first, second = rng.uniform(0, 2 * np.pi, 2).tolist()
+        return cls(amplitude, (first, second))
 
     def signal(self, time: ArrayLike) -> Array:
         """Return the torque [N m]."""
@@ -243,15 +244,7 @@ def decode_signal(data: JSON, key: str = "") -> Excitation:
         signal: Excitation = convert({name: value for name, value in data.items() if name != "kind"}, kind, key)
     except UserError as error:
         raise FileError(f"{known}: {error}") from None
-    match signal:
-        case TwoTone(phases=phases):
-            fits = len(phases) == 2
-        case Multisine(harmonics=harmonics, phases=phases):
-            fits = len(phases) == len(harmonics) > 0
-        case Levels(edges=edges, levels=levels):
-            fits = len(edges) == len(levels) > 0 and all(a < b for a, b in pairwise(edges))
-        case _:
-            fits = True
-    if fits and np.abs(signal.signal(np.linspace(0, 60, 6001))).max() <= signal.amplitude * (1 + 1e-9):
-        return signal
+    with suppress(IndexError, ValueError, ZeroDivisionError):  # numbers are missing
+        if np.abs(signal.signal(np.linspace(0, 60, 6001))).max() <= signal.amplitude * (1 + 1e-9):
+            return signal
     raise FileError(known)

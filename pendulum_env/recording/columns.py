@@ -186,7 +186,7 @@ def find_columns(
             others = tuple(c.header for c in fitting if c not in candidates and c.index not in wordy)
             columns[quantity] = replace(candidates[0], passed_over=others)
     if "torque" not in {*columns, *unused} and "load_torque" in columns and output is None:
-        if not _suggest_gains("torque", headers):  # else a motor drives the joint, too
+        if not any(_is_raw("torque", header) for header in headers):  # else a motor drives the joint, too
             columns["torque"] = replace(columns.pop("load_torque"), quantity="torque")
     needed = ("time", "position", "torque" if output is None else "reference")
     missing = [quantity for quantity in needed if quantity not in columns and (quantity, NONE) not in told.items()]
@@ -210,30 +210,31 @@ def _refuse_missing(
 ) -> NoReturn:
     """Refuse a file without columns for quantities; suggest columns of `headers`, those in `free` have no use yet."""
     option = format_setting("columns", {**told, **dict.fromkeys(missing, "NAME")})
+    hints = [hint for quantity in missing for hint in _suggest_columns(quantity, headers, free)]
     if missing == ["reference"]:
-        raise ColumnError(
-            f"no column for the goal (goal, reference) among {_list_headers(headers)}: say which with {option}"
-        )
-    found = {quantity: _suggest_by_unit(quantity, free) or _suggest_gains(quantity, headers) for quantity in missing}
-    counter = next((header.strip() for header in headers if normalise_name(header) in COUNTERS), None)
-    if "time" in missing and counter is not None:
-        time = format_setting("columns", {"time": f"{counter}/RATE"})
-        found["time"] = [f"if {quote_value(counter, QUOTED)} counts samples, {time} with their rate [Hz]"]
-    hints = [hint for own in found.values() for hint in own]
-    if len(joints := _find_joints(headers)) > 1:
+        hints = [f"say which is the goal with {option}"]
+    elif len(joints := _find_joints(headers)) > 1:
         robot = format_setting("robot", "ARM.urdf")
         hints = [f"there are some for {_list_headers(joints)}: an arm needs {robot}, one joint needs {option}"]
-    elif hints:
-        hints += [f"say which is {quantity} with {quantity}=NAME" for quantity, own in found.items() if not own]
-    else:
-        hints = [
-            f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or say which with {option}"
-        ]
+    elif len(hints) < len(missing):
+        hints.append(f"name the columns {HEADER} (in s, rad, N m), or say which with {option}")
     if "torque" in missing and len(joints) < 2:
         drive = f", or {format_setting('drive', Blank('...'))} if a controller follows the goal" if has_goal else ""
         none = format_setting("columns", {**told, "torque": NONE}) if missing == ["torque"] else f"write torque={NONE}"
         hints.append(f"{none} if nothing drives the joint{drive}")
     raise ColumnError(f"no column for {', '.join(missing)} among {_list_headers(headers)}: {'; '.join(hints)}")
+
+
+def _suggest_columns(quantity: str, headers: Sequence[str], free: Sequence[str]) -> list[str]:
+    """Suggest the first columns of unknown names with a unit of the quantity, or that hold it up to a gain."""
+    counters = [own for own in headers if quantity == "time" and normalise_name(own) in COUNTERS]
+    with_unit = [own for own in free if _find_trailing_unit(UNITS[quantity], own)]
+    raw = [own for own in headers if _is_raw(quantity, own)]
+    hints = [f"if {own!r} counts samples, {format_setting('columns', {'time': f'{own}/RATE'})}" for own in counters]
+    hints += [f"{own!r} has its unit: {format_setting('columns', {quantity: own})}" for own in with_unit]
+    if not hints:
+        hints = [f"{own!r} needs a gain, as in {_write_gain_example(quantity, own)}" for own in raw]
+    return hints[:1]
 
 
 def can_be_torque(header: str, place: int) -> bool:
@@ -354,26 +355,6 @@ def _find_joints(headers: Sequence[str]) -> list[str]:
     plain = dict.fromkeys(re.split(r"[\[(]", header)[0].strip() for header in headers)  # without units
     joints = (header.removeprefix("position_") for header in plain if header.startswith("position_"))
     return [joint for joint in joints if f"torque_{joint}" in plain]
-
-
-def _suggest_by_unit(quantity: str, headers: Sequence[str]) -> list[str]:
-    """Suggest columns of unknown names that have a unit of the quantity."""
-    fitting = [header.strip() for header in headers if _find_trailing_unit(UNITS[quantity], header)]
-    return [
-        f"{quote_value(own, QUOTED)} has its unit: {format_setting('columns', {quantity: own})}" for own in fitting[:3]
-    ]
-
-
-def _suggest_gains(quantity: str, headers: Sequence[str]) -> list[str]:
-    """Suggest columns that hold the quantity up to a gain: at most one of each unit, currents first."""
-    raw: dict[str, str] = {}
-    for header in headers:
-        if _is_raw(quantity, header):
-            raw.setdefault(_find_header_raw_unit(header) if quantity == "torque" else "", header.strip())
-    return [
-        f"{quote_value(own, QUOTED)} needs a gain, as in {_write_gain_example(quantity, own)}"
-        for _, own in sorted(raw.items())
-    ]
 
 
 def _write_gain_example(quantity: str, header: str, can_find: bool = True) -> str:

@@ -34,8 +34,6 @@ class SamplingSettings:
     negligible: float = 1e-4  # of a step: at 1 kHz and 10 rad/s this moves position by 1e-6 rad
     finer: int = 10  # times the samples that there are, at most, on uniform time
     small: int = 1_000_000  # samples that are always made
-    block: int = 1 << 18  # samples interpolated at a time
-    margin: int = 32  # samples on either side of a block; a cubic spline forgets by 0.27 per sample
 
 
 SAMPLING = SamplingSettings()
@@ -258,8 +256,10 @@ def _sample_at(grid: Array, part: dict[str, Array]) -> dict[str, Array]:
     """Sample a segment, without its torque, at other times (M,): `enabled` is held, others by cubic splines."""
     made = {}
     for name in part.keys() - {"time", "torque"}:
-        taken = _hold_on_grid if name == "enabled" else _interpolate_blocks
-        made[name] = taken(grid, part["time"], part[name])
+        if name == "enabled":
+            made[name] = _hold_on_grid(grid, part["time"], part[name])
+        else:
+            made[name] = scipy.interpolate.CubicSpline(part["time"], part[name])(grid)
     return made
 
 
@@ -278,17 +278,6 @@ def _average_held(grid: Array, period: float, time: Array, torque: Array) -> Arr
     until = np.append(time, max(time[-1], grid[-1]) + 2 * period)
     impulse = np.interp(ends, until, np.append(0.0, np.cumsum(torque * np.diff(until))))  # [N m s]
     return np.diff(impulse) / np.diff(ends)
-
-
-def _interpolate_blocks(grid: Array, time: Array, values: Array) -> Array:
-    """Interpolate values (N,) at time (N,) to grid (M,) by a cubic spline, block by block to bound memory."""
-    result = np.empty_like(grid)
-    for start in range(0, len(grid), SAMPLING.block):
-        block = grid[start : start + SAMPLING.block]
-        first, last = np.searchsorted(time, block[[0, -1]])
-        near = slice(max(first - SAMPLING.margin, 0), last + SAMPLING.margin)
-        result[start : start + SAMPLING.block] = scipy.interpolate.CubicSpline(time[near], values[near])(block)
-    return result
 
 
 def _make_seconds(**times: float) -> dict[str, Quantity]:

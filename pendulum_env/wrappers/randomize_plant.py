@@ -11,26 +11,18 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.plant import PAPER
 
-COVARIANCE = "covariance"
-
 
 class Spread:
-    """Distribution of linear parameters: uniform within relative widths, or normal by the covariance of a model."""
+    """Uniform distribution of linear parameters around those of a plant, within relative widths."""
 
-    def __init__(self, nominal: Model, spread: float | Mapping[str, float] | str) -> None:
-        """Take the nominal plant, and one half width for its four base parameters, some by name, or "covariance".
+    def __init__(self, nominal: Model, spread: float | Mapping[str, float]) -> None:
+        """Take the nominal plant, and one half width for its four base parameters, or some by name.
 
         Raises:
-            ValueError: if a parameter is unknown, a width is not between 0 and 1, which a plant could not survive, or
-                the plant does not tell its covariance, or one so large.
+            ValueError: if a parameter is unknown, or a width is not between 0 and 1, which a plant could not survive.
         """
         self.names = [column.name for column in nominal.columns]
         self._nominal = nominal.theta[:, None]
-        self._least, self._most = np.array([(column.least, column.most) for column in nominal.columns]).T[..., None]
-        self._uniform = not isinstance(spread, str)
-        if isinstance(spread, str):
-            self._root = _compute_covariance_root(nominal, self.names, spread)
-            return
         widths = dict(spread) if isinstance(spread, Mapping) else dict.fromkeys(PAPER, spread)
         for name, width in widths.items():
             if name not in self.names:
@@ -41,27 +33,11 @@ class Spread:
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
         """Draw parameters of `count` plants (P, count)."""
-        shape = len(self.names), count
-        unit = rng.uniform(-1.0, 1.0, shape) if self._uniform else rng.standard_normal(shape)
-        return np.clip(self._nominal + self._root @ unit, self._least, self._most)
+        return np.asarray(self._nominal + self._root @ rng.uniform(-1.0, 1.0, (len(self.names), count)))
 
     def draw_by_name(self, rng: np.random.Generator, count: int) -> dict[str, Array]:
         """Draw parameters by name, (count,) each."""
         return dict(zip(self.names, self.draw(rng, count), strict=True))
-
-
-def _compute_covariance_root(nominal: Model, names: list[str], spread: str) -> Array:
-    """Return a root (P, P) of the covariance of the linear parameters."""
-    if spread != COVARIANCE:
-        raise ValueError(f"plants cannot be drawn by '{spread}': give shares of parameters, or '{COVARIANCE}'")
-    inertia = nominal.estimates["inertia"]
-    if not 0 < inertia.std < 0.2 * inertia.value:  # five standard errors from a body without any
-        raise ValueError(
-            f"the plant's inertia is {inertia}, which has no covariance: take a fitted model, or give shares"
-        )
-    place = [list(nominal.estimates).index(name) for name in names]
-    variances, axes = np.linalg.eigh(nominal.assumed_covariance[np.ix_(place, place)])
-    return axes * np.sqrt(np.maximum(variances, 0.0))
 
 
 def _merge_options(options: Mapping[str, Any] | None, drawn: Mapping[str, Any]) -> dict[str, Any]:
@@ -76,13 +52,12 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
     `info["plant"]` holds them, as it always does.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], spread: float | Mapping[str, float] | str = 0.3) -> None:
+    def __init__(self, env: gym.Env[Any, Any], spread: float | Mapping[str, float] = 0.3) -> None:
         """Wrap a simulated pendulum.
 
         Args:
             env: the environment.
-            spread: relative half width of the four base parameters, or of some linear parameters by name; "covariance"
-                draws all linear parameters as an identified model knows them (nonlinear parameters stay as they are).
+            spread: relative half width of the four base parameters, or of some linear parameters by name.
 
         Raises:
             ValueError: if the environment's plant cannot be drawn, or see `Spread`.
@@ -105,7 +80,7 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
 class RandomizePlantVector(VectorWrapper):
     """`RandomizePlant` for the batched pendulums."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], spread: float | Mapping[str, float] | str = 0.3) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], spread: float | Mapping[str, float] = 0.3) -> None:
         """Wrap batched pendulums; see `RandomizePlant` for the spread.
 
         Raises:
