@@ -33,7 +33,6 @@ from workbench.suggestions import read_suggestion
 for module in ("h5py", "pinocchio", "python_calamine", "rosbags"):
     pytest.importorskip(module)
 
-CORPUS = Path(__file__).parent / "corpus"  # damaged in ways that once ended a program
 STORED = Path(__file__).parent / "stored"
 LOG_FORMAT = {"columns": {"torque_elbow": "i:A*0.4"}, "unwrap": True}
 MJCF = (
@@ -187,10 +186,3 @@ def test_what_is_no_file_or_too_large_is_refused(whole, tmp_path):
         file.truncate(10**12)  # takes no room
     for path, reason in [(folder, "folder"), (large, "at most 500 MB are read: shorten it"), (nowhere, "o such")]:
         assert reason in refusal(read, path)
-
-
-@pytest.mark.parametrize("path", sorted(CORPUS.glob("*-*")), ids=lambda path: path.name)
-def test_a_file_that_once_ended_the_program_is_read_or_refused(path):
-    kind = path.name.partition("-")[0]
-    _, read, _ = FORMATS.get(kind) or FORMATS.get(f"{kind}{path.suffix}") or FORMATS["recording.csv"]
-    refusal(read, path)

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from benchmarks import independent_plant
-from benchmarks.independent_plant import (
-    Experiment,
-    Plant,
-    random_case,
-    simulate,
-)
+from benchmarks.independent_plant import Experiment, Plant, simulate
 from tests.runge_kutta import stick_and_slip
 
 EXACT = {"counts": None, "torque_noise": 0.0}
@@ -88,17 +80,6 @@ def test_two_masses_with_play_agree_with_dop853(friction_side: str) -> None:
     np.testing.assert_allclose(run.position, path, atol=1e-5, rtol=0)
 
 
-def test_halving_the_inner_step_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    effects = ("presliding", "joint_flexibility", "actuator_lag", "hard_stop", "torque_ripple", "friction_drift")
-    cases = [random_case(np.random.default_rng(5), [e], excitation="two_tone", seconds=1.0, **EXACT) for e in effects]
-    coarse = simulate([(case.plant, case.train) for case in cases])
-    for step in ("MAX_STEP", "STIFF_STEP", "CONTACT_STEP"):
-        monkeypatch.setattr(independent_plant, step, getattr(independent_plant, step) / 2)
-    fine = simulate([(case.plant, case.train) for case in cases])
-    for effect, one, other in zip(effects, coarse, fine, strict=True):
-        np.testing.assert_allclose(one.position, other.position, atol=1e-6, rtol=0, err_msg=effect)
-
-
 def test_energy_is_kept_without_friction_and_else_lost_to_its_work() -> None:
     spring = {"spring": {"spring_k": 0.3, "spring_q0": 0.2}}
     free, damped = Plant(viscous=0.0, coulomb=0.0, effects=spring), Plant(viscous=0.1, coulomb=0.2, effects=spring)
@@ -121,24 +102,3 @@ def test_joint_sticks_until_the_torque_exceeds_dry_friction() -> None:
     assert np.all(run.position[: freed + 1] == 0) and run.position[-1] > 0.5
     (run,) = simulate([(Plant(), Experiment(seconds=2, start=(0.3, 0.0), **EXACT))], [np.full(2000, 0.1)])
     assert np.ptp(run.position) == 0 and not run.sliding.any()  # held by friction, it does not creep
-
-
-def test_encoder_counts_and_torque_noise_are_as_stated() -> None:
-    experiment = Experiment(seconds=4, counts=8192, torque_noise=0.05, seed=4)
-    noisy, real, exact = simulate(
-        [(Plant(), e) for e in (experiment, replace(experiment, noise_in_plant=True), replace(experiment, **EXACT))]
-    )
-    count = 2 * np.pi / 8192
-    np.testing.assert_allclose(noisy.position / count, np.round(noisy.position / count), atol=1e-6)
-    assert np.abs(noisy.position - exact.position).max() <= count / 2 * (1 + 1e-9)  # noise is only recorded
-    assert np.abs(real.position - exact.position).max() > count
-    assert np.std(noisy.torque - noisy.command) == pytest.approx(0.05, rel=0.03)
-
-
-def test_dead_time_delays_the_command() -> None:
-    command = 3 * np.sin(2 * np.arange(3000) / 1000)
-    late = np.concatenate([np.zeros(12), command[:-12]])
-    delayed = Plant(effects={"dead_time": {"dead_n": 12.0}})
-    experiment = Experiment(seconds=3, **EXACT)
-    one, other = simulate([(delayed, experiment), (Plant(), experiment)], [command, late])
-    np.testing.assert_allclose(one.position, other.position, atol=1e-12)

@@ -46,19 +46,6 @@ def test_clipped_is_said_of_each_pendulum_and_not_of_one_that_starts_anew(mode):
     assert anew["time"].tolist() == [0, 0] and anew["clipped"].tolist() == [False, False]
 
 
-def test_same_step_leaves_the_others_alone():
-    env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=50, autoreset_mode="SameStep", torque_noise=0.1)
-    env.reset(seed=0)
-    env.unwrapped.steps[1] = 20  # the second began earlier
-    action = np.full((2, 1), 5.0, dtype=np.float32)
-    runs = [env.step(action) for _ in range(30)]
-    before, (observation, _, _, truncated, info) = runs[-2][0], runs[-1]
-    assert truncated.tolist() == [False, True]
-    assert (observation[1] == [1, 0, 0]).all() and info["torque"][1] == 0
-    assert observation[0, 2] == pytest.approx(before[0, 2], rel=0.2) and observation[0, 2] > 0.5
-    assert info["torque"][0] == info["final_info"]["torque"][0]
-
-
 @pytest.mark.parametrize("effect", ["actuator_lag", "dead_time", "presliding", "joint_flexibility"])
 def test_a_new_episode_knows_nothing_of_the_last(effect):
     env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=200, effects=[effect])

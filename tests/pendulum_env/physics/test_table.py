@@ -1,6 +1,5 @@
 """Tables are the splines of the books, say nothing that the base laws say, and are simulated, saved and exported."""
 
-import json
 import pickle
 
 import numpy as np
@@ -15,7 +14,6 @@ from pendulum_env.physics.friction import QuadraticDrag
 from pendulum_env.physics.potential import GravityTilt, Spring
 from pendulum_env.physics.simulation import prepare_step
 from pendulum_env.physics.table import (
-    TABLES,
     Extent,
     FrictionByAngle,
     FrictionBySpeed,
@@ -140,14 +138,6 @@ def test_an_extent_that_makes_no_sense_is_one_sentence(kind, extent):
     data = in_model(kind).json() | {"tables": {kind.id: extent}}
     with pytest.raises(ModelError, match=rf"tables\.{kind.id}|lacks 'high'"):
         Model.from_json(data)
-
-
-def test_a_model_of_many_tables_and_their_covariance_can_be_read_again():
-    plant, kinds = paper_plant(), [kind.with_extent(Extent(0.0, 2.0, 48)) for kind in TABLES.values()]
-    terms = (*plant.terms, *(kind() for kind in kinds))
-    model = Model.build(terms, np.r_[plant.theta, np.zeros(sum(len(kind().columns) for kind in kinds))], 0.01)
-    model = model.with_covariance(list(model.estimates), model.assumed_covariance)
-    assert Model.from_json(json.loads(json.dumps(model.json()))) == model
 
 
 def test_what_a_table_may_be_is_added_before_it():
