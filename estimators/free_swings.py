@@ -21,8 +21,7 @@ from pendulum_env._typing import Array
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import limit_term
-from pendulum_env.recording import Load, Recording
-from pendulum_env.recording.channel import NEWTON_METRE, PER_INERTIA
+from pendulum_env.recording import NEWTON_METRE, PER_INERTIA, Load, Recording
 from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import is_of_torque
 

@@ -16,8 +16,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.errors import UserError
 from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import Model
-from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import TorqueConstant
+from pendulum_env.recording import Recording, TorqueConstant
 
 SCHEMA = "pendulum-ident/comparison@2"
 

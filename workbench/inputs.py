@@ -16,9 +16,9 @@ from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel, ModelOptions, load_model
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.formatting import join_words
-from pendulum_env.physics import Model, ModelError
+from pendulum_env.physics import Mechanism, Model, ModelError
 from pendulum_env.physics.limits import collect_limits
-from pendulum_env.physics.mechanism import PENDULUM, Mechanism
+from pendulum_env.physics.mechanism import PENDULUM
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import apply_log_format, find_duplicate, read_sources

@@ -43,8 +43,7 @@ from pendulum_env.arms.joints import Links, arm_base, find_body
 from pendulum_env.physics import BASE, Column, Model, Term
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.term import LOAD
-from pendulum_env.recording import Load, Recording
-from pendulum_env.recording.channel import NEWTON_METRE
+from pendulum_env.recording import NEWTON_METRE, Load, Recording
 
 NONE = Load(0.0, 0.0)
 DESCENT = Rule(turns=20, dampings=(0.0, 1.0, 10.0), of_cost=1e-9)

@@ -10,8 +10,7 @@ from estimators.regression.least_squares import solve
 from estimators.selection.physical import compute_significant_sign, find_driving_friction, is_significantly_negative
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, Column, Model
-from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import NEWTON_METRE
+from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.origin import Origin
 
 # takes the load torque out of the balance: its parameter is 0, or -2 if the sensor has the opposite sign

@@ -25,8 +25,7 @@ from estimators.free_swings import remove_unit_inertia
 from estimators.regression.equations import IdentificationError
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env.physics import Estimate, Model
-from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
+from pendulum_env.recording import NEWTON_METRE, Recording, TorqueConstant
 from pendulum_env.units import is_of_torque
 
 LEAST = 5.0  # standard errors that the constant has to be from none

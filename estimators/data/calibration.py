@@ -8,8 +8,7 @@ from estimators.free_swings import fit_inertia, scale_swing, scale_swings
 from estimators.in_loop.goals import decide_goals
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import Model, ModelError
-from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import NEWTON_METRE, PER_INERTIA, TorqueConstant
+from pendulum_env.recording import NEWTON_METRE, PER_INERTIA, Recording, TorqueConstant
 from pendulum_env.settings import Blank, format_setting
 
 Recordings = tuple[Recording, ...]

@@ -25,8 +25,7 @@ from pendulum_env.arms.body import Body, LinkLoad
 from pendulum_env.arms.joints import find_body
 from pendulum_env.arms.recording import add_payload
 from pendulum_env.physics import Model, Term
-from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import TorqueConstant
+from pendulum_env.recording import Recording, TorqueConstant
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,10 +31,8 @@ from estimators.weak_form.torque_windows import TorqueWindows, join_windows, pre
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import Coupling, Links, arm_base, find_body
-from pendulum_env.physics import BASE, Model, Samples, Term
-from pendulum_env.physics.table import Table
-from pendulum_env.physics.term import list_loads
-from pendulum_env.physics.terms import count_term_parameters, find_link, has_link
+from pendulum_env.physics import BASE, Model, Samples, Table, Term, has_link, list_loads
+from pendulum_env.physics.terms import count_term_parameters, find_link
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 

@@ -14,8 +14,7 @@ from estimators.simulation.free_running import choose_segments
 from estimators.weak_form.torque_windows import choose_half_width, cut_all, prepare
 from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
-from pendulum_env.physics import Term
-from pendulum_env.physics.terms import has_link
+from pendulum_env.physics import Term, has_link
 from pendulum_env.recording import Recording
 
 HELD_OUT = 0.3  # share of each recording, at its end, that is held out if no recording is

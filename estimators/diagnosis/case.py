@@ -20,8 +20,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
 from estimators.weak_form.columns import NOT_NEGATIVE
-from pendulum_env.physics import Model, Term
-from pendulum_env.physics.terms import list_ids
+from pendulum_env.physics import Model, Term, list_ids
 from pendulum_env.recording import Recording
 
 Treatment = Callable[["Trial"], FitData | None]  # data after one more treatment; None if it does not apply

@@ -31,11 +31,9 @@ from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.excitation import Excitation, draw_family
-from pendulum_env.physics import Model, Samples, Term, simulate
-from pendulum_env.physics.terms import list_ids
+from pendulum_env.physics import Model, Samples, Term, list_ids, simulate
 from pendulum_env.plant import get_typical_values, paper_plant
-from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import NEWTON_METRE
+from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.units import JointUnits, is_of_torque
 
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word

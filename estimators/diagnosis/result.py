@@ -21,8 +21,7 @@ from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
 from pendulum_env.errors import UserError
 from pendulum_env.notebook import render_html, summarise
-from pendulum_env.physics import Model
-from pendulum_env.physics.mechanism import Mechanism
+from pendulum_env.physics import Mechanism, Model
 from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
 
 SCHEMA = "pendulum-ident/diagnosis@2"

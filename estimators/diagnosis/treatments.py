@@ -10,8 +10,7 @@ from estimators.selection.evaluator import compute_held_out_cost
 from estimators.selection.motion import is_misfit
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_links
-from pendulum_env.physics import BASE, Term
-from pendulum_env.physics.terms import list_ids
+from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.recording.channel import NEWTON_METRE
 
 TORQUE = {Kind.TIMED_BESIDE, Kind.PAYLOAD}  # treatments that change the torque

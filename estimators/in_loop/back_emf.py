@@ -16,10 +16,9 @@ from estimators.in_loop.refit import fit_step, refine_rows
 from estimators.selection.errors import Step
 from estimators.selection.physical import compute_significant_sign
 from estimators.simulation.output_error import Point
-from pendulum_env.physics import Term
+from pendulum_env.physics import Term, list_ids
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import LoadDependentFriction
-from pendulum_env.physics.terms import list_ids
 
 
 def setting_with_back_emf(data: FitData, setting: Setting) -> Setting:

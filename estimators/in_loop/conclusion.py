@@ -15,8 +15,7 @@ from estimators.in_loop.fit import LOOP
 from estimators.in_loop.refit import refine_rows
 from estimators.selection.errors import get_single
 from estimators.signals.residual import Region, make_region_everywhere
-from pendulum_env.physics import Model
-from pendulum_env.physics.terms import list_ids
+from pendulum_env.physics import Model, list_ids
 from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import compute_asked_torque
 

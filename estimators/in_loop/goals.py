@@ -24,10 +24,9 @@ from estimators.regression.equations import IdentificationError
 from estimators.selection.score import Bootstrap
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
-from pendulum_env.physics import BASE, Term
+from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.physics.actuation import ActuatorLag, BackEmf, DeadTime
 from pendulum_env.physics.potential import GravityTilt
-from pendulum_env.physics.terms import list_ids
 from pendulum_env.recording import Recording
 
 LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates

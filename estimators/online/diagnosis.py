@@ -33,8 +33,7 @@ from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.joints import Links
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
-from pendulum_env.physics import BASE, Term, effects
-from pendulum_env.physics.term import list_loads
+from pendulum_env.physics import BASE, Term, effects, list_loads
 
 
 @dataclass(frozen=True)

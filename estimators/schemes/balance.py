@@ -22,8 +22,7 @@ from estimators.signals.measurements import Measurements, remember
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links
-from pendulum_env.physics import Term
-from pendulum_env.physics.term import list_loads
+from pendulum_env.physics import Term, list_loads
 
 Joints = tuple[Measurements, ...]  # of n joints
 

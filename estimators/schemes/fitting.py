@@ -25,8 +25,7 @@ from pendulum_env.arms.model import make_arm_model
 from pendulum_env.notebook import render_html
 from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.physics.term import zero
-from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import TorqueConstant
+from pendulum_env.recording import Recording, TorqueConstant
 from pendulum_env.units import JointUnits
 
 POINTS = 200  # of the history

@@ -18,8 +18,7 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import DRAWS
 from pendulum_env.physics import BASE, Estimate, Model, Term
 from pendulum_env.physics.estimate import SIGNIFICANT
-from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import NEWTON_METRE
+from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.columns import NONE
 from pendulum_env.settings import format_setting
 from pendulum_env.units import TURNING, JointUnits

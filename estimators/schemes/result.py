@@ -18,8 +18,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.formatting import join_words
 from pendulum_env.lookup import find
 from pendulum_env.notebook import render_html, summarise
-from pendulum_env.physics import Model
-from pendulum_env.physics.mechanism import Mechanism
+from pendulum_env.physics import Mechanism, Model
 from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
 
 SCHEMA = "pendulum-ident/identification@2"

@@ -9,8 +9,7 @@ import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
 from pendulum_env._typing import JSON, Array
-from pendulum_env.physics import Model, Term
-from pendulum_env.physics.term import list_loads
+from pendulum_env.physics import Model, Term, list_loads
 from pendulum_env.units import to_shown_unit
 
 Terms = tuple[Term, ...]

@@ -18,9 +18,8 @@ from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator, compute_held_out_cost
 from estimators.simulation import multiple_shooting
 from estimators.weak_form.nonlinear import reset
-from pendulum_env.physics import Term
-from pendulum_env.physics.table import Table
-from pendulum_env.physics.terms import count_parameters, has_link, list_forms, list_ids
+from pendulum_env.physics import Table, Term, has_link, list_ids
+from pendulum_env.physics.terms import count_parameters, list_forms
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,10 @@ from estimators.findings import Finding, Kind
 from estimators.selection.errors import Gate, Step
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
-from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Term, effects
+from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Table, Term, effects, has_link, list_loads
 from pendulum_env.physics.estimate import SIGNIFICANT
-from pendulum_env.physics.table import Table
-from pendulum_env.physics.term import LOAD, list_loads
-from pendulum_env.physics.terms import has_link, list_forms
+from pendulum_env.physics.term import LOAD
+from pendulum_env.physics.terms import list_forms
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
 LEAST_KEPT = {"inertia": 0.1, "gravity": 0.0}  # share of these parameters that a larger model has to keep

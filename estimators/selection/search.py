@@ -14,9 +14,8 @@ from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, add_effect, remove_term, revise
 from estimators.selection.tables import drop_unneeded, replace_by_table
-from pendulum_env.physics import Term
-from pendulum_env.physics.table import Table
-from pendulum_env.physics.terms import list_forms, list_ids
+from pendulum_env.physics import Table, Term, list_ids
+from pendulum_env.physics.terms import list_forms
 
 
 @dataclass(frozen=True)

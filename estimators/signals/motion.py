@@ -7,8 +7,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.physics import KnownLoad
 from pendulum_env.physics.term import ROOM, UNLOADED
-from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import NEWTON_METRE
+from pendulum_env.recording import NEWTON_METRE, Recording
 
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
 LEAD_IN = 0.3  # [s] at the start, in which effects with memory still depend on their unrecorded initial state

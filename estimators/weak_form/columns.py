@@ -6,9 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.physics import Model, Term
-from pendulum_env.physics.table import Table
-from pendulum_env.physics.term import list_loads
+from pendulum_env.physics import Model, Table, Term, list_loads
 
 NOT_NEGATIVE = ("inertia", "viscous", "coulomb")  # parameters of any body; gravity may have either sign
 

@@ -28,8 +28,7 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links
 from pendulum_env.arms.recording import get_payload
-from pendulum_env.physics import Term
-from pendulum_env.physics.term import list_loads
+from pendulum_env.physics import Term, list_loads
 from pendulum_env.recording import Recording
 
 FEWEST = 20  # windows of each joint

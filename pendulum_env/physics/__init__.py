@@ -4,11 +4,14 @@ from pendulum_env.physics.base import BASE, Coulomb, Gravity, Inertia, Viscous
 from pendulum_env.physics.description import Description
 from pendulum_env.physics.estimate import Estimate
 from pendulum_env.physics.library import effect, effects, list_addable, list_nameable, register
+from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.model import Model
 from pendulum_env.physics.model_file import ModelError
 from pendulum_env.physics.plugin import PluginError, load_plugin
 from pendulum_env.physics.simulation import Trajectory, simulate
-from pendulum_env.physics.term import Column, KnownLoad, NonlinearParameter, Samples, Term
+from pendulum_env.physics.table import Table
+from pendulum_env.physics.term import Column, KnownLoad, NonlinearParameter, Samples, Term, list_loads
+from pendulum_env.physics.terms import has_link, list_ids
 
 # Names of earlier releases, kept for one more
 Shape, addable, nameable = NonlinearParameter, list_addable, list_nameable
@@ -22,18 +25,23 @@ __all__ = [
     "Gravity",
     "Inertia",
     "KnownLoad",
+    "Mechanism",
     "Model",
     "ModelError",
     "NonlinearParameter",
     "PluginError",
     "Samples",
     "Shape",
+    "Table",
     "Term",
     "Trajectory",
     "Viscous",
     "effect",
     "effects",
+    "has_link",
     "list_addable",
+    "list_ids",
+    "list_loads",
     "list_nameable",
     "load_plugin",
     "register",

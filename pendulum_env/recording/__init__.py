@@ -1,7 +1,7 @@
 """Recordings of a pendulum: one record type, alone or together as a study, read from files and written to them."""
 
 from pendulum_env.errors import RecordingError
-from pendulum_env.recording.channel import Load
+from pendulum_env.recording.channel import NEWTON_METRE, PER_INERTIA, Load, TorqueConstant
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.storage import read_recording
@@ -9,6 +9,8 @@ from pendulum_env.recording.study import Source, Study, StudyError, read_study, 
 from pendulum_env.recording.writing import write_recording
 
 __all__ = [
+    "NEWTON_METRE",
+    "PER_INERTIA",
     "Load",
     "Note",
     "NoteKind",
@@ -17,6 +19,7 @@ __all__ = [
     "Source",
     "Study",
     "StudyError",
+    "TorqueConstant",
     "read_recording",
     "read_study",
     "write_recording",

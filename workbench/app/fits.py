@@ -22,8 +22,7 @@ from estimators.schemes.result import SAVED, Identification
 from estimators.selection.errors import Step
 from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import Model, Term
-from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import PER_INERTIA
+from pendulum_env.recording import PER_INERTIA, Recording
 from workbench.errors import InputError
 from workbench.narrator.findings import describe
 from workbench.processes import Task

@@ -23,8 +23,8 @@ from estimators.signals.residual import Region
 from pendulum_env.arms.joints import arm_base, arrange_terms, find_links
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.errors import UserError
-from pendulum_env.physics import BASE, Model, Term
-from pendulum_env.physics.mechanism import PENDULUM, Mechanism
+from pendulum_env.physics import BASE, Mechanism, Model, Term
+from pendulum_env.physics.mechanism import PENDULUM
 from pendulum_env.recording import Recording, RecordingError, Source
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.fits import BaseFit, fit_base

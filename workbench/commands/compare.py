@@ -13,8 +13,7 @@ from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_links
 from pendulum_env.formatting import TextTable, join_words
-from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import NEWTON_METRE
+from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.study import apply_log_format
 from workbench import options
 from workbench.errors import InputError

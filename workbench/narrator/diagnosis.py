@@ -13,8 +13,7 @@ from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
 from pendulum_env.excitation import encode_signal
 from pendulum_env.formatting import capitalise, join_words
-from pendulum_env.recording import NoteKind
-from pendulum_env.recording.channel import NEWTON_METRE
+from pendulum_env.recording import NEWTON_METRE, NoteKind
 from pendulum_env.units import TURNING, JointUnits, show_angles, to_shown_unit
 from workbench.narrator.effects import name_effect
 from workbench.narrator.findings import describe, describe_aim, measure, measure_change, measure_range

@@ -16,8 +16,7 @@ from pendulum_env.formatting import TextTable, capitalise, format_estimate, form
 from pendulum_env.notebook import BLUE, GREEN, ORANGE, render_html
 from pendulum_env.notebook import summarise as headlines
 from pendulum_env.physics import Model
-from pendulum_env.recording import Note
-from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
+from pendulum_env.recording import NEWTON_METRE, Note, TorqueConstant
 from pendulum_env.recording.record import Recording
 from pendulum_env.units import to_shown_unit
 from workbench.narrator import comparison
