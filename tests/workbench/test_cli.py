@@ -15,6 +15,7 @@ from pendulum_env.physics import Model, effects
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import read_recording
 from workbench.cli import COMMANDS, main
+from workbench.commands.demo import judge_diagnosis
 from workbench.narrator.effects import find_description
 
 FEW = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogging")  # a search among them is quick
@@ -182,6 +183,19 @@ def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, few_effects, monke
     out = done("demo --seed 3 -o report.html")
     assert out.index("missing") < out.index("held-out error") < out.index("The truth") < out.index("hidden was")
     assert {file.name for file in tmp_path.iterdir()} == {"report.html", "report.train.csv", "report.holdout.csv"}
+
+
+@pytest.mark.parametrize(
+    ("selected", "ambiguous", "told"),
+    [
+        (["spring"], (), "found"),
+        (["stribeck"], (("stribeck", "spring"),), "found as one of a group that looks the same: spring and stribeck"),
+        (["stribeck"], (), "NOT found as it is: the diagnosis says stribeck"),
+        ([], (), "NOT found as it is: the diagnosis says nothing"),
+    ],
+)
+def test_the_verdict_of_the_demo_is_honest(selected, ambiguous, told):
+    assert judge_diagnosis("spring", selected, ambiguous) == told
 
 
 def test_effects_are_listed_with_their_laws_or_told_how_they_show(done):

@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.two_link import TwoLink
 from estimators import compare
-from tests import slow
+from pendulum_env.recording import write_recording
+from tests import slow, two_link
 from tests.cases import diagnosed
 from tests.patience import wait_until
 from tests.workbench.app.plants import recorded
@@ -63,7 +65,11 @@ def of_a_comparison(folder: Path) -> str:
 
 
 def of_an_arm(folder: Path) -> str:
-    assert main(["demo", "--robot", "two-link", "-o", str(folder / "page.html")]) == 0
+    robot, run = folder / "arm.urdf", folder / "run.csv"
+    robot.write_text(TwoLink().urdf())
+    write_recording(two_link.recorded(TwoLink(), seconds=6.0, rate=500.0, offset=(0.0, 0.3)), run)
+    command = ["diagnose", run, "--robot", robot, "--only", "torque_offset", "--report", folder / "page.html"]
+    assert main([*map(str, command)]) == 0
     return (folder / "page.html").read_text(encoding="utf-8")
 
 
