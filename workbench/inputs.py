@@ -12,11 +12,11 @@ from estimators.arguments import check_model
 from estimators.data.fit_data import FitData
 from estimators.free_swings import find_known_values
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import arm_base
+from pendulum_env.arms.joints import Links, arm_base
 from pendulum_env.arms.model import ArmModel, ModelOptions, load_model
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.formatting import join_words
-from pendulum_env.physics import Mechanism, Model, ModelError
+from pendulum_env.physics import Mechanism, Model, ModelError, Term
 from pendulum_env.physics.limits import collect_limits
 from pendulum_env.physics.mechanism import PENDULUM
 from pendulum_env.plant import hide, paper_plant
@@ -113,6 +113,11 @@ def read_model(path: str, body: Mechanism = PENDULUM) -> Model:
         return check_model(model)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
+
+
+def read_terms(path: str, body: Mechanism) -> tuple[Term, ...]:
+    """Read the terms at the joints of a model, without the links of an arm."""
+    return tuple(term for term in read_model(path, body).terms if not isinstance(term, Links))
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.model import ModelOptions
 from pendulum_env.arms.reading import STILL, find_logged_joints, read_arm_source
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.arms.robot import find_movable_joints, import_pinocchio
 from pendulum_env.physics.mechanism import Mechanism
-from pendulum_env.recording import Source
+from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import read_sources
 
 FORMATS = (".urdf", ".xml", ".mjcf")
@@ -27,6 +28,12 @@ class RobotFile:
     joints: tuple[str, ...] | None = None  # that move; None: all that can
     rotors: bool | None = None  # whether motors have inertia of their own; None: as the file has it
     weightless: bool = False  # whether the driver takes gravity's torque off what it logs
+
+    @classmethod
+    def of_model(cls, file: Path, model: Path | None, joints: tuple[str, ...] | None) -> "RobotFile":
+        """Return a robot with the settings of the model that was made of it, if there is one."""
+        made = ModelOptions.read_from_model(model) if model is not None else ModelOptions()
+        return cls(file, joints or made.joints, made.rotors, made.weightless)
 
     def body(self, held: Mapping[str, float] | None = None) -> Body:
         """Return the links, other joints held at the given places, or at zero; raises BodyError as `read_body`."""
@@ -57,10 +64,10 @@ class RobotFile:
         fitted, held_out = ([own for source, own in both if source.role == role] for role in ("fit", "holdout"))
         return self.hold_joints(recordings), fitted, held_out
 
-    def hold_joints(self, recordings: Sequence[ArmRecording]) -> Body:
+    def hold_joints(self, recordings: Sequence[Recording]) -> Body:
         """Return the links, other joints held where recordings have them on average."""
-        body = self.body()
-        seen = {joint: [np.mean(one.still[joint]) for one in recordings if joint in one.still] for joint in body.held}
+        body, arms = self.body(), [one for one in recordings if isinstance(one, ArmRecording)]
+        seen = {joint: [np.mean(one.still[joint]) for one in arms if joint in one.still] for joint in body.held}
         return self.body({joint: float(np.mean(places)) for joint, places in seen.items() if places})
 
 
@@ -86,11 +93,12 @@ def describe_held(body: Body) -> str:
     return f"held: {', '.join(places)}" if places else ""
 
 
-def find_straying(body: Body, recordings: Sequence[ArmRecording]) -> list[str]:
+def find_straying(body: Body, recordings: Sequence[Recording]) -> list[str]:
     """Describe each held joint that recordings have elsewhere, a sentence each."""
     found = []
     for recording, (joint, q) in product(recordings, body.held.items()):
-        if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > STILL:
+        places = recording.still.get(joint, q) if isinstance(recording, ArmRecording) else q
+        if (off := np.max(np.abs(places - q))) > STILL:
             away = f"{joint} gets {off:.2g} {body.units(joint).unit('rad')} away from there in {recording.name}"
             found.append(f"{away}: name it in --joints if it moves")
     return found

@@ -1,4 +1,4 @@
-"""The card that asks what the columns of a file mean: roles, units and gains, as expressions of the command line."""
+"""A file whose columns a person is asked about: roles, units and gains, as expressions of the command line."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from dash import dcc, html
-from dash.development.base_component import Component
 
 from pendulum_env._typing import Array
 from pendulum_env.arms.columns import strip_units
@@ -21,26 +19,9 @@ from pendulum_env.recording.columns import NONE, is_told, parse_column
 from pendulum_env.recording.expression import NUMBER, Expression, normalise_name, parse_expression
 from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
-from pendulum_env.thinning import thin
-from workbench.app.parts import UNWRAP, label_control, make_aria, make_button, make_graph, make_panel, make_table
-from workbench.figure import Figure, axis, line
 
 NEEDED = 2  # columns with numbers: time and position
 PLAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # what is written alone is a gain
-ASKED = "Time and position are needed, and torque if anything drives the joint; velocity and reference are of use."
-FREE = "Nothing drives the joint: torque is zero"
-ASKED_OF_ARM = (
-    "Time, and position and torque of each joint are needed: on the side of the joint, with the torque that holds the "
-    "links up. What was logged of a motor before its gear has the ratio in the last column, a current its gain."
-)
-HINTS = {  # of what is done with a column
-    "time": "*0.001",
-    "position": "/6 or *-1 or +90",
-    "velocity": "/6 or *-1",
-    "torque": "*0.091, *? or *-1",
-    "reference": "/6 or *-1 or +90",
-}
-CALLED = {"A": "A: current", "V": "V: voltage", "duty": "duty: share of the supply"}
 TimeRange = tuple[
     float | None, float | None
 ]  # of a range [s] from the first row; None where it goes to the first or last
@@ -195,101 +176,3 @@ class ColumnCard:
     def _find_expression(self, role: str) -> str | None:
         """Return the expression of the column with a role."""
         return next((choice.write_expression(header) for header, choice in self._pairs if choice.role == role), None)
-
-
-def show(card: ColumnCard) -> Component:
-    """Render the content of the file, and the choices of its columns."""
-    ends = [
-        label_control(label, dcc.Input(value, type="number", id=_make_id(end), min=0, placeholder=empty, debounce=True))
-        for label, end, value, empty in (
-            ("Use it from [s]", "from", card.ends[0], "first row"),
-            ("to [s]", "to", card.ends[1], "last row"),
-        )
-    ]
-    return make_panel(
-        f"What the columns of {card.source.file.name} mean",
-        *([html.P(f"{card.why}.", className="why", role="alert")] if card.why else []),
-        html.P(
-            f"{ASKED_OF_ARM if card.joints else ASKED} What is written in the last "
-            "column is done to a column one after the other, as by --columns: a gain, a ratio, an offset. For the "
-            "current, voltage or duty cycle of a motor that is its torque constant"
-            f"{'' if card.joints else ', or *? to find it from known loads'}.",
-            className="note",
-        ),
-        make_table(
-            dict.fromkeys(("Column", "First rows", "All rows", "It is", "In", "Gain, ratio, offset"), False),
-            [_make_row(card, k) for k in range(len(card.choices))],
-            "Columns",
-        ),
-        html.Div(ends, className="fields"),
-        dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], ["unwrap"] * card.source.unwrap, id=_make_id("unwrap")),
-        *(
-            []
-            if card.joints
-            else [dcc.Checklist([{"label": FREE, "value": "free"}], ["free"] * card.is_free, id=_make_id("free"))]
-        ),
-        html.Div(
-            [
-                make_button("Read it again" if card.known else "Load it", "card-load", primary=True),
-                make_button("Leave it as it is" if card.known else "Leave it out", "card-close"),
-            ],
-            className="row",
-        ),
-        className="card",
-    )
-
-
-def _make_id(what: str, k: int = 0) -> dict[str, Any]:
-    """Make a control of the card; all by pattern, since they come and go."""
-    return {"field": what, "of": k}
-
-
-def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
-    """Make the row of a column: its content, and the choice of its meaning."""
-    header, choice, values = card.preview.headers[k], card.choices[k], card.preview.values[k]
-    first, plot = "no numbers", None
-    if values is not None:
-        first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"  # that are shown
-        plot = make_graph(_plot(k, header, values, card.seconds), bar=False)
-    roles = {"": "unused"} | {role: role for role in card.roles}
-    unsaid = replace(choice, unit="").write_expression(header)
-    unit = (describe_unit(choice.role, unsaid, card.preview.headers) if choice.role else "") or "–"
-    known = {"": unit} | {one: CALLED.get(one, one) for one in [*list_units(choice.role), choice.unit] if one}
-    more: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": values is None}
-    then = dcc.Input(
-        choice.then,
-        type="text",
-        id=_make_id("then", k),
-        placeholder=HINTS.get(get_quantity(choice.role), ""),
-        disabled=values is None or not choice.role,
-        persistence=card.source.file.name,  # what is typed stays while this card is drawn anew
-        persistence_type="memory",
-    )
-    return (
-        html.Strong(header),
-        first,
-        plot,
-        html.Div(
-            dcc.Dropdown(roles, choice.role, id=_make_id("role", k), **more), **make_aria(label=f"Role of {header}")
-        ),
-        html.Div(
-            dcc.Dropdown(known, choice.unit, id=_make_id("unit", k), **more), **make_aria(label=f"Unit of {header}")
-        ),
-        then,
-    )
-
-
-def _plot(k: int, header: str, values: Array, seconds: Array | None) -> Figure:
-    """Plot a column over time, over rows while there is no time."""
-    x = seconds if seconds is not None and len(seconds) == len(values) else np.arange(len(values), dtype=float)
-    kept = thin(np.nan_to_num(values), 300)  # of a plot
-    bare = axis("", visible=False, fixedrange=True)
-    layout = {
-        "xaxis": bare,
-        "yaxis": bare,
-        "margin": {"l": 2, "r": 2, "t": 2, "b": 2},
-        "dragmode": False,
-        "showlegend": False,
-    }
-    data = [line(x[kept], values[kept], header, "--train", "", hoverinfo="skip", hovertemplate=None)]
-    return Figure(f"column-{k}", f"Column {header} over {'time' if x is seconds else 'rows'}", data, layout, 54)

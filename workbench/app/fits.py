@@ -1,30 +1,32 @@
 """Fits of a session's recordings, which run in a worker process."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 
+from estimators import (
+    Addition,
+    Diagnosis,
+    FitData,
+    Identification,
+    add,
+    diagnose,
+    fit,
+    identify,
+)
 from estimators.arguments import apply_limits
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.checks.torque_constant import add_torque_constant
-from estimators.data.fit_data import FitData
 from estimators.data.split import split_arm
-from estimators.diagnosis.addition import add
-from estimators.diagnosis.fit import fit
-from estimators.diagnosis.result import Addition, Diagnosis
-from estimators.diagnosis.run import diagnose
 from estimators.findings import Finding
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.progress import Progress
-from estimators.schemes.identification import identify
-from estimators.schemes.result import SAVED, Identification
+from estimators.schemes.result import SAVED
 from estimators.selection.errors import Step
 from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import PER_INERTIA, Recording
 from workbench.errors import InputError
-from workbench.narrator.findings import describe
+from workbench.narrator import describe
 from workbench.processes import Task
 from workbench.report.data import identify_schemes
 

@@ -3,34 +3,25 @@
 import re
 import tempfile
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 from typing import Any
 
-from dash import Dash
-from dash.development.base_component import Component
-
-from pendulum_env.arms.joints import Links
-from pendulum_env.arms.model import ModelOptions
 from pendulum_env.errors import ColumnError
-from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
 from workbench.app import uploads
 from workbench.app.card import ColumnCard
 from workbench.app.recordings import LoadedRecording
 from workbench.app.state import State
 from workbench.errors import USER_ERRORS, InputError, format_mistake
-from workbench.inputs import read_model
+from workbench.inputs import read_terms
 from workbench.processes import Job, Task, Workers
 from workbench.robot import RobotFile
 
-MOST = 16  # sessions; of more, the one that was used least recently ends
 UNDONE = 20  # changes that can be taken back
 GRACE = 1.0  # [s] that an end waits for an answer that is being made
-ID = re.compile(r"[0-9a-f]{32}")  # of a session: random, drawn by the page; never part of a path
 
 
 class Session:
@@ -44,7 +35,7 @@ class Session:
         self.folder, self.workers = folder, workers or Workers()
         self.lock = RLock()
         self.state = State()  # what the session knows now
-        self._past = deque[tuple[str, State]](maxlen=UNDONE)  # what was done, and the state before
+        self._past: list[tuple[str, State]] = []  # what was done, and the state before
         self.cards: tuple[ColumnCard, ...] = ()  # recordings whose columns a person is asked about, the first one now
         self.notice = ""  # a sentence for the user: what went wrong
         self.version = time.time_ns() // 1_000_000  # grows with all that the page shows; no two sessions share one
@@ -67,7 +58,7 @@ class Session:
 
     def change(self, what: str, state: State) -> None:
         """Become another state; `what` is done, in the words of the button that takes it back."""
-        self._past.append((what, self.state))
+        self._past = [*self._past[1 - UNDONE :], (what, self.state)]
         self.state = state
 
     @property
@@ -179,9 +170,7 @@ class Session:
         came = uploads.sort_files(self.place(), coming, unwrap)
         if came.robots:
             joints = next((source.joints for source in came.sources), None)
-            made = ModelOptions.read_from_model(came.models[-1]) if came.models else ModelOptions()
-            robot = RobotFile(came.robots[-1], joints or made.joints, made.rotors, made.weightless)
-            self.take_robot(robot)
+            self.take_robot(RobotFile.of_model(came.robots[-1], came.models[-1] if came.models else None, joints))
         refused = [*came.refused, *self._read(came.sources)]
         if came.models:
             try:
@@ -195,7 +184,7 @@ class Session:
 
         Raises ModelError if it is no model, as the command line does.
         """
-        terms = tuple(term for term in read_model(str(file), self.state.body).terms if not isinstance(term, Links))
+        terms = read_terms(str(file), self.state.body)
         self.change(f"start from {file.name}", self.state.restart(terms=terms, model_file=file.name))
 
     def take_robot(self, robot: RobotFile) -> None:
@@ -234,7 +223,7 @@ class Session:
 
     def keep(self, *loaded: LoadedRecording) -> None:
         """Add recordings; the ladder starts anew; raises InputError as `State.add_recordings`."""
-        self.change(f"load {join_words([one.recording.name for one in loaded])}", self.state.add_recordings(loaded))
+        self.change(f"load {', '.join(one.recording.name for one in loaded)}", self.state.add_recordings(loaded))
 
     def remove(self, id: str) -> None:
         """Remove a recording."""
@@ -296,55 +285,3 @@ def _refuse(refused: Sequence[str]) -> None:
     """Raise InputError if anything was refused."""
     if refused:
         raise InputError("; ".join(refused))
-
-
-class Sessions:
-    """All sessions of a server by the id that each page holds, and the workers that they share."""
-
-    def __init__(self, recordings: Sequence[Source] = (), robot: RobotFile | None = None) -> None:
-        """Make a folder for files from their pages; every session begins with the recordings."""
-        self._recordings, self._robot = tuple(recordings), robot
-        self.workers = Workers()
-        self._folder = tempfile.TemporaryDirectory(prefix="pendulum-ident-", ignore_cleanup_errors=True)
-        self._all: dict[str, Session] = {}  # the one used last is last
-        self._lock = RLock()
-
-    def find_session(self, id: object) -> Session:
-        """Return the session of an id, a new one if there is none; raises InputError if it is no id."""
-        if not isinstance(id, str) or ID.fullmatch(id) is None:
-            raise InputError("this page has no session: load it again")
-        with self._lock:
-            session = self._all.pop(id, None) or Session(Path(self._folder.name), self.workers)
-            ended = [self._all.pop(k) for k in list(self._all)[: max(0, len(self._all) + 1 - MOST)]]
-            self._all[id] = session
-        session.begin(self._recordings, self._robot)  # no other session waits for it
-        for other in ended:
-            other.end()
-        return session
-
-    def close(self) -> None:
-        """End all sessions and the workers, and delete the files from their pages."""
-        with self._lock:
-            for session in self._all.values():
-                session.end()
-            self._all.clear()
-            self._folder.cleanup()
-        self.workers.close()
-
-
-Form = Mapping[str, Any]  # values of the controls on the page, or what files came, by name
-Action = Callable[[Session, str, Form], object]  # told what the button is of
-
-
-@dataclass(frozen=True)
-class Stage:
-    """A stage of the workbench: a function that draws it from a session, and what its buttons do."""
-
-    id: str  # of the page's address, `#id`
-    title: str  # in the navigation
-    show: Callable[[Session], list[Component]]  # what it looks like now; it reads the session's state once
-    # What its buttons and files do, by the name that the button has
-    actions: Mapping[str, Action] = field(default_factory=dict)
-    # Registers callbacks that do nothing to the session, if it has some
-    connect: Callable[[Dash, Sessions], None] | None = None
-    needs_model: bool = True  # whether there is nothing to see before a model is fitted

@@ -1,37 +1,21 @@
 """Immutable state of a session: each change makes a new state, and a page is drawn from one state."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Self
 
-import numpy as np
-
-from estimators.checks.homogeneity import Disagreement
-from estimators.data.fit_data import FitData
-from estimators.data.regions import find_failures
-from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.result import Addition, Diagnosis
-from estimators.findings import Finding
-from estimators.schemes.identifiability import find_undetermined
-from estimators.schemes.result import Identification
+from estimators import Addition, Diagnosis, FitData, Identification
 from estimators.selection.errors import Step
-from estimators.signals.measurements import measure_segments
-from estimators.signals.residual import Region
 from pendulum_env.arms.joints import arm_base, arrange_terms, find_links
-from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.errors import UserError
 from pendulum_env.physics import BASE, Mechanism, Model, Term
 from pendulum_env.physics.mechanism import PENDULUM
-from pendulum_env.recording import Recording, RecordingError, Source
+from pendulum_env.recording import Recording, Source
 from workbench.app.choices import NO_CHOICES, SearchChoices
+from workbench.app.findings import Findings, find_doubts, find_model_failures
 from workbench.app.fits import BaseFit, fit_base
 from workbench.app.recordings import LoadedRecording, read_one
-from workbench.app.uploads import clean_name
-from workbench.errors import InputError
-from workbench.processes import Task
+from workbench.errors import USER_ERRORS, InputError
 from workbench.report.data import ReportData
 from workbench.robot import RobotFile, find_straying
 
@@ -73,32 +57,28 @@ class State:
     @cached_property
     def body(self) -> Mechanism:
         """Return the joints of the recordings; those of an arm that do not move are where the recordings have them."""
-        return self.robot.hold_joints(self._arms) if self.robot is not None else PENDULUM
+        return self.robot.hold_joints([one.recording for one in self.loaded]) if self.robot is not None else PENDULUM
 
     @property
     def base_terms(self) -> tuple[Term, ...]:
         """Return the terms of the base model."""
         return arrange_terms(self.terms, self.body) if self.terms else arm_base(self.body)
 
-    @property
-    def _arms(self) -> list[ArmRecording]:
-        return [one.recording for one in self.loaded if isinstance(one.recording, ArmRecording)]
-
     @cached_property
     def questions(self) -> list[str]:
         """List doubts about the recordings of an arm, one sentence each."""
-        return find_straying(find_links(self.base_terms), self._arms)
+        return find_straying(find_links(self.base_terms), [one.recording for one in self.loaded])
 
-    def restart(self, **choices: Any) -> State:
+    def restart(self, **choices: Any) -> Self:
         """Return other choices, from which the ladder begins anew."""
         return replace(self, **choices, fit=None, failure="", ladder=(), schemes=None, diagnosis=None, started=())
 
-    def make_fit_task(self) -> Task:
+    def make_fit_task(self) -> partial[BaseFit]:
         """Make the task to fit the base model, for a worker."""
         train, holdout = (tuple(one.recording for one in self.loaded if one.held_out is own) for own in (False, True))
         return partial(fit_base, train, holdout, self.base_terms, self.is_aligned, self.asked.limits)
 
-    def with_fit(self, fit: BaseFit) -> State:
+    def with_fit(self, fit: BaseFit) -> Self:
         """Return the state with the fit of its base model."""
         return replace(self, fit=fit, ladder=(fit.step,), schemes=fit.schemes)
 
@@ -107,27 +87,22 @@ class State:
         """Return whether the base model has to be fitted."""
         return self.trouble == FITTING
 
-    def add_recordings(self, loaded: Sequence[LoadedRecording]) -> State:
-        """Return the state with more recordings; raises InputError if they are not of its arm."""
-        if self.robot is not None and not all(isinstance(one.recording, ArmRecording) for one in loaded):
-            raise InputError("this session is of an arm: open another tab for others")
+    def add_recordings(self, loaded: Sequence[LoadedRecording]) -> Self:
+        """Return the state with more recordings, as `read` reads them."""
         return self.restart(loaded=(*self.loaded, *loaded))
 
-    def swap_recording(self, old: LoadedRecording, *new: LoadedRecording) -> State:
+    def swap_recording(self, old: LoadedRecording, *new: LoadedRecording) -> Self:
         """Return the state with one recording for another, or for none."""
         return self.restart(loaded=tuple(own for one in self.loaded for own in (new if one is old else (one,))))
 
-    def set_robot(self, robot: RobotFile) -> State:
+    def set_robot(self, robot: RobotFile) -> Self:
         """Return the loaded recordings of a robot; raises BodyError or InputError for others."""
+        robot.body()  # what is wrong with its file comes first
         try:
             robot = robot.keep_logged_joints([one.source for one in self.loaded])
-        except RecordingError as error:
-            raise InputError(f"what is loaded is not of this robot: {error}") from None
-        robot.body()
-        state = State(robot=robot)
-        try:
+            state = type(self)(robot=robot)
             return state.restart(loaded=tuple(replace(one, recording=state.read(one.source)) for one in self.loaded))
-        except UserError as error:
+        except USER_ERRORS as error:
             raise InputError(f"what is loaded is not of this robot: {error}") from None
 
     def find(self, id: str) -> LoadedRecording:
@@ -135,7 +110,7 @@ class State:
         for one in self.loaded:
             if one.id == id:
                 return one
-        raise InputError(f"{clean_name(id)}: is not loaded any more")
+        raise InputError(f"{id[:80]}: is not loaded any more")
 
     @property
     def trouble(self) -> str:
@@ -196,30 +171,23 @@ class State:
         """Return the effects that the diagnosis calls for beyond the ladder."""
         return tuple(effect for effect in self.called if effect not in self.added)
 
-    def add_diagnosis(self, found: Diagnosis) -> State:
+    def add_diagnosis(self, found: Diagnosis) -> Self:
         """Return the state with a diagnosis that started from its ladder."""
         return replace(self, diagnosis=found, started=self.ladder)
 
-    def add_step(self, addition: Addition, schemes: Identification | None = None) -> State:
+    def add_step(self, addition: Addition, schemes: Identification | None = None) -> Self:
         """Return the state with one more step; the effect's own refit of the model before it replaces the last step."""
         last = replace(addition.before, added=self.ladder[-1].added)
         ladder = (*self.ladder[:-1], last, addition.after)
         return replace(self, ladder=ladder, schemes=schemes if self.body.can_simulate else self.schemes)
 
     @cached_property
-    def doubts(self) -> tuple[Finding, ...]:
+    def doubts(self) -> Findings:
         """Return findings on parameters that the fitted recordings do not determine."""
         if not self.body.can_simulate:
             return ()
         fitted = [r for r, one in zip(self.recordings, self.loaded, strict=True) if not one.held_out]
-        measured = [segment for recording in fitted for segment in measure_segments(recording)]
-        return find_undetermined(measured, BASE if self.trouble else self.model.terms) if measured else ()
-
-    @property
-    def disagreements(self) -> tuple[Disagreement, ...]:
-        """Return the recordings that show another plant than the others."""
-        found = self.diagnosis or self.fit
-        return found.disagreements if found is not None else ()
+        return find_doubts(fitted, BASE if self.trouble else self.model.terms)
 
     @cached_property
     def result(self) -> Diagnosis:
@@ -237,14 +205,10 @@ class State:
             data = replace(data, terms=self.model.terms)
         if found is not None and self.added == self.called:
             return replace(found, steps=self.ladder)
-        left = self._find_failures(data.parts[0])
+        left = find_model_failures(data.parts[0], self.model)
         if found is not None:
             return replace(found, steps=self.ladder, unexplained=left)
         return Diagnosis(self.ladder, (), (), left, data.parts[0].floors, self.doubts, data=data)
-
-    def _find_failures(self, data: RegressionData) -> tuple[Region, ...]:
-        residual = data.with_link_states(self.model).residual(self.model.terms, self.model.theta)
-        return tuple(region for at in data.floors for region in find_failures(data, residual, at))
 
     @cached_property
     def standing(self) -> ReportData:
@@ -254,7 +218,7 @@ class State:
     @property
     def seconds(self) -> float:
         """Return the length of all recordings [s]."""
-        return float(np.sum([one.recording.duration for one in self.loaded]))
+        return sum(one.recording.duration for one in self.loaded)
 
 
 def list_added(steps: Sequence[Step]) -> tuple[str, ...]:

@@ -63,8 +63,8 @@ def drop(session, *files: Path) -> None:
 
 def reloaded(state, folder: Path):
     """Another session, into which a study, a model and recordings are loaded as another session exports them."""
+    from workbench.app.downloads import make_file
     from workbench.app.session import Session
-    from workbench.app.stages.export import make_file
 
     made = dict(make_file(state, what) for what in ("study", "model"))
     read = [one.source.file for one in state.loaded] + ([] if state.robot is None else [state.robot.file])
@@ -81,7 +81,7 @@ def fitted(state):
 
 def comes_to_the_same(state) -> None:
     """Whether the commands of the stage Export make the state's model, in the working directory with its files."""
-    from workbench.app.stages.export import write_commands
+    from workbench.app.equivalent import write_commands
 
     Path("model.json").unlink(missing_ok=True)
     assert [main(shlex.split(line)[1:]) for line in write_commands(state).splitlines()].count(2) == 0

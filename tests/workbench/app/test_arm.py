@@ -16,10 +16,11 @@ from tests.two_link import recorded
 from tests.workbench.app.plants import drop, reloaded, upload
 from workbench.app.card import ColumnChoice
 from workbench.app.choices import SearchChoices
-from workbench.app.page.layout import describe_state
+from workbench.app.downloads import make_file, write_study_text
+from workbench.app.equivalent import write_commands
+from workbench.app.page.story import describe_state
 from workbench.app.parts import list_choices
-from workbench.app.stages import STAGES, data, export
-from workbench.app.stages.export import make_file, write_study_text
+from workbench.app.stages import STAGES, data
 from workbench.cli import main
 from workbench.robot import RobotFile
 
@@ -58,7 +59,7 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     theta = json.loads((tmp_path / "model.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(OFFSET, rel=0.05)
     monkeypatch.chdir(tmp_path)
-    lines = [line.split()[1:] for line in export.write_commands(state).splitlines()]
+    lines = [line.split()[1:] for line in write_commands(state).splitlines()]
     Path("model.json").unlink()
     assert [main(line) for line in lines] == [0] * len(lines)
     assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
@@ -128,6 +129,6 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     session.act(lambda: session.take_robot(RobotFile(file, rotors=True, weightless=True)))
     drop(session, run)
     session.act(lambda: diagnose.start(session, SearchChoices("torque_offset,spring@elbow", "torque_offset@shoulder")))
-    first, second = export.write_commands(session.state).splitlines()
+    first, second = write_commands(session.state).splitlines()
     assert first.endswith("--rotors --no-gravity --scheme filtered_dynamic -o model.json")
     assert "--only=torque_offset,spring@elbow --without=torque_offset@shoulder" in second

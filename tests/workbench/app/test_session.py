@@ -36,11 +36,13 @@ from tests.workbench.app.plants import (
 )
 from workbench.app.card import ColumnCard, ColumnChoice, describe_unit
 from workbench.app.choices import NO_CHOICES, SearchChoices
+from workbench.app.downloads import make_file, write_study_text
+from workbench.app.equivalent import write_commands
 from workbench.app.page.server import make_app
-from workbench.app.session import Session, Sessions
+from workbench.app.session import Session
+from workbench.app.sessions import Sessions
 from workbench.app.stages import add as add_stage
 from workbench.app.stages import compare, data, diagnose, export
-from workbench.app.stages.export import write_commands, write_study_text
 from workbench.app.state import FITTING, State
 from workbench.app.uploads import clean_name, unpack
 from workbench.cli import main
@@ -378,11 +380,11 @@ def test_every_effect_has_a_picture_beside_the_residual(session, worked):
 
 def test_an_experiment_that_is_suggested_is_saved(session, tmp_path):
     with pytest.raises(InputError, match="the diagnosis suggests no experiment"):
-        export.make_file(session.state, "experiment")
+        make_file(session.state, "experiment")
     wagging, found = wagged("a spring at small angles")
     session.act(lambda: session.load([written(wagging, tmp_path)]))
     session.state = session.state.add_diagnosis(found)
-    rows = np.loadtxt(io.BytesIO(export.make_file(session.state, "experiment")[1]), delimiter=",", skiprows=1)
+    rows = np.loadtxt(io.BytesIO(make_file(session.state, "experiment")[1]), delimiter=",", skiprows=1)
     assert rows.shape[1] == 2 and np.abs(rows[:, 1]).max() > 1.0
 
 

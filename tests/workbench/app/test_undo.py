@@ -12,7 +12,7 @@ def test_every_change_is_taken_back_in_turn(tmp_path):
     sources = [written(recorded(name, seed, 4.0), tmp_path) for name, seed in (("swing", 1), ("check", 2))]
     known: list[tuple[State, str]] = []
     for do, what in (
-        (lambda: session.load(sources), "load swing and check"),
+        (lambda: session.load(sources), "load swing, check"),
         (lambda: session.hold_out("check.csv", True), "fit or check"),
         (lambda: choose_search(session, SearchChoices(fix="gravity=2")), "choose what is looked for"),
         (lambda: session.remove("check.csv"), "remove check"),

@@ -6,7 +6,6 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Thread
-from typing import Any
 from urllib.parse import urlsplit
 
 import flask
@@ -17,7 +16,7 @@ from werkzeug.serving import WSGIRequestHandler, make_server
 from pendulum_env.recording import Source
 from workbench.app import uploads
 from workbench.app.page import layout
-from workbench.app.session import Sessions
+from workbench.app.sessions import Sessions
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.report.page import pack_plotly
 from workbench.robot import RobotFile
@@ -61,9 +60,8 @@ def _report_error(error: Exception) -> None:
         text = format_mistake(error)
     else:
         last = traceback.extract_tb(error.__traceback__)[-1]
-        log.error(
-            "an answer to the page failed: %s, in %s, line %d", _describe_error(error), last.filename, last.lineno
-        )
+        place = f"{last.filename}, line {last.lineno}"
+        log.error("an answer to the page failed: %s, in %s", _describe_error(error), place)
         text = "something went wrong, which the terminal tells: load the page again"
     set_props("notice", {"children": text})
 
@@ -110,14 +108,14 @@ class _SilentHandler(WSGIRequestHandler):
 class Server:
     """The app behind a port of this computer: `serve`, then `close`."""
 
-    def __init__(self, port: int = 0, **shown: Any) -> None:
-        """Bind the port, 0 being any that is free; the rest is as for `make_app`; raises InputError if it is taken."""
+    def __init__(self, port: int = 0, recordings: Sequence[Source] = (), robot: RobotFile | None = None) -> None:
+        """Bind the port, 0 being any that is free; raises InputError if it is taken."""
         try:
             listening = socket.create_server((HOST, port))
         except OSError:
             raise InputError(f"port {port} is taken: name another with --port, or 0 for any that is free") from None
         with listening:
-            app, self.sessions = make_app(**shown)
+            app, self.sessions = make_app(recordings, robot)
             number = listening.getsockname()[1]
             self._server = make_server(
                 HOST, number, app.server, threaded=True, request_handler=_SilentHandler, fd=listening.fileno()

@@ -1,6 +1,6 @@
 """Stages in the order of the work; a new one joins by its module and a line here."""
 
-from workbench.app.session import Stage
+from workbench.app.sessions import Stage
 from workbench.app.stages import add, compare, data, diagnose, export, model
 
 STAGES: tuple[Stage, ...] = (

@@ -7,11 +7,10 @@ from typing import Any
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators.diagnosis.result import Addition
-from estimators.schemes.result import Identification
+from estimators import Addition, Identification
 from pendulum_env.arms.joints import find_kind
-from pendulum_env.formatting import capitalise
 from workbench.app.fits import fit_effect
+from workbench.app.panels import show_calls
 from workbench.app.parts import (
     label_control,
     list_choices,
@@ -20,7 +19,8 @@ from workbench.app.parts import (
     name_field,
     show_section,
 )
-from workbench.app.session import Session, Stage
+from workbench.app.session import Session
+from workbench.app.sessions import Stage
 from workbench.app.state import State as Work
 from workbench.errors import InputError
 from workbench.narrator.addition import describe_table
@@ -41,28 +41,6 @@ def show(session: Session) -> list[Component]:
     shape = describe_table(state.ladder[-1])
     fall = make_panel(section.title, *([html.P(shape)] if shape else []), *show_section(section))
     return [offer, fall] if state.found or not state.added else [fall, offer]
-
-
-def show_calls(state: Work, busy: bool) -> Component:
-    """Render the effects that the diagnosis selected, or the next step if all are added."""
-    if state.diagnosis is None:
-        link = html.A("diagnose", href="#diagnose")
-        return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
-    offers = [(f"Add {name_effect(effect)}", effect) for effect in state.found]
-    table = next(iter(state.result.tables), None)  # a function that no effect is and that would explain what is left
-    if not offers and table is not None and table not in state.model.effects:
-        offers = [(f"Keep {name_effect(table)} as a table", table)]
-    presses = [make_button(label, "add", id, primary=k == 0, disabled=busy) for k, (label, id) in enumerate(offers)]
-    why = html.P("The diagnosis calls for it:" if state.found else describe_rest(state))
-    return html.Div([why, html.Div(presses, className="row")])
-
-
-def describe_rest(state: Work) -> str:
-    """Render the next step after all selected effects are added."""
-    rest = "no effect of the library explains the rest of the residual" if state.result.unexplained else ""
-    if not state.called:
-        return f"{capitalise(rest) or 'The diagnosis calls for no effect'}."
-    return f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
 
 
 def show_choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:

@@ -7,7 +7,8 @@ from dash import html
 from dash.development.base_component import Component
 
 from workbench.app.parts import list_choices, make_panel, show_section
-from workbench.app.session import Session, Stage
+from workbench.app.session import Session
+from workbench.app.sessions import Stage
 from workbench.app.state import State
 from workbench.narrator.effects import find_description
 from workbench.report.arm import make_strips

@@ -6,14 +6,13 @@ from functools import partial
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.run import diagnose
+from estimators import Diagnosis, diagnose
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.fits import fit_and_diagnose
+from workbench.app.panels import show_calls, show_timing
 from workbench.app.parts import KEPT, label_control, list_choices, make_button, make_panel, name_field, show_section
-from workbench.app.session import Session, Stage
-from workbench.app.stages.add import show_calls
-from workbench.app.stages.data import show_timing
+from workbench.app.session import Session
+from workbench.app.sessions import Stage
 from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import describe_result
 from workbench.options import parse_effects

@@ -5,7 +5,8 @@ from dash.development.base_component import Component
 
 from pendulum_env.formatting import capitalise
 from workbench.app.parts import make_panel, show_section
-from workbench.app.session import Session, Stage
+from workbench.app.session import Session
+from workbench.app.sessions import Stage
 from workbench.app.state import State as Work
 from workbench.narrator.effects import name_effect
 from workbench.narrator.identification import TRUST, tabulate_schemes

@@ -1,0 +1,111 @@
+"""The card of a file on the page, which asks what its columns mean."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from dash import dcc, html
+from dash.development.base_component import Component
+
+from workbench.app.card import ColumnCard, describe_unit, get_quantity, list_units
+from workbench.app.parts import UNWRAP, label_control, make_aria, make_button, make_graph, make_panel, make_table
+from workbench.app.plots import plot_column
+
+ASKED = "Time and position are needed, and torque if anything drives the joint; velocity and reference are of use."
+FREE = "Nothing drives the joint: torque is zero"
+ASKED_OF_ARM = (
+    "Time, and position and torque of each joint are needed: on the side of the joint, with the torque that holds the "
+    "links up. What was logged of a motor before its gear has the ratio in the last column, a current its gain."
+)
+HINTS = {  # of what is done with a column
+    "time": "*0.001",
+    "position": "/6 or *-1 or +90",
+    "velocity": "/6 or *-1",
+    "torque": "*0.091, *? or *-1",
+    "reference": "/6 or *-1 or +90",
+}
+CALLED = {"A": "A: current", "V": "V: voltage", "duty": "duty: share of the supply"}
+
+
+def show(card: ColumnCard) -> Component:
+    """Render the content of the file, and the choices of its columns."""
+    ends = [
+        label_control(label, dcc.Input(value, type="number", id=_make_id(end), min=0, placeholder=empty, debounce=True))
+        for label, end, value, empty in (
+            ("Use it from [s]", "from", card.ends[0], "first row"),
+            ("to [s]", "to", card.ends[1], "last row"),
+        )
+    ]
+    return make_panel(
+        f"What the columns of {card.source.file.name} mean",
+        *([html.P(f"{card.why}.", className="why", role="alert")] if card.why else []),
+        html.P(
+            f"{ASKED_OF_ARM if card.joints else ASKED} What is written in the last "
+            "column is done to a column one after the other, as by --columns: a gain, a ratio, an offset. For the "
+            "current, voltage or duty cycle of a motor that is its torque constant"
+            f"{'' if card.joints else ', or *? to find it from known loads'}.",
+            className="note",
+        ),
+        make_table(
+            dict.fromkeys(("Column", "First rows", "All rows", "It is", "In", "Gain, ratio, offset"), False),
+            [_make_row(card, k) for k in range(len(card.choices))],
+            "Columns",
+        ),
+        html.Div(ends, className="fields"),
+        dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], ["unwrap"] * card.source.unwrap, id=_make_id("unwrap")),
+        *(
+            []
+            if card.joints
+            else [dcc.Checklist([{"label": FREE, "value": "free"}], ["free"] * card.is_free, id=_make_id("free"))]
+        ),
+        html.Div(
+            [
+                make_button("Read it again" if card.known else "Load it", "card-load", primary=True),
+                make_button("Leave it as it is" if card.known else "Leave it out", "card-close"),
+            ],
+            className="row",
+        ),
+        className="card",
+    )
+
+
+def _make_id(what: str, k: int = 0) -> dict[str, Any]:
+    """Make a control of the card; all by pattern, since they come and go."""
+    return {"field": what, "of": k}
+
+
+def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
+    """Make the row of a column: its content, and the choice of its meaning."""
+    header, choice, values = card.preview.headers[k], card.choices[k], card.preview.values[k]
+    first, plot = "no numbers", None
+    if values is not None:
+        first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"  # that are shown
+        plot = make_graph(plot_column(k, header, values, card.seconds), bar=False)
+    roles = {"": "unused"} | {role: role for role in card.roles}
+    unsaid = replace(choice, unit="").write_expression(header)
+    unit = (describe_unit(choice.role, unsaid, card.preview.headers) if choice.role else "") or "–"
+    known = {"": unit} | {one: CALLED.get(one, one) for one in [*list_units(choice.role), choice.unit] if one}
+    more: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": values is None}
+    then = dcc.Input(
+        choice.then,
+        type="text",
+        id=_make_id("then", k),
+        placeholder=HINTS.get(get_quantity(choice.role), ""),
+        disabled=values is None or not choice.role,
+        persistence=card.source.file.name,  # what is typed stays while this card is drawn anew
+        persistence_type="memory",
+    )
+    return (
+        html.Strong(header),
+        first,
+        plot,
+        html.Div(
+            dcc.Dropdown(roles, choice.role, id=_make_id("role", k), **more), **make_aria(label=f"Role of {header}")
+        ),
+        html.Div(
+            dcc.Dropdown(known, choice.unit, id=_make_id("unit", k), **more), **make_aria(label=f"Unit of {header}")
+        ),
+        then,
+    )
