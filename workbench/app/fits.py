@@ -22,7 +22,6 @@ from estimators.free_swings import make_swing_terms, restore_known
 from estimators.progress import Progress
 from estimators.schemes.result import SAVED
 from estimators.selection.errors import Step
-from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import PER_INERTIA, Recording
 from workbench.errors import InputError
@@ -45,7 +44,7 @@ class BaseFit:
     slow: tuple[Finding, ...] = ()  # on torque that acts late
 
 
-def fit_base(
+def fit_pendulum(
     recordings: tuple[Recording, ...],
     holdout: tuple[Recording, ...],
     terms: tuple[Term, ...],
@@ -53,35 +52,11 @@ def fit_base(
     limits: dict[str, Any],
     _: Progress,
 ) -> BaseFit:
-    """Fit the base model.
+    """Fit the base model of a pendulum.
 
     Raises InputError if no known load determines a gain, and IdentificationError if there is too little motion.
     """
-    if not find_body(terms).can_simulate:
-        return _fit_arm(recordings, holdout, terms)
-    return _fit_pendulum(recordings, holdout, apply_limits(terms, {}, **limits)[0], is_aligned)
-
-
-def fit_and_diagnose(
-    fit: Task, effects: dict[str, Any], limits: dict[str, Any], progress: Progress
-) -> tuple[BaseFit, Diagnosis]:
-    """Fit the base model, and search for the effects that it lacks."""
-    base: BaseFit = fit(progress)
-    data = base.data
-    return base, diagnose(data.recordings, data.holdout, base.step.model.terms, progress, **effects, **limits)
-
-
-def _fit_arm(recordings: tuple[Recording, ...], holdout: tuple[Recording, ...], terms: tuple[Term, ...]) -> BaseFit:
-    found = identify(split_arm(recordings, holdout)[0], terms, SCHEMES_OF_ARM)
-    model = found[SAVED].model
-    data = FitData.of(recordings, holdout, model.terms)
-    errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
-    return BaseFit(data, Step(None, model, errors), found)
-
-
-def _fit_pendulum(
-    recordings: tuple[Recording, ...], holdout: tuple[Recording, ...], terms: tuple[Term, ...], is_aligned: bool
-) -> BaseFit:
+    terms = apply_limits(terms, {}, **limits)[0]
     given = FitData.of(recordings, holdout, terms)
     if given.doubt is not None and given.unit != PER_INERTIA:
         raise InputError(f"{describe(given.doubt)} Or give the gain itself.")
@@ -97,6 +72,29 @@ def _fit_pendulum(
         find_disagreements(fit_each_recording(parts, model.terms), only_if_all_fit=True),
         *(timed.find_timing(is_late) for is_late in (True, False)),
     )
+
+
+def fit_arm(
+    recordings: tuple[Recording, ...],
+    holdout: tuple[Recording, ...],
+    terms: tuple[Term, ...],
+    *_: Any,
+) -> BaseFit:
+    """Fit the base model of an arm; raises IdentificationError if there is too little motion."""
+    found = identify(split_arm(recordings, holdout)[0], terms, SCHEMES_OF_ARM)
+    model = found[SAVED].model
+    data = FitData.of(recordings, holdout, model.terms)
+    errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
+    return BaseFit(data, Step(None, model, errors), found)
+
+
+def fit_and_diagnose(
+    fit: Task, effects: dict[str, Any], limits: dict[str, Any], progress: Progress
+) -> tuple[BaseFit, Diagnosis]:
+    """Fit the base model, and search for the effects that it lacks."""
+    base: BaseFit = fit(progress)
+    data = base.data
+    return base, diagnose(data.recordings, data.holdout, base.step.model.terms, progress, **effects, **limits)
 
 
 def fit_effect(

@@ -13,7 +13,7 @@ from pendulum_env.physics.mechanism import PENDULUM
 from pendulum_env.recording import Recording, Source
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.findings import Findings, find_doubts, find_model_failures
-from workbench.app.fits import BaseFit, fit_base
+from workbench.app.fits import BaseFit, fit_arm, fit_pendulum
 from workbench.app.recordings import LoadedRecording, read_one
 from workbench.errors import USER_ERRORS, InputError
 from workbench.report.data import ReportData
@@ -76,7 +76,8 @@ class State:
     def make_fit_task(self) -> partial[BaseFit]:
         """Make the task to fit the base model, for a worker."""
         train, holdout = (tuple(one.recording for one in self.loaded if one.held_out is own) for own in (False, True))
-        return partial(fit_base, train, holdout, self.base_terms, self.is_aligned, self.asked.limits)
+        fit = fit_pendulum if self.body.can_simulate else fit_arm
+        return partial(fit, train, holdout, self.base_terms, self.is_aligned, self.asked.limits)
 
     def with_fit(self, fit: BaseFit) -> Self:
         """Return the state with the fit of its base model."""
