@@ -226,14 +226,21 @@ def _refuse_missing(
 
 
 def _suggest_columns(quantity: str, headers: Sequence[str], free: Sequence[str]) -> list[str]:
-    """Suggest the first columns of unknown names with a unit of the quantity, or that hold it up to a gain."""
-    counters = [own for own in headers if quantity == "time" and normalise_name(own) in COUNTERS]
+    """Suggest the first column of an unknown name with a unit of the quantity, or that holds it up to a gain."""
+
+    def write(own: str, text: str) -> str:
+        return f"{quote_value(own.strip(), QUOTED)} {text}"
+
+    counters = [own.strip() for own in headers if quantity == "time" and normalise_name(own) in COUNTERS]
     with_unit = [own for own in free if _find_trailing_unit(UNITS[quantity], own)]
     raw = [own for own in headers if _is_raw(quantity, own)]
-    hints = [f"if {own!r} counts samples, {format_setting('columns', {'time': f'{own}/RATE'})}" for own in counters]
-    hints += [f"{own!r} has its unit: {format_setting('columns', {quantity: own})}" for own in with_unit]
-    if not hints:
-        hints = [f"{own!r} needs a gain, as in {_write_gain_example(quantity, own)}" for own in raw]
+    raw.sort(key=_find_header_raw_unit if quantity == "torque" else None)  # currents first
+    hints = [
+        write(own, f"may count samples: {format_setting('columns', {'time': f'{own}/RATE'})} with their rate [Hz]")
+        for own in counters
+    ]
+    hints += [write(own, f"has its unit: {format_setting('columns', {quantity: own.strip()})}") for own in with_unit]
+    hints += [write(own, f"needs a gain, as in {_write_gain_example(quantity, own.strip())}") for own in raw]
     return hints[:1]
 
 
