@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from estimators.data.regression_data import RegressionData
     from estimators.data.split import split_recordings
     from estimators.diagnosis.addition import add
-    from estimators.diagnosis.fit import fit
     from estimators.diagnosis.result import Addition, Diagnosis, Verdict
     from estimators.diagnosis.run import diagnose
+    from estimators.diagnosis.torque_search import fit
     from estimators.prediction import Prediction
     from estimators.regression.equations import IdentificationError
     from estimators.results import Comparison

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -21,9 +21,7 @@ from estimators.data.split import Parts, split_arm, split_recordings, with_conta
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import find_known_values
 from estimators.in_loop.simulation import LoopMotion, simulate_in_loop
-from pendulum_env.arms.body import Body, LinkLoad
 from pendulum_env.arms.joints import find_body
-from pendulum_env.arms.recording import add_payload
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording, TorqueConstant
 
@@ -88,7 +86,7 @@ class FitData:
             IdentificationError: if units differ, also from that of the constant; if there is too little motion; or if
                 torque is applied in held-out recordings only and no parameter is known.
         """
-        if isinstance(find_body(terms), Body):
+        if not find_body(terms).can_simulate:
             return cls(tuple(recordings), tuple(holdout), terms=tuple(terms))
         known = find_known_values([term for term in terms if isinstance(term, Term)]) if known is None else known
         data = cls(*calibrate(recordings, holdout, constant, known))
@@ -138,21 +136,12 @@ class FitData:
             whole=self,
         )
 
-    def with_payload(self, load: LinkLoad, carrying: Collection[int], treatment: Finding) -> Self:
-        """Return the data with a payload that some recordings carry, held-out ones numbered behind the fitted ones."""
-
-        def loaded(recordings: Sequence[Recording], first: int) -> tuple[Recording, ...]:
-            numbered = enumerate(recordings, first)
-            return tuple(add_payload(own, load) if k in carrying else own for k, own in numbered)
-
-        def parts(data: FitData) -> dict[str, Any]:
-            return {
-                "recordings": loaded(data.recordings, 0),
-                "holdout": loaded(data.holdout, len(data.recordings)),
-            }
-
-        untimed = None if self.untimed is None else replace(self.untimed, **parts(self.untimed))
-        return self.with_treatment(treatment, **parts(self), untimed=untimed)
+    def with_changes(self, change: Callable[[Recording], Recording], numbers: Collection[int]) -> Self:
+        """Return the data after a change of some recordings, held-out ones numbered behind the fitted ones."""
+        every = tuple(change(own) if k in numbers else own for k, own in enumerate((*self.recordings, *self.holdout)))
+        untimed = None if self.untimed is None else self.untimed.with_changes(change, numbers)
+        count = len(self.recordings)
+        return replace(self, recordings=every[:count], holdout=every[count:], untimed=untimed)
 
     def with_contacts(self, terms: Sequence[Term]) -> Self:
         """Return the data with windows in contact with a stop, by the residual of some terms; the same if few."""

@@ -1,24 +1,46 @@
-"""Fits of given terms, and of one effect beside them, as a diagnosis makes them."""
+"""Fit of a model with one more effect, as a diagnosis makes it."""
 
-from collections.abc import Sequence
+from dataclasses import replace
 
-from estimators.data.regression_data import RegressionData
+import numpy as np
+
+from estimators.data.fit_data import FitData
+from estimators.diagnosis.case import Case, Trial
+from estimators.diagnosis.result import Addition
+from estimators.diagnosis.setting import Setting
+from estimators.findings import Finding, Kind
 from estimators.regression.equations import IdentificationError
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_parameters
-from estimators.selection.errors import Step
+from estimators.selection.errors import Step, explain_rejection
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.motion import refit_by_likelihood
+from estimators.selection.physical import make_confirmation_gates
 from estimators.selection.search import SearchResult
-from pendulum_env.physics import BASE, Term
+from pendulum_env.physics import Model, Term
+from pendulum_env.physics.terms import is_hidden
+from pendulum_env.recording.study import collect_log_format
 
 
-def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = BASE) -> Step:
-    """Fit terms to the result of `split_recordings`, as `diagnose` and `add` do: the model and its errors on both."""
-    is_free = all(recording.known_inertia for recording in train.recordings)  # the terms have what is known
-    evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)
-    return refit_by_likelihood(
-        SearchResult(evaluator, [evaluator.fit_with_std(None, refit_nonlinear(evaluator, tuple(terms)))])
-    ).steps[-1]
+def fit_addition(case: Case, data: FitData, setting: Setting, model: Model, kind: type[Term]) -> Addition:
+    """Refit a model without and with one more effect.
+
+    Raises:
+        IdentificationError: if the motion does not show the effect.
+    """
+    data = case.reveal(data, tuple(setting.base), kind)
+    evaluator = case.evaluator(data, setting)
+    before, longer = _fit_effect(evaluator, kind)
+    setting.progress("refitting", 0.9)
+    (refitted,) = case.refit(SearchResult(evaluator, [before]), replace(model, terms=tuple(setting.base))).steps
+    more = longer.model.terms[-1]
+    start = Model.build((*refitted.model.terms, more), np.append(refitted.model.theta, np.zeros(len(more.columns))))
+    found = case.refit(SearchResult(evaluator, [before, longer]), start)
+    after, is_gain = found.steps[-1], evaluator.is_significant(longer.model.terms, before.model.terms)
+    objection = explain_rejection(make_confirmation_gates(after, refitted, evaluator.train.motions))
+    if objection is None and not is_gain and not (is_hidden(more) and evaluator.train.segments):
+        objection = Finding(Kind.BY_CHANCE)  # the motion shows hidden states
+    trial, log_format = Trial(case, data, setting, found), collect_log_format(data.recordings)
+    refitted, after = (case.present(trial, step).with_log_format(log_format) for step in (refitted, after))
+    return Addition(refitted, after, evaluator.residuals.floors, objection, data.doubt)
 
 
 def release_significant(evaluator: ModelEvaluator, terms: tuple[Term, ...]) -> tuple[Term, ...]:
@@ -29,7 +51,7 @@ def release_significant(evaluator: ModelEvaluator, terms: tuple[Term, ...]) -> t
     return terms
 
 
-def fit_effect(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step]:
+def _fit_effect(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step]:
     """Fit the base model, and the same with the best variant of an effect.
 
     Raises:

@@ -1,18 +1,30 @@
-"""Search for effects of a pendulum by torque, and refit of its result by the likelihood of the motion."""
+"""Fits and search of a pendulum by torque, refitted by the likelihood of the motion."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 from estimators.data.fits import fit_within_laws
+from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.unexplained import find_contradiction
 from estimators.findings import Finding
 from estimators.schemes.identifiability import find_undetermined, find_unidentifiable
 from estimators.selection.candidates import refit_nonlinear
+from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood, refit_if_misfit
 from estimators.selection.search import SearchResult, search
 from estimators.signals.measurements import measure_segments
+from pendulum_env.physics import BASE, Term
+
+
+def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = BASE) -> Step:
+    """Fit terms to the result of `split_recordings`, as `diagnose` and `add` do: the model and its errors on both."""
+    is_free = all(recording.known_inertia for recording in train.recordings)  # the terms have what is known
+    evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)
+    return refit_by_likelihood(
+        SearchResult(evaluator, [evaluator.fit_with_std(None, refit_nonlinear(evaluator, tuple(terms)))])
+    ).steps[-1]
 
 
 def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:

@@ -1,5 +1,7 @@
 """Candidate treatments of the recordings: each gives new data, and one rule decides which are kept."""
 
+from functools import partial
+
 from estimators.arms.payload import Payload, find_carried
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Case, Trial
@@ -10,6 +12,7 @@ from estimators.selection.evaluator import compute_held_out_cost
 from estimators.selection.motion import is_misfit
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_links
+from pendulum_env.arms.recording import add_payload
 from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.recording.channel import NEWTON_METRE
 
@@ -103,7 +106,7 @@ def include_payload(trial: Trial) -> FitData | None:
     for payload, numbers in find_carried(parts, trial.found.terms):
         names = tuple((*data.recordings, *data.holdout)[k].name for k in numbers)
         finding = payload_finding(payload, find_links(trial.setting.base), names)
-        data = data.with_payload(payload.load, numbers, finding)
+        data = data.with_changes(partial(add_payload, load=payload.load), numbers).with_treatment(finding)
     return None if data is trial.data else data
 
 
