@@ -13,7 +13,6 @@ from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding
 from estimators.prediction import Prediction, predict_recordings
 from estimators.results import make_floors_json, make_result_json
-from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Step, Terms, get_single
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.score import Gain
@@ -319,17 +318,10 @@ class Addition:
     doubt: Finding | None = None
 
     @property
-    def is_in_loop(self) -> bool:
-        """Return whether errors are those of simulated motion with the controller in the loop."""
-        return self.before.errors["holdout"].is_in_loop
-
-    @property
     def left(self) -> float:
         """Held-out error that is left, in noise floors."""
         error = self.after.errors["holdout"]
-        if self.is_in_loop:  # where what is left counts as noise up to some times the encoder's
-            return error.at("") / (Criterion().misfit * get_single(self.floors))
-        return max(error.joints[at] / max(floor, 1e-300) for at, floor in self.floors.items())
+        return max(error.at(at) / max(floor, 1e-300) for at, floor in self.floors.items())
 
     @property
     def model(self) -> Model:

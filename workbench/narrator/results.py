@@ -10,6 +10,7 @@ import numpy as np
 from estimators.checks.homogeneity import Disagreement
 from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, HorizonRefit, Verdict
 from estimators.results import Comparison
+from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Errors, Step
 from estimators.signals.residual import SYMBOLS, Profile
 from estimators.simulation.free_running import HORIZON
@@ -44,7 +45,6 @@ LEGEND = (
     "noise floor: torque error caused by sensor noise alone; fit: 100 % less the error relative to the deviation of "
     "the measurement from its mean; held out: not fitted"
 )
-FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
 CLEAR = "clear of stick and reversals"
 FOLLOWED = 80.0  # [%] of the motion in free runs, below which torque alone does not make a good model
 
@@ -123,7 +123,7 @@ def narrate_addition(found: Addition) -> list[Part]:
         describe_addition(found),
         *filter(None, [describe_table(found.after) if found.objection is None else None]),
     ]
-    if found.left > FAR_ABOVE:
+    if found.left > Criterion.misfit:
         sentences.append(
             f"The residual is {found.left:.1f} times the noise floor: another effect is missing. Run `diagnose`."
         )
