@@ -23,7 +23,6 @@ from estimators.results import Comparison, Distance, is_logged
 from estimators.signals.residual import compute_profiles
 from estimators.simulation.free_running import HORIZON
 from pendulum_env._typing import Array
-from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import Model
@@ -58,7 +57,6 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
         TypeError: if something else is given than a model and recordings.
         ValueError: if the horizon is not above zero, or is given for an arm.
     """
-    check_order("compare(model, recordings)", (model, Model), (recordings, Recording))
     model = check_model(model)
     check_horizon(horizon, model.body.can_simulate)
     recordings = select_recordings(recordings, body=model.body, log_format=model.log_format)

@@ -37,10 +37,9 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, prepare, smooth_laws
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links, arm_base, find_body
-from pendulum_env.physics import BASE, Column, Model, Term
+from pendulum_env.physics import BASE, Column, Term
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import NEWTON_METRE, Load, Recording
@@ -356,7 +355,6 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     Raises:
         TypeError: if something else is given than recordings and terms.
     """
-    check_order("align(recordings, beside)", (recordings, Recording), (beside, Term | Model))
     recordings = [recordings] if isinstance(recordings, Recording) else recordings
     try:
         fits = ChannelFits.of(recordings, beside) if any(one.torque.any() for one in recordings) else None

@@ -16,12 +16,10 @@ from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
 from estimators.free_swings import find_scaling_values
 from estimators.progress import Progress, no_progress
-from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import Model, Term
+from pendulum_env.physics import Model
 from pendulum_env.physics.limits import Bounds
-from pendulum_env.recording import Recording
 
 
 @refuse_unknown_arguments
@@ -53,13 +51,12 @@ def add(
         IdentificationError: if the recordings hold too little motion, or do not show the effect.
         TypeError: if something else is given than a model, an id and recordings.
     """
-    check_order("add(model, id, recordings)", (model, Model), (id, Term), (recordings, Recording))
+    if not isinstance(id, str):
+        raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     model = check_model(model)
     body = model.body
     recordings = select_recordings(recordings, body=body, log_format=model.log_format)
     holdout = select_recordings(holdout, empty=True, body=body, log_format=model.log_format)
-    if not isinstance(id, str):
-        raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     kind = find_kind(id, body)
     model.add(kind())  # raises if it is there already
     select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that none has

@@ -22,13 +22,11 @@ from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import choose_treatment
 from estimators.progress import Progress, forward, no_progress
 from estimators.selection.criterion import Criterion
-from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import find_body
 from pendulum_env.errors import UserError
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.limits import Bounds
-from pendulum_env.recording import Recording
 
 
 @refuse_unknown_arguments
@@ -85,8 +83,6 @@ def diagnose(
             given for an arm or for servos.
         TypeError: if something else is given than recordings and terms.
     """
-    kinds = (recordings, Recording), (holdout, Recording), (base, Term | Model)
-    check_order("diagnose(recordings, holdout, base)", *kinds)
     terms = select_terms(base)
     body = find_body(terms)
     terms, effects = apply_limits(terms, select_effects(library, only, without, body), fixed, bounds)

@@ -15,12 +15,10 @@ from estimators.schemes.fitting import Identified, fit_schemes, limit_filters, m
 from estimators.schemes.identifiability import refuse_idle_joints, withhold_estimates
 from estimators.schemes.result import Identification
 from estimators.schemes.six import SCHEMES, Regressor, select_schemes
-from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import find_body
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.limits import Bounds
-from pendulum_env.recording import Recording
 from pendulum_env.recording.study import collect_log_format
 
 
@@ -57,7 +55,6 @@ def identify(
             used before.
         TypeError: if something else is given than recordings, terms and schemes.
     """
-    check_order("identify(recordings, terms, schemes)", (recordings, Recording), (terms, Term | Model))
     terms, chosen = select_terms(terms), select_schemes(schemes)
     recordings = select_recordings(recordings, body=find_body(terms))
     terms, _ = apply_limits(terms, {}, fixed, bounds)

@@ -30,7 +30,6 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON
-from pendulum_env.arguments import check_order
 from pendulum_env.errors import ColumnError, FileError, RecordingError
 from pendulum_env.files import write_whole
 from pendulum_env.reading import NonNegative, Number, Text, convert, format_toml, read_toml
@@ -249,10 +248,8 @@ def write_study(sources: Sequence[Source], path: str | os.PathLike[str]) -> None
     """Write a study of sources; paths of files below its folder are relative to it.
 
     Raises:
-        TypeError: if the arguments are in another order.
         OSError: if it cannot be written.
     """
-    check_order("write_study(sources, path)", (sources, Source), (path, str | os.PathLike))
     path = Path(path)
     folder = path.resolve().parent
     shared = dict(sources[0].columns) if sources and all(s.columns == sources[0].columns for s in sources) else {}

@@ -11,7 +11,6 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from pendulum_env._typing import Array
-from pendulum_env.arguments import check_order
 from pendulum_env.errors import RecordingError
 from pendulum_env.files import replace_file
 from pendulum_env.recording.formats import find_format
@@ -28,7 +27,6 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     Raises:
         RecordingError: if the ending is unknown or the file cannot be written.
     """
-    check_order("write_recording(recording, path)", (recording, Recording), (path, str | os.PathLike))
     columns = recording.columns
     if len(recording.starts) > 1:  # number of the segment that each sample is in, from 0
         numbers = np.searchsorted(recording.starts, np.arange(len(recording)), side="right")

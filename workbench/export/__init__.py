@@ -4,7 +4,6 @@
 arm, and names what of a model it cannot hold.
 """
 
-from pendulum_env.arguments import check_order
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
@@ -24,7 +23,6 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
             differ in their units.
         InputError: if a library of the extra `export` is not installed, or the format is none of an arm.
     """
-    check_order("export(model, format, request)", (model, Model), (format, str), (request, Request))
     find("format", format, FORMATS)
     request = request or Request()
     if isinstance(model, ArmModel):

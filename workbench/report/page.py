@@ -14,7 +14,6 @@ from plotly.offline import get_plotlyjs, get_plotlyjs_version
 from estimators.diagnosis.result import Diagnosis
 from estimators.results import Comparison
 from estimators.selection.errors import Step
-from pendulum_env.arguments import check_order
 from pendulum_env.files import write_whole
 from pendulum_env.formatting import capitalise, format_number, format_unit, join_words, typeset
 from workbench.narrator.comparison import describe_comparison, describe_loop
@@ -108,10 +107,9 @@ def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -
         path: of the file, written whole or not at all.
 
     Raises:
-        TypeError: if the arguments are in another order, or the result is another one.
+        TypeError: if the result is another one.
         OSError: if the file cannot be written.
     """
-    check_order("write_report(result, path)", (result, Diagnosis | Comparison), (path, str | os.PathLike))
     if not isinstance(result, Diagnosis | Comparison):
         raise TypeError(f"a report shows a diagnosis or a comparison, no {type(result).__name__}: compare it first")
     write_whole(Path(path), render_comparison(result) if isinstance(result, Comparison) else render(result))
