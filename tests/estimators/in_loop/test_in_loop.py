@@ -305,7 +305,7 @@ def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):
     with pytest.raises(RecordingError, match=r"the goal is .* rad away from the position"):
         read_recording(path, drive=plain[0].drive)
     np.savetxt(path, rows[:, :2], delimiter=",", header="time,position", comments="")
-    with pytest.raises(RecordingError, match="no column for the goal"):
+    with pytest.raises(RecordingError, match="no column for reference"):
         read_recording(path, drive=plain[0].drive)
 
 
