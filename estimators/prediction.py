@@ -17,7 +17,7 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Mask
-from pendulum_env.arms.joints import Coupling, Links
+from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Samples
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
@@ -132,11 +132,8 @@ def _make_windows_at_samples(
     model: Model, windows: Sequence[Windows], link_states: Mapping[str, Sequence[Samples]]
 ) -> TorqueWindows:
     """Make the equations of one recording about every sample that is clear of stick."""
-    first = model.terms[0]
-    if isinstance(first, Links):
-        return links.make_windows_at_samples(
-            windows, first, [type(term) for term in model.terms if isinstance(term, Coupling)]
-        )
+    if isinstance(model.body, Body):
+        return links.make_windows_at_samples(windows, model.terms)
     return replace(join_windows([w.at_every_sample() for w in windows]), link_states=link_states)
 
 

@@ -1,4 +1,4 @@
-"""Runs of a pendulum: the torque that drives it, what answers step by step, and recording the rig row by row."""
+"""Plans of runs of a pendulum: the torque that drives it, and the environment that answers step by step."""
 
 from __future__ import annotations
 
@@ -12,20 +12,15 @@ import numpy as np
 from agents.network import load
 from agents.observer import CONSTRAINTS, EPISODE, Pilot
 from pendulum_env.backends.hardware import DriveError, config
-from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import STILL, Excitation, excitation
 from pendulum_env.physics import Model
-from pendulum_env.policy import OpenLoop, rollout
-from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.policy import OpenLoop
 from pendulum_env.registration import PENDULUM
 from pendulum_env.spaces import MAX_TORQUE
-from pendulum_env.wrappers import RecordMeasurements
-from workbench.errors import InputError, Interrupted
+from workbench.errors import InputError
 from workbench.inputs import make_plant
-from workbench.outputs import report_files
 from workbench.suggestions import read_suggestion
-from workbench.terminal import Terminal
 
 SECONDS = 30.0  # length of a recording
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
@@ -37,7 +32,7 @@ class Plan:
     """Plan of a run: a torque for some time, on a plant or on the rig."""
 
     arguments: argparse.Namespace  # of `record`
-    rig: RigConfig | None  # None: a plant is simulated, or a recording replayed
+    rig: config.RigConfig | None  # None: a plant is simulated, or a recording replayed
     plant: Model  # that is simulated
     rate: float  # samples per second [Hz]
     command: Excitation | Pilot  # what chooses the torque
@@ -130,7 +125,7 @@ def _choose_experiment(
     return excitation(kind or "paper", rng, seconds, arguments.amplitude), seconds, None
 
 
-def _load_config(arguments: argparse.Namespace) -> RigConfig | None:
+def _load_config(arguments: argparse.Namespace) -> config.RigConfig | None:
     """Load the configuration of the rig, if one is to be recorded; raises as `Plan.of`."""
     if (arguments.backend == "dm1015b") != (arguments.config is not None):
         raise InputError("--backend dm1015b and --config FILE belong together: give both or neither")
@@ -141,53 +136,3 @@ def _load_config(arguments: argparse.Namespace) -> RigConfig | None:
     if not arguments.output.lower().endswith(".csv"):
         raise InputError(f"{arguments.output}: a rig is recorded row by row as it runs: let the name end in .csv")
     return config.load(arguments.config)
-
-
-def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
-    """Record the rig, row by row: what was measured up to a fault or an interrupt is kept.
-
-    Raises InputError if there is a fault, Interrupted if the user interrupts it, and OSError if the disk does not take
-    it all; it says what is kept.
-    """
-    output, rate, last = plan.arguments.output, plan.rate, dict[str, Any]()
-    late: list[float] = []
-
-    def watch(info: dict[str, Any]) -> None:
-        last.update(info)
-        late.append(info["jitter"])
-        if len(late) % rate < 1:
-            show(f"{info['time']:.0f} s", len(late) / steps)
-
-    env = RecordMeasurements(plan.make_environment(), output, overwrite=True)
-    try:
-        if plan.remark:
-            terminal.say(plan.remark)
-        with terminal.progress("running") as show:
-            recording = rollout(env, plan.make_controller(rate), steps, watch=watch)
-    except (DriveError, RecordingError) as error:
-        raise InputError(last.get("fault") or str(error)) from None
-    except KeyboardInterrupt:
-        raise Interrupted(f"what was measured until then is in {output}" if late else "nothing was measured") from None
-    finally:
-        env.close()
-    jitter = 1e3 * np.percentile(late, (50, 99))
-    terminal.say(
-        f"samples {jitter[0]:.2g} ms after their tick, 99 % within {jitter[1]:.2g} ms; {last['overruns']} ticks missed"
-    )
-    # [s]: what is interpolated over more than that is no measurement
-    if (worst := max(late)) > 0.03:
-        terminal.say(
-            f"at worst {1e3 * worst:.0f} ms late, over which samples are interpolated: a diagnosis would find that, "
-            "record again on a machine that does nothing else, or with realtime = true"
-        )
-    describe_recording(recording, terminal)
-    if "fault" in last:
-        raise InputError(f"{last['fault']}; what was measured until then is in {output}")
-    report_files([output], terminal)
-
-
-def describe_recording(recording: Recording, terminal: Terminal) -> None:
-    """Say what was recorded."""
-    turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
-    terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
-    terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")

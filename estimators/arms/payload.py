@@ -25,7 +25,7 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.arms.body import STANDARD, Body, LinkLoad
-from pendulum_env.arms.joints import Coupling, Links, find_links
+from pendulum_env.arms.joints import find_links
 from pendulum_env.lookup import find
 from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.recording import Recording
@@ -102,11 +102,9 @@ def find_payload(
         IdentificationError: if there is too little motion.
         ValueError: if there is no such joint.
     """
-    links = model.terms[0]
-    assert isinstance(links, Links)
-    joint = find("joint", joint or links.body.joints[-1], {name: name for name in links.body.joints})
-    shared = [type(term) for term in model.terms if isinstance(term, Coupling)]
-    parts = [prepare_arm(own, links, shared) for own in (without, carrying) if own]
+    joints = find_links(model.terms).joints
+    joint = find("joint", joint or joints[-1], {name: name for name in joints})
+    parts = [prepare_arm(own, model.terms) for own in (without, carrying) if own]
     group = [0] * len(without) + [1] * len(carrying)
     return PayloadRows.of(parts, model.terms, joint).fit(group, None if without else model)[0]
 

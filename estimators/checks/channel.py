@@ -38,7 +38,7 @@ from estimators.weak_form.torque_windows import TorqueWindows, prepare, smooth_l
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Links, arm_base, find_body
+from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import BASE, Column, Term
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.term import LOAD
@@ -408,10 +408,8 @@ def _make_pendulum_windows(recordings: Sequence[Recording]) -> TorqueWindows:
 
 def _make_arm_windows(recordings: Sequence[Recording], terms: Sequence[Term]) -> TorqueWindows:
     """Return the windows of all joints of an arm, weighted by the residual of links and friction."""
-    links = terms[0]
-    assert isinstance(links, Links)
-    data = prepare_arm(recordings, links)
-    return replace(data, weights=TorqueRows(data).weights(arm_base(links.body)))
+    data = prepare_arm(recordings, terms[:1])
+    return replace(data, weights=TorqueRows(data).weights(arm_base(find_body(terms))))
 
 
 def _smooth_laws(data: TorqueWindows) -> tuple[Term, ...]:

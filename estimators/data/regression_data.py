@@ -30,7 +30,7 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows, prepare
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
-from pendulum_env.arms.joints import Coupling, Links, arm_base, find_body
+from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import BASE, Model, Samples, Table, Term, has_link, list_loads
 from pendulum_env.physics.terms import count_term_parameters, find_link
 from pendulum_env.recording import Recording
@@ -92,11 +92,7 @@ class RegressionData:
     @classmethod
     def of_arm(cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> RegressionData:
         """Prepare recordings of an arm for terms, the links first; see `prepare_arm` for what it raises."""
-        links, *others = terms
-        assert isinstance(links, Links)
-        kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in others)
-        shared = [kind for kind in kinds if issubclass(kind, Coupling)]
-        return cls(prepare_arm(recordings, links, shared), base=arm_base(links.body))
+        return cls(prepare_arm(recordings, terms), base=arm_base(find_body(terms)))
 
     @classmethod
     def join(cls, parts: Sequence[RegressionData]) -> RegressionData:

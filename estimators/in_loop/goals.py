@@ -9,7 +9,6 @@ with the fewest effects.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,9 +101,10 @@ def decide_goals(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
 
     Goals of a joint that moves too little for the decision are held.
     """
-    reading = None
-    with suppress(IdentificationError):
+    try:
         reading = read_goals(recordings, make_base(recordings))
+    except IdentificationError:
+        reading = None
     return with_goals(recordings, reading is None or reading.kind is Kind.GOALS_HELD)
 
 

@@ -26,7 +26,7 @@ from estimators.weak_form.torque_windows import (
 from estimators.weak_form.windows import WindowAverages, Windows, cut
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling, Links
+from pendulum_env.arms.joints import Coupling, Links, find_links
 from pendulum_env.arms.recording import get_payload
 from pendulum_env.physics import Term, list_loads
 from pendulum_env.recording import Recording
@@ -35,59 +35,59 @@ FEWEST = 20  # windows of each joint
 PLACES = 50  # samples of each recording over which a joint's inertia is averaged
 
 
-def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[type[Coupling]] = ()) -> TorqueWindows:
-    """Cut recordings of an arm into windows, with the columns of `links` and of terms `shared` by two joints.
+def prepare_arm(recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> TorqueWindows:
+    """Cut recordings of an arm into windows, with the columns of its links and of terms that two joints share.
 
     Raises:
         IdentificationError: if a joint moves too little clear of stick.
     """
+    body = find_links(terms)
     entries = [
         [
             replace(cut(joint, width), at=name, run=run, payload=get_payload(recording))
-            for name, joint in zip(links.body.joints, recording.joints, strict=True)
+            for name, joint in zip(body.joints, recording.joints, strict=True)
         ]
         for run, recording in enumerate(recordings)
         for width in [max(choose_half_width(joint) for joint in recording.joints)]
     ]
-    for k, name in enumerate(links.body.joints):
+    for k, name in enumerate(body.joints):
         if sum(len(own[k].centers) for own in entries) < FEWEST:
             names = ", ".join(recording.name for recording in recordings)
             raise IdentificationError(
                 f"{names}: joint '{name}' is rarely clear of stick and reversals: record longer, faster or wider motion"
             )
-    parts = [_compute_link_columns(own, links.body) for own in entries]
+    parts = [_compute_link_columns(own, body) for own in entries]
     calibrated = [
         [_calibrate_windows(own, k, part) for k in range(len(own))] for own, part in zip(entries, parts, strict=True)
     ]
-    return _join_joints(calibrated, parts, links, shared)
+    return _join_joints(calibrated, parts, terms)
 
 
-def make_windows_at_samples(
-    windows: Sequence[Windows], links: Links, shared: Sequence[type[Coupling]] = ()
-) -> TorqueWindows:
+def make_windows_at_samples(windows: Sequence[Windows], terms: Sequence[Term]) -> TorqueWindows:
     """Return windows about every sample of an arm's recording that is clear of stick, from windows of each joint."""
     entries = [w.at_every_sample() for w in windows]
-    return _join_joints([entries], [_compute_link_columns(entries, links.body)], links, shared)
+    return _join_joints([entries], [_compute_link_columns(entries, find_links(terms))], terms)
 
 
 def _join_joints(
-    entries: Sequence[Sequence[Windows]], parts: Sequence[_Columns], links: Links, shared: Sequence[type[Coupling]]
+    entries: Sequence[Sequence[Windows]], parts: Sequence[_Columns], terms: Sequence[type[Term] | Term]
 ) -> TorqueWindows:
     """Join the windows of each joint and the links' columns there to equations of recordings."""
-    joints = range(len(links.body.joints))  # the windows of a joint stand in a row
+    body, kinds = find_links(terms), dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms)
+    joints = range(len(body.joints))  # the windows of a joint stand in a row
     linear, rates = (
         np.concatenate([own[k] for k in joints for own in each])
         for each in zip(*((part.linear, part.rates) for part in parts), strict=True)
     )
     inertia = np.mean([np.diagonal(part.masses.mean(axis=0), axis1=1, axis2=2).T for part in parts], axis=0)
-    data = join_windows([own[k] for k in joints for own in entries], {links.id: TermColumns(linear, rates, inertia)})
+    data = join_windows([own[k] for k in joints for own in entries], {Links.id: TermColumns(linear, rates, inertia)})
     return replace(
         data,
         shared_columns={
             **data.shared_columns,
-            **{kind.id: _compute_coupling_columns(entries, kind) for kind in shared},
+            **{kind.id: _compute_coupling_columns(entries, kind) for kind in kinds if issubclass(kind, Coupling)},
         },
-        payload=_payload_columns(data, linear, links.body),
+        payload=_payload_columns(data, linear, body),
     )
 
 

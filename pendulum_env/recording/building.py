@@ -17,7 +17,7 @@ from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.table import RawTable
 from pendulum_env.recording.vocabulary import OUTPUTS
-from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo import ServoDrive
 from pendulum_env.servo.torque import MOTOR, complete_torque
 
 

@@ -18,7 +18,8 @@ from workbench import options
 from workbench.arm_runs import record_arm
 from workbench.errors import InputError
 from workbench.outputs import check_outputs, report_files
-from workbench.runs import LEARNT, SECONDS, SUGGESTED, Plan, describe_recording, record_rig
+from workbench.rig_runs import describe_recording, record_rig
+from workbench.runs import LEARNT, SECONDS, SUGGESTED, Plan
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # samples; simulating them takes some minutes

@@ -1,0 +1,64 @@
+"""Recording of the rig, row by row."""
+
+from typing import Any
+
+import numpy as np
+
+from pendulum_env.backends.hardware import DriveError
+from pendulum_env.policy import rollout
+from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.wrappers import RecordMeasurements
+from workbench.errors import InputError, Interrupted
+from workbench.outputs import report_files
+from workbench.runs import Plan
+from workbench.terminal import Terminal
+
+
+def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
+    """Record the rig, row by row: what was measured up to a fault or an interrupt is kept.
+
+    Raises InputError if there is a fault, Interrupted if the user interrupts it, and OSError if the disk does not take
+    it all; it says what is kept.
+    """
+    output, rate, last = plan.arguments.output, plan.rate, dict[str, Any]()
+    late: list[float] = []
+
+    def watch(info: dict[str, Any]) -> None:
+        last.update(info)
+        late.append(info["jitter"])
+        if len(late) % rate < 1:
+            show(f"{info['time']:.0f} s", len(late) / steps)
+
+    env = RecordMeasurements(plan.make_environment(), output, overwrite=True)
+    try:
+        if plan.remark:
+            terminal.say(plan.remark)
+        with terminal.progress("running") as show:
+            recording = rollout(env, plan.make_controller(rate), steps, watch=watch)
+    except (DriveError, RecordingError) as error:
+        raise InputError(last.get("fault") or str(error)) from None
+    except KeyboardInterrupt:
+        raise Interrupted(f"what was measured until then is in {output}" if late else "nothing was measured") from None
+    finally:
+        env.close()
+    jitter = 1e3 * np.percentile(late, (50, 99))
+    terminal.say(
+        f"samples {jitter[0]:.2g} ms after their tick, 99 % within {jitter[1]:.2g} ms; {last['overruns']} ticks missed"
+    )
+    # [s]: what is interpolated over more than that is no measurement
+    if (worst := max(late)) > 0.03:
+        terminal.say(
+            f"at worst {1e3 * worst:.0f} ms late, over which samples are interpolated: a diagnosis would find that, "
+            "record again on a machine that does nothing else, or with realtime = true"
+        )
+    describe_recording(recording, terminal)
+    if "fault" in last:
+        raise InputError(f"{last['fault']}; what was measured until then is in {output}")
+    report_files([output], terminal)
+
+
+def describe_recording(recording: Recording, terminal: Terminal) -> None:
+    """Say what was recorded."""
+    turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
+    terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
+    terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
