@@ -64,14 +64,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A search for effects in data under some treatments.
-
-    Attributes:
-        case: of the recordings.
-        data: that were searched.
-        setting: of the diagnosis.
-        found: result of the search.
-    """
+    """A search for effects in data under some treatments."""
 
     case: Case
     data: FitData

@@ -17,15 +17,7 @@ from pendulum_env.physics import Term
 class Setting:
     """Options of a diagnosis.
 
-    Attributes:
-        base: terms of the model to start from.
-        original: base of a pendulum as the user gave it.
-        library: effects to search, by id.
-        criterion: thresholds of the search.
-        rng: of the bootstrap.
-        progress: called with the current stage and the share that is done.
-        limits: of the rig, for the suggested experiment.
-        horizon: length of the free-running motion to which the final model is refitted [s]; None for no refit.
+    The base of a pendulum is `original` as the user gave it. With a horizon [s], the final model is refitted to motion.
     """
 
     base: Sequence[Term]
