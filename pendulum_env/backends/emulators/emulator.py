@@ -35,8 +35,6 @@ class Emulated(NamedTuple):
 MISHAPS: dict[str, Callable[[Emulated, str], None]] = {  # by name, with the word that may follow it
     "fault": lambda rig, _: rig.motor.fail(),  # the drive reports over-temperature
     "unplug": lambda rig, _: rig.wire.pull(),
-    "corrupt": lambda rig, p: rig.wire.corrupt(_number(p)),  # each bit on the wire is wrong with that probability
-    "push": lambda rig, torque: rig.motor.push(_number(torque)),  # [N m], by hand
     # a hand turns the arm to so many degrees and holds it there; without a number it lets go
     "hold": lambda rig, angle: rig.motor.hold(math.radians(_number(angle)) if angle else None),
     "freeze": lambda rig, seconds: time.sleep(_number(seconds)),  # the drive hangs
@@ -128,7 +126,7 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f"'{text}' is no number: this mishap needs one after its name, as in `push 12`") from None
+        raise ValueError(f"'{text}' is no number: this mishap needs one after its name, as in `hold 90`") from None
 
 
 def _find_plant_ranges(plant: Model) -> dict[str, Any]:

@@ -3,13 +3,13 @@
 import math
 import os
 import time
-from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
 from pendulum_env.backends.rigid_body import RigidBody
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulator import begin
+from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP, TorqueBalance
@@ -35,19 +35,22 @@ class Motor:
     """
 
     def __init__(self, model: Model, *, first: int = 0, log: str | Path | None = None) -> None:
-        """Take the plant, the first reading of the encoder, and where to write the log."""
+        """Take the plant, the first reading of the encoder, and where to write the log.
+
+        Raises:
+            UserError: if the plant has a dead time, which the motor cannot keep.
+        """
+        if any(term.delay for term in model.terms):
+            raise UserError("an emulated motor has no dead_time: hide another effect")
         balance = TorqueBalance(model.terms, model.theta)
         self._body = RigidBody(balance, LONGEST_STEP)
         self._body.place(begin(balance, 0.0, 0.0))
         self._per_radian, self._first = COUNTS / (2 * math.pi), first
-        self._delay = sum(term.delay for term in model.terms)
-        self._arriving: deque[tuple[float, float]] = deque()  # commands on a delayed way: when, and torque
         self.moment = time.monotonic()  # that the plant has reached [s]
         self._angle = 0.0
         self.torque = 0.0  # that the motor gives [N m]
         self._deadline = math.inf
         self.powered, self.expired, self.faulty = False, False, False
-        self._pushed = 0.0  # [N m], by hand
         self._hand: tuple[float, float] | None = None  # of one that holds the arm: where it is, and goes [rad]
         self._inertia, self._speed = model.estimates["inertia"].value, 0.0  # [kg m^2], [rad/s]
         self._gain = 1.0  # of the drive
@@ -59,11 +62,11 @@ class Motor:
         """Advance the plant to now."""
         now = time.monotonic()
         if self._deadline <= now:
-            self._run(self._deadline)
+            self._move(self._deadline)
             self.expired = True
             self._tell(self.moment, "expired", self.watchdog)
             self._cut_power(self.moment)
-        self._run(now)
+        self._move(now)
 
     def fail(self) -> None:
         """Break the drive: cut the power and report over-temperature."""
@@ -77,7 +80,6 @@ class Motor:
             self._cut_power(self.moment)
             return
         self.expired = False
-        self._arriving.clear()
         self._act(self.moment, 0.0)
         if not self.powered:
             self.powered = True
@@ -94,11 +96,7 @@ class Motor:
         """Set the torque [N m], if there is power."""
         self.advance()
         self._tell(self.moment, "command", torque)
-        if not self.powered:
-            return
-        if self._delay:
-            self._arriving.append((self.moment + self._delay, self._gain * torque))
-        else:
+        if self.powered:
             self._act(self.moment, self._gain * torque)
 
     def misread(self, how: str) -> None:
@@ -112,11 +110,6 @@ class Motor:
         self.advance()
         self._gain = gain
         self._tell(self.moment, "mishap", gain)
-
-    def push(self, torque: float) -> None:
-        """Push the arm [N m] from now on."""
-        self.advance()
-        self._pushed = torque
 
     def hold(self, angle: float | None) -> None:
         """Turn the arm by hand to an angle [rad] and hold it there, or let go."""
@@ -132,19 +125,10 @@ class Motor:
             angle = where + how(angle - where, self.moment - since)
         return self._first + round(angle * self._per_radian)
 
-    def _run(self, until: float) -> None:
-        while self._arriving and self._arriving[0][0] <= until:
-            at, torque = self._arriving.popleft()
-            self._move(at)
-            self._act(at, torque)
-        self._move(until)
-
     def _move(self, until: float) -> None:
         while (left := until - self.moment) > 1e-9:
             step = min(left, LONGEST_STEP)
-            self._angle, self._speed = self._body.step(
-                self.torque + self._pushed + self._compute_hand_torque(step), step
-            )
+            self._angle, self._speed = self._body.step(self.torque + self._compute_hand_torque(step), step)
             self.moment += step
         self.moment = max(self.moment, until)
 
@@ -164,7 +148,6 @@ class Motor:
 
     def _cut_power(self, at: float) -> None:
         self._deadline = math.inf
-        self._arriving.clear()
         self._act(at, 0.0)
         if self.powered:
             self.powered = False

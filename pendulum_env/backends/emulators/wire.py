@@ -1,7 +1,6 @@
-"""The serial cable, a pseudo-terminal, that can be pulled out or damage what passes."""
+"""The serial cable, a pseudo-terminal, that can be pulled out."""
 
 import os
-import random
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -28,17 +27,12 @@ class Wire:
         tty.setraw(self._slave)  # held open, so that nothing changes when a host comes and goes
         os.set_blocking(self.descriptor, False)
         self.place = os.ttyname(self._slave)
-        self._noise, self._random = 0.0, random.Random(0)
 
     def receive(self) -> None:
         """Read the received bytes, and answer."""
         with suppress(BlockingIOError):  # no data, or no reader
-            if answer := self._answer(self._flip_bits(os.read(self.descriptor, self.chunk))):
-                os.write(self.descriptor, self._flip_bits(answer))
-
-    def corrupt(self, probability: float) -> None:
-        """Flip each bit with a probability."""
-        self._noise = probability
+            if answer := self._answer(os.read(self.descriptor, self.chunk)):
+                os.write(self.descriptor, answer)
 
     def pull(self) -> None:
         """Pull the cable out; may be called twice."""
@@ -46,9 +40,3 @@ class Wire:
             if end >= 0:
                 os.close(end)
         self.descriptor = self._slave = -1
-
-    def _flip_bits(self, data: bytes) -> bytes:
-        if not self._noise:
-            return data
-        flips = (sum((self._random.random() < self._noise) << bit for bit in range(8)) for _ in data)
-        return bytes(byte ^ flip for byte, flip in zip(data, flips, strict=True))
