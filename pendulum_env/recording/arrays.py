@@ -87,7 +87,9 @@ def build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
 
     def is_number(name: str) -> bool:
         kind, first = stored[name].dtype.kind, firsts[name]
-        return kind in "iuf" or (kind in "UO" and (first is None or can_be_number(first, name)))
+        if first is None:  # an Arrow column of objects holds texts, an array may hold numbers
+            return kind in "iuf" or (kind == "O" and not isinstance(stored[name], Series))
+        return can_be_number(first, name)
 
     wordy = [k for k, (name, _) in enumerate(places) if math.prod(sides[name]) < 2 or not is_number(name)]
     columns = add_labels(find(headers, wordy=wordy), headers, [firsts[name] or "" for name, _ in places])
