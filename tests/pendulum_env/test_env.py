@@ -120,12 +120,6 @@ def test_pymunk_follows_an_independent_integrator_with_an_error_of_second_order_
     assert (orders > 1.6).all(), orders
 
 
-def test_joint_sticks_exactly_below_its_friction():
-    env = gym.make(PENDULUM, counts=0, velocity="ideal")
-    assert (positions(env, np.full(300, 0.9)) == 0).all()  # fc is 0.9163
-    assert positions(env, np.full(300, 0.93))[-1] > 0
-
-
 def test_measurement_is_what_was_asked_for():
     env = gym.make(PENDULUM, counts=8192, max_torque=4.0)
     _, info = env.reset(options={"position": 1.0, "velocity": 2.0})

@@ -3,7 +3,6 @@
 import gymnasium as gym
 import pytest
 
-from pendulum_env.arms.env import PlanarArm
 from pendulum_env.physics import Model, effects
 from pendulum_env.plant import get_typical_values, hide, make_plant, paper_plant, read_parameters
 from pendulum_env.registration import PENDULUM
@@ -56,12 +55,6 @@ def test_a_mapping_sets_sizes_or_parameters_of_effects(mapping, text):
     assert make_plant(effects=mapping) == make_plant(effects=text) == make_plant(effects=[text]) == plant
     assert gym.make(PENDULUM, effects=mapping).unwrapped.model == plant
     assert gym.make_vec(PENDULUM, num_envs=2, effects=mapping).model == plant
-
-
-def test_a_mapping_hides_effects_at_the_joints_of_an_arm():
-    pytest.importorskip("pymunk")
-    text, mapping = (PlanarArm(effects=given).models for given in ("stribeck@elbow=0.3", {"stribeck@elbow": 0.3}))
-    assert text == mapping
 
 
 @pytest.mark.parametrize("given", [0.4, [0.4], {"stribeck": None}, {"stribeck": {"stribeck_velocity": "fast"}}])

@@ -61,8 +61,8 @@ def test_hdf5_reads_no_other_file_and_ends(tmp_path):
         read_recording(tmp_path / "run.h5")
 
 
-def test_npz_with_a_note_beside_its_arrays(tmp_path: Path) -> None:
-    np.savez(tmp_path / "run.npz", **signals())
+def test_npz_with_objects_and_a_note_beside_its_arrays(tmp_path: Path) -> None:
+    np.savez(tmp_path / "run.npz", **signals(), settings=np.array({"kp": 3.0}, dtype=object))
     with zipfile.ZipFile(tmp_path / "run.npz", "a") as archive:
         archive.writestr("notes.txt", "by hand")
     assert_read(read_recording(tmp_path / "run.npz"))

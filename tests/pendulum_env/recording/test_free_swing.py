@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import scipy.integrate
 
@@ -78,6 +79,8 @@ def test_arrays_of_other_kinds_and_an_entry_of_none_are_no_torque(tmp_path: Path
     np.savez(tmp_path / "run.npz", time=TIME, angle=ANGLE, rate=100.0, author="me", is_new=TIME > 3)
     assert not read_recording(tmp_path / "run.npz").torque.any()
     assert read_recording({"time": TIME, "position": ANGLE, "torque": None, "velocity": None}).is_free
+    remarks = pa.array([None, *["late"] * 599])
+    assert read_recording(pa.table({"time": TIME, "angle": ANGLE, "remark": remarks})).is_free
 
 
 def test_an_arm_needs_torque(tmp_path: Path) -> None:
