@@ -6,6 +6,7 @@ short enough that the growing errors of an unstable upright pendulum do not domi
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -42,7 +43,7 @@ class Segments:
     velocity: Array
     hidden: Mapping[str, Memory] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def load(self) -> KnownLoad:
         """Known load of every segment: inertia and gravity (B,), and its torque over each period (N, B)."""
         x, index = self.windows.samples, self.first + np.arange(len(self.torque))[:, None]
@@ -173,15 +174,16 @@ def simulate_segments(
         """Repeat one value of each segment (B,) of each recording for every model, (V B,)."""
         return np.tile(np.concatenate(series), len(models))
 
+    delays = [sum(term.delay for term in own) for own, _ in models]
+    delays = delays if any(delays) else [0.0]  # one command for all models
     loads = [segment.load for segment in segments]
     load = KnownLoad(
         each([np.asarray(load.inertia) for load in loads]),
         each([np.asarray(load.gravity) for load in loads]),
-        np.tile(np.concatenate([np.asarray(load.torque) for load in loads], axis=1), len(models)),
+        np.tile(np.concatenate([np.asarray(load.torque) for load in loads], axis=1), len(delays)),
     )
     period = each([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in segments])
     terms, theta = _stack_models(models, sum(len(segment.first) for segment in segments))
-    delays = [sum(term.delay for term in own) for own, _ in models]
     longest = round_up(period / count_substeps(period, longest_step))
     return simulate(
         terms,

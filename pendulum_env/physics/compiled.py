@@ -31,7 +31,7 @@ from pendulum_env.physics.symbols import (
 )
 
 MANY, SMALL = 64, 50  # lanes from which on, and values up to which, a faster program is worth the time to compile it
-WIDTH = 8  # lanes that are computed at once, by one instruction or a few
+WIDTH = 16  # lanes that are computed at once, by two instructions of a processor that need not wait for each other
 DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
 CALLS = {  # by operation: LLVM's functions; some call those of the C library
     "absolute": "fabs",
@@ -60,42 +60,52 @@ class Recurrence:
     """State variables of V B systems, from step to step.
 
     Attributes:
-        program: takes the number of steps, how many of them lie between states that are kept, V, B, and the addresses
-            of inputs, constants, states and path.
+        program: see `_write_program`.
         engine: that keeps the program.
-        width: lanes that the program computes at once; B has to be a multiple of it.
+        width: lanes that the program computes at once.
+        derived: number of values that the program computes once from the constants.
     """
 
     program: Callable[..., None]
     engine: Any
     width: int
+    derived: int
 
-    def __call__(self, inputs: Array, constants: Array, states: Array, every: int = 1) -> Array:
-        """Return states at the start and after every `every` steps (N / every + 1, S, V, B).
+    def __call__(
+        self,
+        inputs: Array,
+        constants: Array,
+        states: Array,
+        every: int = 1,
+        held: int = 1,
+        kept: Sequence[int] | None = None,
+    ) -> Array:
+        """Return states at the start and after every `every` steps (N held / every + 1, kept, V, B).
 
         Args:
-            inputs: of each step (N, inputs, B), the same for all V.
+            inputs: (N, inputs, B), the same for all V.
             constants: (constants, V, B).
             states: at the start (S, V, B).
             every: steps from one state that is kept to the next.
+            held: steps over which an input is held.
+            kept: numbers of the states that are returned; all by default.
         """
-        steps, shape, lanes = len(inputs), states.shape, inputs.shape[2]
-        if lanes < self.width:  # variants side by side fill the lanes
-            inputs, lanes = np.tile(inputs, shape[1]), shape[1] * lanes
-            constants, states = (values.reshape(len(values), 1, lanes) for values in (constants, states))
-        given, own, now = (_pad_lanes(values, self.width) for values in (inputs, constants, states))
-        path = np.empty((steps // every + 1, *now.shape))
-        path[0] = now
-        self.program(steps, every, *now.shape[1:], *(values.ctypes.data for values in (given, own, now, path)))
-        return path[..., :lanes].reshape(len(path), *shape)
-
-
-def _pad_lanes(values: Array, width: int) -> Array:
-    """Return a copy of values (..., B) whose last lane is repeated up to a multiple of the width."""
-    lanes = values.shape[-1]
-    padded = np.empty((*values.shape[:-1], -(-lanes // width) * width))
-    padded[..., :lanes], padded[..., lanes:] = values, values[..., -1:]
-    return padded
+        shape, cycle, lanes = states.shape, states.shape[2], states.shape[1] * states.shape[2]
+        rows = np.arange(len(states)) if kept is None else np.array(kept)
+        if cycle % self.width:  # lanes that are computed at once may belong to two variants
+            inputs = inputs[..., np.arange(cycle + self.width) % cycle]
+        given = np.ascontiguousarray(inputs, dtype=float)
+        padded = -(-lanes // self.width) * self.width
+        own, now = np.empty((len(constants) + self.derived, padded)), np.empty((len(states), padded))
+        for values, place in ((constants, own), (states, now)):
+            place[: len(values), :lanes] = values.reshape(len(values), lanes)
+            place[: len(values), lanes:] = place[: len(values), lanes - 1 : lanes]
+        steps = len(inputs) * held
+        path = np.empty((steps // every + 1, len(rows), padded))
+        path[0] = now[rows]
+        counts = steps, every, held, padded, cycle, given.shape[2], len(rows)
+        self.program(*counts, *(values.ctypes.data for values in (given, own, now, path, rows)))
+        return path[..., :lanes].reshape(len(path), len(rows), *shape[1:])
 
 
 @dataclass(frozen=True)
@@ -139,8 +149,8 @@ class Machine:
         self._inputs, self.given = _allocate_rows(step.given, lanes, self._program.width)
         self._states, self.now = _allocate_rows(step.after, lanes, self._program.width)
         padded = self._states.strides[0] // self._states.itemsize
-        addresses = self._inputs.ctypes.data, 0, self._states.ctypes.data, 0
-        self.step = partial(self._program.program, 1, 2, 1, padded, *addresses)  # none of the states is kept besides
+        counts = 1, 2, 1, padded, padded, padded, 0  # none of the states is kept besides
+        self.step = partial(self._program.program, *counts, self._inputs.ctypes.data, 0, self._states.ctypes.data, 0, 0)
 
     def reset(self, which: Mask) -> None:
         """Restart lanes (B,) from zero."""
@@ -201,12 +211,13 @@ def _compile(names: Names, lines: tuple[Line, ...], results: tuple[Place, ...], 
     _prepare()
     target, level, width = llvm.Target.from_default_triple(), *((0, 1) if quickly else (1, WIDTH))
     machine = target.create_target_machine(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), opt=level)
-    module = llvm.parse_assembly(str(_compile_program(*names, lines, results, width)))
+    steady = _list_steady_lines(names[1], lines, results)
+    module = llvm.parse_assembly(str(_write_program(names, lines, results, steady, width)))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
-    call = ctypes.CFUNCTYPE(None, *4 * [ctypes.c_int64], *4 * [ctypes.c_void_p])
-    return Recurrence(call(engine.get_function_address("run")), engine, width)
+    call = ctypes.CFUNCTYPE(None, *7 * [ctypes.c_int64], *5 * [ctypes.c_void_p])
+    return Recurrence(call(engine.get_function_address("run")), engine, width, len(steady))
 
 
 @cache
@@ -218,49 +229,64 @@ def _prepare() -> None:
         llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
 
 
-def _compile_program(
-    inputs: Sequence[str],
-    constants: Sequence[str],
-    states: Sequence[str],
-    lines: Sequence[Line],
-    results: Sequence[Place],
-    width: int,
+def _list_steady_lines(constants: Sequence[str], lines: Sequence[Line], results: Sequence[Place]) -> list[int]:
+    """List the lines that depend on constants alone, and whose values other lines or the results need."""
+    steady, needed = set[int](), {line for line, _ in results}
+    for k, (op, label, *operands) in enumerate(lines):
+        if label in constants if op == NAME else all(line is None or line in steady for line, _ in operands):
+            steady.add(k)
+        else:
+            needed |= {line for line, _ in operands}
+    return [k for k in sorted(steady & needed) if lines[k][0] != NAME]
+
+
+def _write_program(
+    names: Names, lines: Sequence[Line], results: Sequence[Place], steady: Sequence[int], width: int
 ) -> ir.Module:
-    """Compile three loops: over steps, variants, and lanes of a batch, `width` of them at once."""
+    """Write the program: a loop that computes values of the constants, and loops over steps and lanes.
+
+    Lanes are those of all variants in a row; `width` of them are computed at once. Arguments are the number of steps,
+    how many of them lie between states that are kept, over how many an input is held, the number of lanes, and of these
+    in a variant; then the length of a row of inputs, the number of states that are kept, and the addresses of inputs,
+    constants, states, path, and the numbers of these states.
+    """
     module, kind = ir.Module(), DOUBLE if width == 1 else ir.VectorType(DOUBLE, width)
-    program = ir.Function(module, ir.FunctionType(ir.VoidType(), 4 * [WHOLE] + 4 * [POINTER]), "run")
-    steps, every, variants, lanes, *arrays = program.args
-    given, own, now, path = arrays
+    program = ir.Function(module, ir.FunctionType(ir.VoidType(), 7 * [WHOLE] + 5 * [POINTER]), "run")
+    steps, every, held, lanes, cycle, row, count, given, own, now, path, kept = program.args
     builder = ir.IRBuilder(program.append_basic_block())
-    each = builder.mul(variants, lanes)  # values of a state or constant
-    size = builder.mul(each, WHOLE(len(states)))
+    write = _Instructions(module, builder, kind)
+    (inputs, constants, states), size = names, builder.mul(lanes, WHOLE(8))
+    shared = [*constants, *steady]  # rows of the constants, and behind these of values that depend on them alone
+
+    def place(array: Any, first: Any, number: Any, stride: Any) -> Any:
+        return builder.gep(array, [builder.add(first, builder.mul(number, stride))], source_etype=DOUBLE)
+
+    def load(array: Any, first: Any, some: Sequence[Any], stride: Any) -> dict[Any, Any]:
+        places = (place(array, first, WHOLE(k), stride) for k in range(len(some)))
+        return {key: builder.load(at, align=8, typ=kind) for key, at in zip(some, places, strict=True)}
+
+    if steady:
+        with _build_loop(builder, lanes, width) as lane:
+            values = write.emit(lines, load(own, lane, constants, lanes), steady)
+            for k, line in enumerate(steady, len(constants)):
+                builder.store(write.number(values[line]), place(own, lane, WHOLE(k), lanes), align=8)
     with _build_loop(builder, steps) as step:
-        first = builder.mul(builder.mul(step, WHOLE(len(inputs))), lanes)
-        with _build_loop(builder, variants) as variant:
-            begin = builder.mul(variant, lanes)
-            with _build_loop(builder, lanes, width) as lane:
-
-                def place(array: Any, base: Any, k: int, stride: Any) -> Any:
-                    index = builder.add(builder.add(base, builder.mul(WHOLE(k), stride)), lane)
-                    return builder.gep(array, [index], source_etype=DOUBLE)
-
-                values = {
-                    name: builder.load(place(array, base, k, stride), align=8, typ=kind)
-                    for names, array, base, stride in (
-                        (inputs, given, first, lanes),
-                        (constants, own, begin, each),
-                        (states, now, begin, each),
-                    )
-                    for k, name in enumerate(names)
-                }
-                for k, result in enumerate(_Instructions(module, builder, values, kind).emit(lines, results)):
-                    builder.store(result, place(now, begin, k, each), align=8)
+        first = builder.mul(builder.mul(builder.sdiv(step, held), WHOLE(len(inputs))), row)
+        with _build_loop(builder, lanes, width) as lane:
+            known = load(given, builder.add(first, builder.srem(lane, cycle)), inputs, row)
+            known |= load(own, lane, shared, lanes) | load(now, lane, states, lanes)
+            values = write.emit(lines, known, [line for line, _ in results if line is not None])
+            for k, (line, number) in enumerate(results):
+                value = kind(number) if line is None else write.number(values[line])
+                builder.store(value, place(now, lane, WHOLE(k), lanes), align=8)
         done = builder.add(step, WHOLE(1))
         with builder.if_then(builder.icmp_signed("==", builder.srem(done, every), WHOLE(0))):
-            row = builder.mul(builder.sdiv(done, every), size)
+            begin = builder.mul(builder.mul(builder.sdiv(done, every), count), lanes)
             copy = module.declare_intrinsic("llvm.memcpy", [POINTER, POINTER, WHOLE])
-            kept = builder.gep(path, [row], source_etype=DOUBLE)
-            builder.call(copy, [kept, now, builder.mul(size, WHOLE(8)), ir.IntType(1)(0)])
+            with _build_loop(builder, count) as k:
+                number = builder.load(builder.gep(kept, [k], source_etype=WHOLE), align=8, typ=WHOLE)
+                ends = place(path, begin, k, lanes), place(now, WHOLE(0), number, lanes)
+                builder.call(copy, [*ends, size, ir.IntType(1)(0)])
     builder.ret_void()
     return module
 
@@ -283,31 +309,36 @@ def _build_loop(builder: ir.IRBuilder, count: Any, stride: int = 1) -> Iterator[
 
 @dataclass(frozen=True)
 class _Instructions:
-    """Instructions of expressions, in the values that their names have, each of a kind: a number or a vector."""
+    """Instructions of expressions, whose values are each of a kind: a number or a vector."""
 
     module: ir.Module
     builder: ir.IRBuilder
-    given: Mapping[str, Any]
     kind: Any
 
-    def emit(self, lines: Sequence[Line], results: Sequence[Place]) -> list[Any]:
-        values: list[Any] = []
-
-        def of(place: Place) -> Any:
-            line, number = place
-            return self.kind(number) if line is None else values[line]
-
-        for op, label, *operands in lines:
-            values.append(self.given[label] if op == NAME else self._value(op, [of(x) for x in operands]))
-        return [self._number(of(result)) for result in results]
+    def emit(self, lines: Sequence[Line], known: Mapping[str | int, Any], wanted: Sequence[int]) -> dict[int, Any]:
+        """Write the lines that others need; values are known by name or by number of a line."""
+        values: dict[int, Any] = {}
+        needed = set(wanted)
+        for k in range(len(lines) - 1, -1, -1):
+            if k in needed and k not in known:
+                needed |= {line for line, _ in lines[k][2:] if line is not None}
+        for k in sorted(needed):
+            op, label, *operands = lines[k]
+            if op == NAME:
+                values[k] = known[label]
+            elif k in known:
+                values[k] = known[k]
+            else:
+                values[k] = self._value(op, [self.kind(x) if line is None else values[line] for line, x in operands])
+        return values
 
     def _value(self, op: str, inputs: list[Any]) -> Any:
         write = self.builder
         if op in LOGICAL:
             return {"logical_and": write.and_, "logical_or": write.or_}[op](*map(self._truth, inputs))
         if op == WHERE:
-            return write.select(self._truth(inputs[0]), self._number(inputs[1]), self._number(inputs[2]))
-        numbers = [self._number(x) for x in inputs]
+            return write.select(self._truth(inputs[0]), self.number(inputs[1]), self.number(inputs[2]))
+        numbers = [self.number(x) for x in inputs]
         if op in COMPARISONS:
             compare = write.fcmp_unordered if op == "not_equal" else write.fcmp_ordered
             return compare(SIGNS[op], *numbers)
@@ -346,7 +377,8 @@ class _Instructions:
         function = ir.FunctionType(self.kind, [x.type for x in inputs])
         return self.builder.call(self.module.globals.get(full) or ir.Function(self.module, function, full), inputs)
 
-    def _number(self, value: Any) -> Any:
+    def number(self, value: Any) -> Any:
+        """Write a truth value as a number."""
         return value if value.type == self.kind else self.builder.uitofp(value, self.kind)
 
     def _truth(self, value: Any) -> Any:

@@ -238,7 +238,8 @@ def simulate(
         terms: terms of the model, with P linear parameters in all.
         theta: linear parameters, (P,) for all pendulums or (P, B).
         period: time between commands, scalar or, without a term that delays the torque, (B,) [s].
-        torque: command, (N,) for all pendulums or (N, B) [N m].
+        torque: command, (N,) for all pendulums or (N, B) [N m]; fewer columns are repeated, such as those of B / V
+            pendulums that each of V models simulates.
         position: initial position, scalar or (B,) [rad].
         velocity: initial velocity, scalar or (B,) [rad/s].
         start: time of the first command, scalar or (B,) [s].
@@ -252,38 +253,44 @@ def simulate(
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
     scalars = (np.shape(one) for one in (position, velocity, start, period, load.inertia, load.gravity))
-    batch = np.broadcast_shapes(*scalars, torque.shape[1:], np.shape(load.torque)[1:], np.shape(theta)[1:], (1,))
+    batch = np.broadcast_shapes(*scalars, np.shape(theta)[1:], (1,))
+    columns = np.broadcast_shapes(torque.shape[1:], np.shape(load.torque)[1:])
+    if len(batch) > 1 or batch[0] % columns[0]:
+        batch = columns = np.broadcast_shapes(batch, columns)
     balance = TorqueBalance(terms, np.asarray(theta, dtype=float), bool(load))
     count = count_substeps(period, longest_step)
     h = period / count
-    commands = _spread_commands(terms, torque, before, count, h)
-    q, v, t = (np.broadcast_to(np.asarray(a, dtype=float), batch).copy() for a in (position, velocity, start))
-    inputs = np.broadcast_to(commands, (len(commands), *batch))[:, None]
+    commands, held = _spread_commands(terms, torque, before, count, h)
+    inputs = np.broadcast_to(commands, (len(commands), *columns))[:, None]
     if balance.loaded:
-        outside = np.broadcast_to(load.torque, (len(torque), *batch))
-        inputs = np.stack([inputs[:, 0], np.repeat(outside, count, axis=0)], axis=1)
-    x = _apply_command(
-        Samples(t, q, v, np.zeros(1), load=load), inputs[0] if len(inputs) else np.zeros((inputs.shape[1], 1))
-    )
+        outside = np.repeat(np.broadcast_to(load.torque, (len(torque), *columns)), count // held, axis=0)
+        inputs = np.stack([inputs[:, 0], outside], axis=1)
+    repeats = batch[-1] // columns[-1]
+    q, v, t = (np.broadcast_to(np.asarray(a, dtype=float), batch) for a in (position, velocity, start))
+    at_first = np.tile(inputs[0], repeats) if len(inputs) else np.zeros((inputs.shape[1], 1))
+    x = _apply_command(Samples(t, q, v, np.zeros(1), load=load), at_first)
     x = replace(x, memory={id: (memory or {}).get(id, state) for id, state in balance.start(x).items()})
     states = np.array([np.broadcast_to(row, batch) for row in stack_rows(x)])
     made = (program or prepare_step(terms, balance.loaded, h)) if len(batch) == 1 else PreparedStep(None, ())
+    kept = range(1, 3) if observe is None else range(len(states))
     if made.step is not None:
         constants = [*balance.theta, *made.nonlinear, *(load[:2] if balance.loaded else ()), h]
         own = np.array([np.broadcast_to(value, batch) for value in constants])
-        path = made.step(inputs, own[:, None], states[:, None], count)[:, :, 0]
+        parts = (rows.reshape(-1, repeats, *columns) for rows in (own, states))
+        path = made.step(inputs, *parts, count, held, kept).reshape(-1, len(kept), *batch)
     else:
-        path = repeat(
-            lambda given, now: stack_rows(step(balance, _apply_command(unstack_rows(now, x), given), h)),
-            inputs,
-            states,
-            count,
-        )
+
+        def take_step(given: Array, now: Array) -> Sequence[ArrayLike]:
+            return stack_rows(step(balance, _apply_command(unstack_rows(now, x), np.tile(given, repeats)), h))
+
+        path = repeat(take_step, np.repeat(inputs, held, axis=0), states, count)[:, kept]
     if observe is not None:
         for k, state in enumerate(path):
             now = unstack_rows(state, x)
-            observe(_apply_command(now, inputs[max(0, k * count - 1)]) if len(inputs) else now)
-    return Trajectory(path[:, 1].copy(), path[:, 2].copy())
+            last = max(0, k * count - 1) // held
+            observe(_apply_command(now, np.tile(inputs[last], repeats)) if len(inputs) else now)
+    first = kept.index(1)
+    return Trajectory(path[:, first], path[:, first + 1])
 
 
 def _apply_command(x: Samples, given: Array) -> Samples:
@@ -292,15 +299,17 @@ def _apply_command(x: Samples, given: Array) -> Samples:
     return replace(x, torque=command, load=x.load._replace(torque=outside[0]) if outside else x.load)
 
 
-def _spread_commands(terms: Sequence[Term], torque: Array, before: Array | None, count: int, h: ArrayLike) -> Array:
-    """Return the torque (N count, B) of each step of length h [s], delayed as by the terms."""
-    commands = np.repeat(torque, count, axis=0)
+def _spread_commands(
+    terms: Sequence[Term], torque: Array, before: Array | None, count: int, h: ArrayLike
+) -> tuple[Array, int]:
+    """Return the torque, delayed as by the terms, and the number of steps of length h [s] over which each is held."""
     delay = sum(term.delay for term in terms)
     if delay <= 0:
-        return commands
+        return torque, count
+    commands = np.repeat(torque, count, axis=0)
     earlier = np.zeros((0, *torque.shape[1:])) if before is None else np.asarray(before, dtype=float)
     earlier = earlier[:, None] if earlier.ndim == 1 else earlier
-    return delay_torque(commands, np.repeat(earlier, count, axis=0), float(delay / h))
+    return delay_torque(commands, np.repeat(earlier, count, axis=0), float(delay / h)), 1
 
 
 def stack_rows(x: Samples) -> list[Any]:

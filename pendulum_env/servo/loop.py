@@ -127,7 +127,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     state = ControllerState(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v, v)
     states = np.array([np.broadcast_to(row, shape) for row in _flatten_state(x, state, integrates)])
     if program.step is not None:
-        return np.asarray(program.step(servos.inputs, own, states, every)[:, 1])
+        return np.asarray(program.step(servos.inputs, own, states, every, kept=[1])[:, 0])
 
     def once(given: Array, now: Array) -> list[Any]:  # a law of a user's is no formula
         held, *late = now[len(stack_rows(x)) :]
