@@ -104,11 +104,15 @@ class WindowAverages:
 
     def fixed_under(self, term: Term, perturbations: Array) -> Array:
         """Return the fixed columns of a term without memory (R, J) under perturbations of the torque (J,) [N m]."""
-        x = replace(self.samples, torque=self.samples.torque + perturbations[:, None])
-        parts = [
-            self.narrow @ np.broadcast_to(c.force(x), (len(perturbations), self.narrow.shape[1])).T for c in term.fixed
-        ]
-        return np.asarray(sum(parts, np.zeros((self.narrow.shape[0], len(perturbations)))))
+        x, size = self.samples, (self.narrow.shape[1], len(perturbations))
+        under = [replace(x, torque=x.torque + own) for own in perturbations]  # one by one, within the processor's cache
+        total = np.zeros((self.narrow.shape[0], len(perturbations)))
+        for column in term.fixed:
+            forces = np.empty(size)
+            for k, own in enumerate(under):
+                forces[:, k] = column.force(own)
+            total += self.narrow @ forces
+        return total
 
 
 def _join_diagonally(parts: Sequence[Averages]) -> Averages:
@@ -353,9 +357,9 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
             runs.append(Samples(x.time[part], x.position[part], x.velocity[part], x.torque[part], temperature=warm))
             commands.append(w.recording.torque[begin:end])
             periods.append(1.0 / w.recording.rate)
-    if kind.trace is not Term.trace:
+    if kind.has_own_trace():
         every = zip(runs, commands, periods, strict=True)
-        memories = iter([[variant.trace(*run) for variant in variants] for run in every])
+        memories = iter([kind.trace_each(variants, *run) for run in every])
     else:
         memories = iter(trace_variants(variants, runs, commands, periods))
     traced = []

@@ -276,8 +276,8 @@ def _write_program(
             known = load(given, builder.add(first, builder.srem(lane, cycle)), inputs, row)
             known |= load(own, lane, shared, lanes) | load(now, lane, states, lanes)
             values = write.emit(lines, known, [line for line, _ in results if line is not None])
-            for k, (line, number) in enumerate(results):
-                value = kind(number) if line is None else write.number(values[line])
+            for k, (result, number) in enumerate(results):
+                value = kind(number) if result is None else write.number(values[result])
                 builder.store(value, place(now, lane, WHOLE(k), lanes), align=8)
         done = builder.add(step, WHOLE(1))
         with builder.if_then(builder.icmp_signed("==", builder.srem(done, every), WHOLE(0))):

@@ -218,12 +218,14 @@ class Presliding(Term):
         # From one reversal to the next the state decays with the distance travelled since.
         position = np.asarray(x.position)
         turns = np.flatnonzero(np.diff(np.sign(np.diff(position))) != 0) + 1
-        state, value = np.empty_like(position), 0.0
-        for first, last in zip(np.r_[0, turns], np.r_[turns, len(position) - 1], strict=True):
-            run = position[first : last + 1]
-            direction = np.sign(run[-1] - run[0])
-            state[first : last + 1] = direction + (value - direction) * np.exp(
-                -np.abs(run - run[0]) / self.displacement
-            )
-            value = state[last]
+        first, last = np.r_[0, turns], np.r_[turns, len(position) - 1]
+        run = np.repeat(np.arange(len(first)), np.diff(np.r_[first, len(position)]))
+        direction = np.sign(position[last] - position[first])
+        begins, value = np.zeros(len(first)), 0.0
+        rest = np.exp(-np.abs(position[last] - position[first]) / self.displacement)
+        for k, (sign, share) in enumerate(zip(direction.tolist(), rest.tolist(), strict=True)):
+            begins[k] = value
+            value = sign + (value - sign) * share
+        share = np.exp(-np.abs(position - position[first][run]) / self.displacement)
+        state = direction[run] + (begins - direction)[run] * share
         return (state,)

@@ -276,8 +276,9 @@ def simulate(
     if made.step is not None:
         constants = [*balance.theta, *made.nonlinear, *(load[:2] if balance.loaded else ()), h]
         own = np.array([np.broadcast_to(value, batch) for value in constants])
-        parts = (rows.reshape(-1, repeats, *columns) for rows in (own, states))
-        path = made.step(inputs, *parts, count, held, kept).reshape(-1, len(kept), *batch)
+        shape = -1, repeats, *columns
+        path = made.step(inputs, own.reshape(shape), states.reshape(shape), count, held, kept)
+        path = path.reshape(len(path), len(kept), *batch)
     else:
 
         def take_step(given: Array, now: Array) -> Sequence[ArrayLike]:

@@ -230,7 +230,12 @@ class Term:
     @classmethod
     def has_state(cls) -> bool:
         """Return whether the term has states along a motion, including a dead time."""
-        return cls.advance is not Term.advance or cls.trace is not Term.trace
+        return cls.advance is not Term.advance or cls.has_own_trace()
+
+    @classmethod
+    def has_own_trace(cls) -> bool:
+        """Return whether the term traces its states in its own way, not step by step."""
+        return cls.trace is not Term.trace
 
     def list_angle_functions(self, at: str) -> tuple[str, ...]:
         """List the functions of the angle of a joint that it contains: `one`, `line`, `sine` or `cosine`.
@@ -278,6 +283,11 @@ class Term:
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
         """Return the states along N recorded samples; see `trace_variants`."""
         return trace_variants([self], [x], [command], [period])[0][0]
+
+    @classmethod
+    def trace_each(cls, variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:
+        """Return the states of each of V variants along N recorded samples."""
+        return [variant.trace(x, command, period) for variant in variants]
 
     @property
     def nonlinear_values(self) -> dict[str, float]:

@@ -17,7 +17,7 @@ where s is the extension of the transmission. Source: Spong, ASME Journal of Dyn
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -142,16 +142,23 @@ class JointFlexibility(Transmission):
     )
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
+        return self.trace_each([self], x, command, period)[0]
+
+    @classmethod
+    def trace_each(cls, variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:
         # ql'' + c ql' + w^2 ql + g sin ql = w^2 q + c q' in central differences
-        stiffness = min(self.resonance, 1.5 / period) ** 2
-        drive = stiffness * np.asarray(x.position) + self.damping * np.asarray(x.velocity)
+        names = [parameter.name for parameter in cls.nonlinear_parameters]
+        values: Any = [np.array([getattr(variant, name) for variant in variants]) for name in names]
+        resonance, damping, gravity = values
+        stiffness = np.minimum(resonance, 1.5 / period) ** 2
         first = Samples(x.time[0], x.position[0], x.velocity[0], x.torque[0])
-        q0, v0 = self._hang(first, stiffness)
-        constants = np.array([stiffness, self.damping, self.gravity, period])[:, None, None]
-        start = np.array([q0 + period * v0, q0])[:, None, None]
-        path = _make_central_differences()(drive[1:-1, None, None], constants, start)[:, 0, 0, 0]
-        q = np.r_[q0, path][: len(drive)]
-        return q, np.gradient(q, period)
+        q0, v0 = cls(*values)._hang(first, stiffness)
+        constants = np.array([stiffness, damping, gravity, np.full(len(variants), period)])[:, :, None]
+        start = np.array([q0 + period * v0, q0])[:, :, None]
+        motion = np.stack([x.position, x.velocity], axis=1)[1:-1, :, None]
+        path = _make_central_differences()(motion, constants, start, kept=[0])[:, 0, :, 0].T
+        q = np.column_stack([q0, path])[:, : len(x.position)]
+        return list(zip(q, np.gradient(q, period, axis=1), strict=True))
 
 
 @dataclass(frozen=True)
@@ -194,6 +201,7 @@ def _make_central_differences() -> Recurrence:
     from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
 
     given: list[Any] = ["stiffness", "damping", "gravity", "period"]
-    drive, w2, c, g, h, q, before = (make_symbol(text) for text in ("drive", *given, "position", "before"))
-    known = drive - g * np.sin(q) - w2 * q + 2 * q / h**2 - (1 / h**2 - 0.5 * c / h) * before
-    return compile_recurrence(["drive"], given, ["position", "before"], [known / (1 / h**2 + 0.5 * c / h), q])
+    states = ["position", "before"]
+    motor, speed, w2, c, g, h, q, before = (make_symbol(text) for text in ("motor", "speed", *given, *states))
+    known = w2 * motor + c * speed - g * np.sin(q) - w2 * q + 2 * q / h**2 - (1 / h**2 - 0.5 * c / h) * before
+    return compile_recurrence(["motor", "speed"], given, states, [known / (1 / h**2 + 0.5 * c / h), q])
