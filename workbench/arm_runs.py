@@ -1,30 +1,23 @@
 """Runs of a simulated arm: the motion that its joints follow, and what they did."""
 
-from __future__ import annotations
-
 import argparse
-import re
 
 import numpy as np
 
 from agents.arm_env import plan_motion
 from agents.network import load
 from agents.observer import ARM
-from estimators.arms.excitation import design_excitation
-from estimators.arms.following import follow
+from estimators.arms import Reference, design_excitation, follow
 from estimators.arms.limits import find_limits
-from estimators.arms.reference import Reference
-from pendulum_env.arms.body import Body, BodyError
+from pendulum_env.arms import Body, BodyError, find_planar_links
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
-from pendulum_env.arms.plane import find_planar_links
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
-from pendulum_env.formatting import join_words
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import write_recording
 from workbench.errors import InputError
-from workbench.inputs import make_robot, report_held
 from workbench.outputs import report_files
+from workbench.robot import make_robot, report_held
 from workbench.runs import LEARNT
 from workbench.terminal import Terminal
 
@@ -62,7 +55,7 @@ def record_arm(
     ]
     terminal.table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
     if arguments.effects:
-        terminal.say(f"hidden: {join_words([re.split('[=:]', text)[0] for text in arguments.effects])}")
+        terminal.say(f"hidden: {', '.join(text.partition('=')[0].partition(':')[0] for text in arguments.effects)}")
     report_files([arguments.output], terminal)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pendulum_env.lookup import find
-from pendulum_env.physics import Term, list_nameable
+from pendulum_env.physics import Model, Term, list_nameable
 from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import LARGE, quote_value
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
@@ -105,6 +105,14 @@ def add_plant(parser: argparse.ArgumentParser) -> None:
         type=keep_message(lambda text: paper_plant(read_parameters(text))),
         help="inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
     )
+
+
+def make_plant(arguments: argparse.Namespace) -> Model:
+    """Make the plant that was asked for, with what is hidden in it; raises ModelError if an effect is hidden twice."""
+    plant: Model = arguments.theta or paper_plant()
+    for text in arguments.effects:
+        plant = hide(plant, text)
+    return plant
 
 
 def add_hidden_effects(parser: argparse.ArgumentParser) -> None:

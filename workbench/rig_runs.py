@@ -11,6 +11,7 @@ from pendulum_env.wrappers import RecordMeasurements
 from workbench.errors import InputError, Interrupted
 from workbench.outputs import report_files
 from workbench.runs import Plan
+from workbench.simulated_runs import make_controller, make_environment
 from workbench.terminal import Terminal
 
 
@@ -29,12 +30,12 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
         if len(late) % rate < 1:
             show(f"{info['time']:.0f} s", len(late) / steps)
 
-    env = RecordMeasurements(plan.make_environment(), output, overwrite=True)
+    env = RecordMeasurements(make_environment(plan), output, overwrite=True)
     try:
         if plan.remark:
             terminal.say(plan.remark)
         with terminal.progress("running") as show:
-            recording = rollout(env, plan.make_controller(rate), steps, watch=watch)
+            recording = rollout(env, make_controller(plan, rate), steps, watch=watch)
     except (DriveError, RecordingError) as error:
         raise InputError(last.get("fault") or str(error)) from None
     except KeyboardInterrupt:

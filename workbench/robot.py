@@ -1,5 +1,6 @@
 """A robot as a user names it: its file, which joints move, and where recordings have the others."""
 
+import argparse
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -16,6 +17,8 @@ from pendulum_env.arms.robot import find_movable_joints, import_pinocchio
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import read_sources
+from workbench.errors import InputError
+from workbench.terminal import Terminal
 
 FORMATS = (".urdf", ".xml", ".mjcf")
 
@@ -102,3 +105,26 @@ def find_straying(body: Body, recordings: Sequence[Recording]) -> list[str]:
             away = f"{joint} gets {off:.2g} {body.units(joint).unit('rad')} away from there in {recording.name}"
             found.append(f"{away}: name it in --joints if it moves")
     return found
+
+
+def make_robot(
+    arguments: argparse.Namespace, sources: Sequence[Source] = (), made: ModelOptions | None = None
+) -> RobotFile:
+    """Make the robot as the arguments, or else a study or the model that was `made` of it, ask for it."""
+    made = made or ModelOptions()  # of a robot, where no model says what it was made of
+    named = {arguments.joints, *(source.joints for source in sources)} - {None}
+    if len(named) > 1:
+        raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
+    joints, rotors = named.pop() if named else made.joints, True if arguments.rotors else made.rotors
+    light = arguments.no_gravity or made.weightless
+    return RobotFile(Path(arguments.robot), joints, rotors, light)
+
+
+def report_held(body: Body, recordings: Sequence[Recording], terminal: Terminal) -> None:
+    """Say which joints are held, and where recordings have them elsewhere."""
+    if text := describe_held(body):
+        terminal.say(text)
+    if body.impossible_text:
+        terminal.say(f"warning: {body.impossible_text}: only the kinematics of the file are used", style="yellow")
+    for text in find_straying(body, recordings):
+        terminal.say(f"warning: {text}", style="yellow")

@@ -1,25 +1,18 @@
 """Plans of runs of a pendulum: the torque that drives it, and the environment that answers step by step."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
-import gymnasium as gym
 import numpy as np
 
 from agents.network import load
 from agents.observer import CONSTRAINTS, EPISODE, Pilot
-from pendulum_env.backends.hardware import DriveError, config
-from pendulum_env.backends.simulated import TORQUE_NOISE
+from pendulum_env.backends.hardware import config
 from pendulum_env.excitation import STILL, Excitation, excitation
 from pendulum_env.physics import Model
-from pendulum_env.policy import OpenLoop
-from pendulum_env.registration import PENDULUM
-from pendulum_env.spaces import MAX_TORQUE
 from workbench.errors import InputError
-from workbench.inputs import make_plant
+from workbench.options import make_plant
 from workbench.suggestions import read_suggestion
 
 SECONDS = 30.0  # length of a recording
@@ -52,33 +45,6 @@ class Plan:
         if release is not None and arguments.backend not in (None, "simulated"):
             raise InputError("a free swing is simulated as a whole: leave out --backend")
         return cls(arguments, rig, make_plant(arguments), rate, command, seconds, release)
-
-    def make_environment(self) -> gym.Env[Any, Any]:
-        """Create the environment: a simulated plant, a replayed recording, or a rig without power.
-
-        The rig is owned and connected from now on; raises InputError if it is out of reach, or in use.
-        """
-        asked = self.arguments
-        if self.rig is not None:
-            try:
-                return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(self.rig.path))
-            except DriveError as error:
-                raise InputError(str(error)) from None
-        return gym.make(
-            PENDULUM,
-            max_episode_steps=-1,
-            backend=asked.backend or "pymunk",
-            model=None if asked.replay is not None else self.plant,
-            rate=asked.rate,
-            counts=asked.counts,
-            torque_noise=TORQUE_NOISE,
-            max_torque=max(MAX_TORQUE, self.command.amplitude),
-            recording=asked.replay,
-        )
-
-    def make_controller(self, rate: float) -> OpenLoop | Pilot:
-        """Create the controller at a rate [Hz]; a replay has its own torque."""
-        return self.command if isinstance(self.command, Pilot) else OpenLoop(self.command, rate)
 
     @property
     def remark(self) -> str:

@@ -240,7 +240,7 @@ def test_mistakes_are_one_line(request, refused, monkeypatch, place, words, told
     assert re.search(told, refused(*words.split(), *(["--robot", "arm.urdf"] if place else [])))
 
 
-@pytest.mark.parametrize("words", ["record -o x.csv", "compare a.json b.csv"])
+@pytest.mark.parametrize("words", ["record -o x.csv", "compare a.json plain.csv"])
 def test_without_pinocchio_the_pip_command_is_told(refused, folder, monkeypatch, words):
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     assert "pip install 'pendulum-ident[arms]'" in refused(*of_arm(folder, *words.split()))

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and devices 
 
 BEGUN = {
     "worker": """
-from workbench.processes import Job, Workers
+from workbench.app.jobs import Job, Workers
 from tests.workbench.test_processes import sleep
 from tests.patience import wait_until
 if __name__ == "__main__":

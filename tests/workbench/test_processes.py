@@ -14,9 +14,10 @@ from estimators.progress import Progress
 from pendulum_env.physics import plugin
 from tests.patience import PATIENCE, wait_until
 from tests.pendulum_env.physics.test_limits import PLUGIN
-from workbench import processes
+from workbench.app import jobs
+from workbench.app.jobs import LOST, Job, Workers
 from workbench.errors import InputError
-from workbench.processes import LOST, Job, Workers, open_local_workers
+from workbench.processes import open_local_workers
 
 
 def count(to: int, tell: Progress) -> int:
@@ -44,7 +45,7 @@ def give_what_does_not_travel(tell: Progress) -> Any:
 
 @pytest.fixture
 def workers(monkeypatch: pytest.MonkeyPatch) -> Iterator[Workers]:
-    monkeypatch.setattr(processes, "LIBRARIES", ())  # which take a second to load, and none of these tasks needs
+    monkeypatch.setattr(jobs, "LIBRARIES", ())  # which take a second to load, and none of these tasks needs
     workers = Workers()
     yield workers
     workers.close()

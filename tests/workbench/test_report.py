@@ -22,7 +22,7 @@ from workbench.figure import broken, numbers
 from workbench.narrator.reasons import describe_reason
 from workbench.report import render
 from workbench.report.failures import plot_profile
-from workbench.report.page import SECTIONS
+from workbench.report.whole import SECTIONS
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "rad", held_out=("<run>",))

@@ -24,9 +24,9 @@ from estimators.schemes.result import SAVED
 from estimators.selection.errors import Step
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import PER_INERTIA, Recording
+from workbench.app.jobs import Task
 from workbench.errors import InputError
 from workbench.narrator import describe
-from workbench.processes import Task
 from workbench.report.data import identify_schemes
 
 SCHEMES_OF_ARM = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")

@@ -13,11 +13,11 @@ from pendulum_env.errors import ColumnError
 from pendulum_env.recording import RecordingError, Source
 from workbench.app import uploads
 from workbench.app.card import ColumnCard
+from workbench.app.jobs import Job, Task, Workers
 from workbench.app.recordings import LoadedRecording
 from workbench.app.state import State
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import read_terms
-from workbench.processes import Job, Task, Workers
 from workbench.robot import RobotFile
 
 UNDONE = 20  # changes that can be taken back

@@ -12,9 +12,9 @@ from dash import Dash
 from dash.development.base_component import Component
 
 from pendulum_env.recording import Source
+from workbench.app.jobs import Workers
 from workbench.app.session import Session
 from workbench.errors import InputError
-from workbench.processes import Workers
 from workbench.robot import RobotFile
 
 MOST = 16  # sessions; of more, the one that was used least recently ends

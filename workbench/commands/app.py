@@ -11,8 +11,9 @@ from pendulum_env.errors import ColumnError
 from pendulum_env.recording import Source
 from workbench import options
 from workbench.errors import InputError
-from workbench.inputs import list_sources, make_robot, read_all
 from workbench.processes import hold_interrupts
+from workbench.reading import list_sources, read_all
+from workbench.robot import make_robot
 from workbench.terminal import Terminal
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from pendulum_env.backends.emulators import MISHAPS, emulate, make_serial
 from pendulum_env.backends.hardware import find_adapter
 from workbench import options
-from workbench.inputs import make_plant
+from workbench.options import make_plant
 from workbench.outputs import check_outputs
 from workbench.terminal import Terminal
 

@@ -13,8 +13,9 @@ from workbench import options
 from workbench.errors import InputError
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
-from workbench.inputs import make_body, read_all, read_model, read_source_names
+from workbench.inputs import make_body, read_model
 from workbench.outputs import check_outputs, report_files
+from workbench.reading import read_all, read_source_names
 from workbench.terminal import Terminal
 
 

@@ -5,13 +5,11 @@ import argparse
 import numpy as np
 
 from agents.network import POLICY_NAMES as SHIPPED
-from agents.observer import EPISODE, Pilot
+from agents.observer import EPISODE
 from pendulum_env.backends.sensing import COUNTS
-from pendulum_env.backends.simulated import TORQUE_NOISE, record
 from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, USUAL_SPEED
-from pendulum_env.policy import rollout
 from pendulum_env.reading import LARGE
-from pendulum_env.recording import Recording, write_recording
+from pendulum_env.recording import write_recording
 from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.writing import WRITERS
 from workbench import options
@@ -20,6 +18,7 @@ from workbench.errors import InputError
 from workbench.outputs import check_outputs, report_files
 from workbench.rig_runs import describe_recording, record_rig
 from workbench.runs import LEARNT, SECONDS, SUGGESTED, Plan
+from workbench.simulated_runs import simulate
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
@@ -128,7 +127,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if plan.rig is not None:
         record_rig(plan, samples, terminal)
         return
-    recording = _simulate(plan, rng, terminal)
+    recording = simulate(plan, rng, terminal)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
         raise InputError(f"the arm turns by more than {LARGE:g} rad: lower the torque, or what drives it")
     if np.ptp(recording.position) == 0:
@@ -149,27 +148,3 @@ def _count_samples(seconds: float, rate: float) -> int:
     if not BOUNDS.fewest <= samples <= MOST:
         raise InputError(f"{samples:.0f} samples are asked for, between {BOUNDS.fewest} and {MOST} are possible")
     return round(samples)
-
-
-def _simulate(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Recording:
-    """Record with the backend that was asked for."""
-    arguments, command, seconds = plan.arguments, plan.command, plan.seconds
-    if (arguments.backend == "replay") != (arguments.replay is not None):
-        raise InputError("--backend replay and --replay FILE belong together: give both or neither")
-    if arguments.replay is not None and plan.plant.effects:
-        raise InputError("--effect does not go with a replay: it plays the plant that was recorded")
-    if not isinstance(command, Pilot) and arguments.backend in (None, "simulated"):
-        with terminal.progress("simulating"):
-            sensor = plan.rate, arguments.counts, TORQUE_NOISE
-            return record(plan.plant, command, seconds, *sensor, rng=rng, release=plan.release)
-    env = plan.make_environment()
-    rate = env.unwrapped.rate  # type: ignore[attr-defined]
-    steps = round(seconds * rate)
-    with terminal.progress("running") as tell:
-        return rollout(
-            env,
-            plan.make_controller(rate),
-            steps,
-            seed=int(rng.integers(2**31)),
-            watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / seconds),
-        )

@@ -1,18 +1,15 @@
 """A model's step, written down: the simulator's own, or what it adds to the step of a physics engine."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from keyword import iskeyword
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 
-from pendulum_env.formatting import join_words
 from pendulum_env.physics import Estimate, Model, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.simulation import TorqueBalance, step, write_balance
@@ -131,7 +128,7 @@ class _Parts:
     delay: float = 0.0  # of a torque that is given [s]
 
     @classmethod
-    def of(cls, model: Model, terms: Sequence[Term], request: Request) -> _Parts:
+    def of(cls, model: Model, terms: Sequence[Term], request: Request) -> Self:
         """Return the terms of a model, under the torque of a drive if there is one."""
         balance, x, _ = write_balance(terms)
         named: list[tuple[str, str, Any, float]] = [
@@ -159,7 +156,7 @@ class _Parts:
             [t.id for t in terms if t.needs == "temperature"],
         )
         if other := [f"{term.id} (by its {term.needs})" for term in terms if term.needs not in ("", "temperature")]:
-            raise ExportError(f"{join_words(other)}: no program is given that")
+            raise ExportError(f"{', '.join(other)}: no program is given that")
         if warm:
             given.append(StepQuantity("temperature", SI["temperature"], ROOM))
             x = replace(x, temperature=cast(Any, make_symbol("temperature")))

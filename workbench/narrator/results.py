@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
-
-import numpy as np
+from collections.abc import Sequence
 
 from estimators.checks.homogeneity import Disagreement
-from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, HorizonRefit, Verdict
+from estimators.diagnosis.result import Addition, Candidate, Diagnosis, HorizonRefit
 from estimators.results import Comparison
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Errors, Step
-from estimators.signals.residual import SYMBOLS, Profile
-from estimators.simulation.free_running import HORIZON
-from pendulum_env.formatting import TextTable, draw_bar, format_quantity, join_words
-from pendulum_env.physics import Model
-from pendulum_env.physics.estimate import shorten_name
+from pendulum_env.formatting import TextTable, format_quantity, join_words
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.channel import NEWTON_METRE
-from pendulum_env.units import TURNING, JointUnits, to_shown_unit
+from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.narrator.addition import describe_addition, describe_table
 from workbench.narrator.comparison import describe_loop, describe_unstable
 from workbench.narrator.diagnosis import (
-    describe_detectable,
     describe_disagreement,
     describe_refit,
     describe_region,
@@ -32,7 +24,16 @@ from workbench.narrator.diagnosis import (
 )
 from workbench.narrator.findings import describe, measure
 from workbench.narrator.parts import Content, Part
-from workbench.narrator.reasons import ERRORS, FLOOR_SOURCES, describe_reason
+from workbench.narrator.reasons import FLOOR_SOURCES
+from workbench.narrator.tables import (
+    tabulate_candidates,
+    tabulate_detectable,
+    tabulate_errors,
+    tabulate_joints,
+    tabulate_parameters,
+    tabulate_profile,
+    tabulate_recordings,
+)
 
 NEXT = "What to do next"
 RUNNERS_UP = 5  # rejected candidates that are shown
@@ -181,47 +182,6 @@ def narrate_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     ]
 
 
-def tabulate_joints(
-    columns: Sequence[Errors], floors: Mapping[str, float], model: Model, headers: Sequence[str] = ("before", "after")
-) -> TextTable:
-    """Tabulate joints: torque errors of models, noise floor, and the residual as a share of the torque."""
-    rows = [
-        (
-            at,
-            *(f"{errors.joints[at]:.4g}" for errors in columns),
-            f"{floors[at]:.4g}",
-            model.units(at).unit(NEWTON_METRE),
-            "" if share is None else f"{100 * share:.2g} %",
-        )
-        for at, share in columns[-1].shares.items()
-    ]
-    return TextTable(("joint", *headers, "noise floor", "unit", "share of torque"), rows, left=("unit",))
-
-
-def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextTable:
-    """Tabulate the errors step by step, with a bar that shrinks; ratios are held-out errors over the base's."""
-    base = steps[0].errors["holdout"]
-    headers, rows = ["model"], [["as it was" if step.added is None else f"+ {step.added}"] for step in steps]
-    for kind, unit in base.kinds.items():
-        what, (factor, unit) = ERRORS[kind], to_shown_unit(1.0, units.unit(unit))
-        headers += [f"{what}, fitted [{unit}]", f"{what}, held out [{unit}]", "ratio"]
-        for row, step in zip(rows, steps, strict=True):
-            train, holdout = (getattr(step.errors[part], kind) for part in ("train", "holdout"))
-            ratio = format_quantity(holdout / max(getattr(base, kind), 1e-300), 3)
-            row += [format_quantity(factor * train, 4), format_quantity(factor * holdout, 4), ratio]
-    return TextTable([*headers, ""], [[*row, draw_bar(float(row[3]))] for row in rows], left=("",))
-
-
-def tabulate_parameters(*models: Model, headers: Sequence[str] = ("estimate",)) -> TextTable:
-    """Tabulate the parameters of the last model with standard errors, beside those of the models before."""
-    named = [{**model.readable, **model.derived} for model in models]
-    rows = [
-        (shorten_name(name), *(own[name].shown.text if name in own else "" for own in named), last.shown.unit)
-        for name, last in named[-1].items()
-    ]
-    return TextTable(("parameter", *headers, "unit"), rows, left=("unit",))
-
-
 def describe_fit(steps: Sequence[Step]) -> str:
     """Describe the explained shares of held-out torque and motion of the first and the last model."""
     if steps[0].errors["holdout"].is_in_loop:
@@ -235,85 +195,8 @@ def describe_fit(steps: Sequence[Step]) -> str:
     return f"fit of held-out data: torque {torque}, position {position}"
 
 
-def tabulate_candidates(candidates: Sequence[Candidate], most: int | None) -> tuple[TextTable, str]:
-    """Tabulate the candidates that matter, and say in words which ones are not shown; empty if none.
-
-    Those that matter are all but the less likely of those left out.
-    """
-    settled = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
-    rest = [c for c in candidates if c not in settled]
-    shown, hidden = rest[:most], [] if most is None else rest[most:]
-    rows = [
-        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c)) for c in (*settled, *shown)
-    ]
-    blind = [c.effect for c in hidden if c.verdict is Verdict.NOT_EXCITED]
-    worse = len(hidden) - len(blind)
-    parts = [f"{worse} more that are no better"] if worse else []
-    parts += [f"{len(blind)} that could not be judged ({join_words(blind)})"] if blind else []
-    return TextTable(("effect", "verdict", "score", "reason"), rows, left=("verdict", "reason")), " and ".join(parts)
-
-
-def tabulate_detectable(found: Sequence[Detectable]) -> TextTable:
-    """Tabulate the smallest detectable sizes of effects."""
-    return TextTable(
-        ("effect", "detectable"),
-        [(one.effect, describe_detectable(one)) for one in found],
-        left=("detectable",),
-    )
-
-
 def describe_noise(step: Step, floor: float) -> str:
     """Describe the noise floor of the errors of a step, and its source, in a sentence."""
     kind, unit = next(iter(step.errors["holdout"].kinds.items()))
     noise = measure(Quantity(floor, unit=step.model.units().unit(unit)))
     return f"noise floor, by {FLOOR_SOURCES[kind]}: {noise}"
-
-
-def tabulate_recordings(found: Comparison) -> TextTable:
-    """Tabulate the errors of a model on every recording, and on all together if there are several."""
-    distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
-    units = found.model.units()
-    unit, (factor, angle) = units.unit(NEWTON_METRE), to_shown_unit(1.0, units.unit("rad"))
-    free = f"free-running position{'' if found.horizon in (None, HORIZON) else f' over {found.horizon:g} s'} [{angle}]"
-    errors = (f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", free, "fit [%]")
-    return TextTable(
-        (
-            "recording",
-            *errors,
-            *((f"in the loop, mean [{angle}]", f"RMS [{angle}]") if found.joint.errors.is_in_loop else ()),
-        ),
-        [
-            (
-                item.name,
-                f"{item.errors.torque_rms:.4g}",
-                f"{item.errors.torque_fit:.4g}",
-                f"{item.noise_floor:.4g}",
-                format_quantity(factor * item.errors.position_rms, 4),
-                format_quantity(item.errors.position_fit, 4),
-                *(
-                    f"{factor * error:.4g}"
-                    for error in (item.errors.in_loop, item.errors.in_loop_rms)
-                    if np.isfinite(error)
-                ),
-            )
-            for item in distances
-        ],
-    )
-
-
-def tabulate_profile(profile: Profile) -> TextTable:
-    """Tabulate the mean residual over one quantity, with bars to either side of zero."""
-    largest = float(np.abs(profile.mean).max()) or 1.0
-    edges, along = to_shown_unit(profile.edges, profile.unit)
-    rows = [
-        (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", _draw_signed_bar(mean / largest))
-        for (low, high), mean in zip(pairwise(edges), profile.mean.tolist(), strict=True)
-    ]
-    unit = profile.units.unit(NEWTON_METRE)
-    return TextTable((f"{SYMBOLS[profile.axis]} [{along}]", f"mean residual [{unit}]", ""), rows, left=("",))
-
-
-def _draw_signed_bar(share: float, width: int = 12) -> str:
-    """Draw the bar from the middle to the left or to the right."""
-    left, right = ("", draw_bar(share, width)) if share > 0 else (draw_bar(-share, width), "")
-    return f"{left:>{width}}│{right:<{width}}"

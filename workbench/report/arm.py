@@ -14,7 +14,8 @@ from pendulum_env.formatting import format_percent
 from pendulum_env.physics import Model, Term
 from workbench.narrator.diagnosis import describe_next_step, describe_result, describe_unexplained
 from workbench.narrator.parts import Content, Part
-from workbench.narrator.results import CLEAR, tabulate_joints
+from workbench.narrator.results import CLEAR
+from workbench.narrator.tables import tabulate_joints
 from workbench.report.data import DrawnModel, ReportData, Section, list_ends
 from workbench.report.failures import list_key, list_regions, plot_profile
 from workbench.report.numbers import make_parameters

@@ -16,7 +16,8 @@ from workbench.figure import DRAWING, Figure, axis, band, line, segment
 from workbench.narrator.effects import name_effect
 from workbench.narrator.identification import list_warnings, tabulate_schemes
 from workbench.narrator.parts import Content, Key, Part
-from workbench.narrator.results import narrate_errors, tabulate_parameters
+from workbench.narrator.results import narrate_errors
+from workbench.narrator.tables import tabulate_parameters
 from workbench.report.data import ReportData, Section
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))

@@ -8,26 +8,24 @@ from typing import Any
 import numpy as np
 
 from estimators.diagnosis.result import Candidate, Detectable, Diagnosis, Verdict
-from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
 from estimators.simulation.free_running import HORIZON
-from estimators.weak_form.windows import Windows
-from pendulum_env.formatting import TextTable, capitalise, format_number, format_percent, join_words
-from pendulum_env.quantity import Quantity
+from pendulum_env.formatting import capitalise, format_number, join_words
 from workbench.figure import Figure, axis, line
 from workbench.narrator.diagnosis import (
     describe_next_step,
     describe_refit,
     describe_region,
     describe_result,
+    describe_suggestion,
     list_advice,
     list_remarks,
 )
 from workbench.narrator.effects import name_effect
-from workbench.narrator.findings import describe_aim, measure, measure_range
 from workbench.narrator.notes import describe_note
 from workbench.narrator.parts import Code, Content, Part
 from workbench.narrator.reasons import describe_reason
-from workbench.narrator.results import NEXT, narrate_candidates, narrate_disagreements, tabulate_detectable
+from workbench.narrator.results import NEXT, narrate_candidates, narrate_disagreements
+from workbench.narrator.tables import tabulate_detectable
 from workbench.report.data import ReportData, Section
 
 
@@ -169,13 +167,9 @@ def make_next_experiment(case: ReportData) -> Section | None:
         {"xaxis": axis("time [s]"), "yaxis": axis(f"torque [{unit}]"), "showlegend": False},
         height=220,
     )
-    speed = measure(Quantity(suggestion.peak_speed, unit=case.units.unit("rad/s")), 2)
-    reach = measure_range(*suggestion.reach, case.units.unit("rad"), 2)
-    expected = f"{case.units.name('angle')}s from {reach} and speeds up to {speed}"
-    aims = join_words([describe_aim(own.effect, own.instead) for own in suggestion.settles])
     about = (
-        f"This torque would {aims}. The model predicts {expected}. The command `diagnose --experiment next.csv` "
-        "writes it for a controller of your own."
+        f"{describe_suggestion(suggestion, case.units)} The command `diagnose --experiment next.csv` writes it for a "
+        "controller of your own."
     )
     return Section("next", "What next", "The next experiment", [about, figure])
 
@@ -184,13 +178,6 @@ def make_method(case: ReportData) -> Section:
     """Describe the method of the result."""
     terms = join_words([term.id for term in case.diagnosis.steps[0].model.terms])
     split = "" if case.data.holdout else " Held out is the last 30 % of each recording."
-    rows = [
-        _tabulate_use(w, part, case)
-        for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
-        for w in prepared.data.windows
-    ]
-    noise = f"torque noise [{case.units.unit('N m')}]", f"position noise [{case.angle[1]}]"
-    headers = ("recording", "part", "duration [s]", "rate [Hz]", "at rest", "used", "windows", "length [ms]", *noise)
     recordings = (*case.data.recordings, *case.data.holdout)
     content: Content = [
         f"The base model has the terms {terms}. Its torque balance is averaged over short smooth windows clear of "
@@ -198,29 +185,7 @@ def make_method(case: ReportData) -> Section:
         "errors allow for residuals that are correlated in time. An effect is added only if it predicts blocks of "
         "the fitted data that it was not fitted to and then lowers the error on held-out data, in torque and in "
         f"free-running simulation over {HORIZON:g} s.{split}",
-        TextTable(headers, rows, left=("part",)),
         tuple(dict.fromkeys(f"{own.name}: {describe_note(note)}" for own in recordings for note in own.notes)),
-        "At rest: share of samples in stick or too slow for friction to have a direction. Used: share of samples "
-        "inside a window. Noise: standard deviation of the white part of each channel.",
         *([Part("Do it again", [Code(case.command)])] if case.command else []),
     ]
     return Section("method", "Method", "How this was done", content)
-
-
-def _tabulate_use(w: Windows, part: str, case: ReportData) -> tuple[str, ...]:
-    """Tabulate the use of a recording: shares of samples at rest and in windows, lengths, and noise."""
-    own, covered, half = w.recording, np.zeros(len(w.recording), dtype=bool), len(w.kernel) // 2
-    for center in w.centers:
-        covered[center - half : center + half + 1] = True
-    return (
-        own.name,
-        part,
-        f"{own.duration:.4g}",
-        f"{own.rate:.4g}",
-        format_percent(1.0 - float(np.mean(w.moving))),
-        format_percent(float(np.mean(covered))),
-        f"{len(w.centers)}",
-        f"{1000 * len(w.kernel) / own.rate:.2g}",
-        f"{estimate_white_noise(own.torque):.2g}",
-        f"{case.angle[0] * estimate_encoder_noise(own.position):.2g}",
-    )

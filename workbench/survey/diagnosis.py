@@ -11,12 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.run import diagnose
+from estimators import Diagnosis, diagnose
 from pendulum_env._typing import JSON
 from pendulum_env.errors import FileError, format_error
-from pendulum_env.physics import load_plugin
-from pendulum_env.physics.plugin import describe_fault
+from pendulum_env.physics.plugin import describe_fault, load_plugin
 from pendulum_env.reading import read_bytes
 from pendulum_env.recording import Source
 from workbench.errors import USER_ERRORS, InputError, format_mistake

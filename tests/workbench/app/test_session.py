@@ -38,6 +38,7 @@ from workbench.app.card import ColumnCard, ColumnChoice, describe_unit
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.downloads import make_file, write_study_text
 from workbench.app.equivalent import write_commands
+from workbench.app.jobs import Workers
 from workbench.app.page.server import make_app
 from workbench.app.session import Session
 from workbench.app.sessions import Sessions
@@ -48,7 +49,6 @@ from workbench.app.uploads import clean_name, unpack
 from workbench.cli import main
 from workbench.errors import InputError
 from workbench.narrator.diagnosis import write_diagnosis
-from workbench.processes import Workers
 
 IDS = ["0" * 32, "1" * 32]
 HOSTILE = ["../../etc/passwd.csv", "..\\..\\run.csv", "C:run.csv", "..", "", "a\0b.csv", "x" * 5000 + ".csv.gz"]

@@ -9,6 +9,7 @@ from dash.development.base_component import Component
 from estimators import Diagnosis, diagnose
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.fits import fit_and_diagnose
+from workbench.app.jobs import Task
 from workbench.app.panels import show_calls, show_timing
 from workbench.app.parts import KEPT, label_control, list_choices, make_button, make_panel, name_field, show_section
 from workbench.app.session import Session
@@ -16,7 +17,6 @@ from workbench.app.sessions import Stage
 from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import describe_result
 from workbench.options import parse_effects
-from workbench.processes import Task
 from workbench.report.arm import make_joints
 from workbench.report.data import ReportData, list_ends
 from workbench.report.story import make_story, rank_candidates

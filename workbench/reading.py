@@ -1,0 +1,84 @@
+"""Recordings that the arguments of a command name: their sources, and reading them."""
+
+import argparse
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+from pendulum_env.formatting import join_words
+from pendulum_env.recording import Recording, Source
+from pendulum_env.recording.study import find_duplicate, read_sources
+from workbench.errors import InputError
+from workbench.narrator.notes import WARNING, describe_note
+from workbench.outputs import check_outputs
+from workbench.terminal import Terminal
+
+Logged = TypeVar("Logged", bound=Recording)
+
+
+def list_sources(arguments: argparse.Namespace, outputs: Sequence[str | None] = ()) -> tuple[Source, ...]:
+    """List the recordings that the arguments name, alone or in studies, still unread: first those that are fitted.
+
+    Raises InputError if one is named twice, or none is to be fitted, StudyError if a study makes no sense, and as
+    `check_outputs`, of outputs that would destroy what is read.
+    """
+    names, held = list(arguments.recordings), list(getattr(arguments, "holdout", []))
+    sources = [source for name in names for source in read_source_names(name, arguments)]
+    sources += [replace(source, role="holdout") for name in held for source in read_source_names(name, arguments)]
+    if (twice := find_duplicate(sources)) is not None:
+        raise InputError(f"{twice.file}: is named twice: a recording that is held out must not be fitted as well")
+    for source in sources:  # also those that are not read
+        if not source.file.exists():
+            raise InputError(f"{source.file}: there is no such file: check the path")
+    sources.sort(key=lambda source: source.role == "holdout")
+    if names and sources[0].role == "holdout":
+        raise InputError(f'{names[0]}: holds every recording out: give one of them role = "fit"')
+    check_outputs(outputs, [*names, *held, *filter(None, [arguments.robot]), *(str(source.file) for source in sources)])
+    return tuple(sources)
+
+
+def read_source_names(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
+    """Read the recordings of a study, or the one in a file, read as the arguments ask for.
+
+    Raises InputError if arguments say what a study says itself, and StudyError if a study makes no sense.
+    """
+    drive = getattr(arguments, "drive", None)  # not every command takes one
+    if not name.lower().endswith(".toml"):
+        return (Source(Path(name), columns=arguments.columns or {}, unwrap=arguments.unwrap, drive=drive),)
+    if arguments.columns or arguments.unwrap or drive:
+        raise InputError(f"{name}: says itself how its recordings are read: write columns, unwrap and drive there")
+    return read_sources(name)
+
+
+def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Source], Logged]) -> list[Logged]:
+    """Read recordings, of one joint or of several, and say what they are and what was changed at reading."""
+    recordings = []
+    for source in sources:
+        with terminal.progress(f"reading {source.file.name}"):
+            recordings.append(read(source))
+    counts = Counter(note for recording in recordings for note in set(_collect_notes(recording)))
+    for source, recording in zip(sources, recordings, strict=True):
+        terminal.say(f"{source.file}: {recording.summary}")
+        if source.said_by:
+            columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
+            others = (f"with its {key}" for key in source.format if key != "columns")
+            terminal.say(f"  read as {source.said_by} says: {join_words([*columns, *others])}")
+        for note in _collect_notes(recording):
+            if counts[note] == 1:
+                _print_note(note, terminal)
+    for note, count in counts.items():
+        if count > 1:
+            _print_note(f"{note} ({count} of {len(recordings)} recordings)", terminal)
+    return recordings
+
+
+def _collect_notes(recording: Recording) -> list[str]:
+    """Collect the notes of a recording, and one on the units of an axis that slides."""
+    sliding = ["the joint slides: position is in metres"] if recording.units.slides else []
+    return [*map(describe_note, recording.notes), *sliding]
+
+
+def _print_note(note: str, terminal: Terminal) -> None:
+    terminal.say(f"  {note}", style="yellow" if note.startswith(WARNING) else None)
