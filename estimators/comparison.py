@@ -19,7 +19,7 @@ from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
 from estimators.data.regions import find_failures
 from estimators.data.regression_data import RegressionData
-from estimators.results import Comparison, Distance, is_logged
+from estimators.results import Comparison, Distance
 from estimators.signals.residual import compute_profiles
 from estimators.simulation.free_running import HORIZON
 from pendulum_env._typing import Array
@@ -72,7 +72,8 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     joint = compute_distance("all", together, model, loop.error)
     left = together.residual(model.terms, model.theta)
     fits = fit_each_recording([together.data], model.terms) if alone and not joint.errors.is_in_loop else []
-    failing, most = joint.floors if is_logged(recordings) else (), max(1, SHOWN // len(joint.floors))
+    failing = joint.floors if any(own.has_logged_torque for own in recordings) else ()
+    most = max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,
         tuple(compute_distance(part.names[0], part, model, loop.of(k).error) for k, part in enumerate(alone)),

@@ -16,7 +16,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.errors import UserError
 from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import Model
-from pendulum_env.recording import Recording, TorqueConstant
+from pendulum_env.recording import TorqueConstant
 
 SCHEMA = "pendulum-ident/comparison@2"
 
@@ -100,7 +100,7 @@ class Comparison:
     @property
     def is_torque_logged(self) -> bool:
         """Return whether a recording has measured torque instead of the command of a controller."""
-        return self.data is None or is_logged(self.data.recordings)
+        return self.data is None or any(own.has_logged_torque for own in self.data.recordings)
 
     @property
     def headline(self) -> str:
@@ -154,8 +154,3 @@ def make_result_json(
 def make_floors_json(floors: Mapping[str, float]) -> JSON:
     """Return noise floors as a plain dictionary for JSON; null stands for that of several joints together."""
     return {"torque_rms": get_single(floors) if len(floors) == 1 else None, "joints": dict(floors)}
-
-
-def is_logged(recordings: Sequence[Recording]) -> bool:
-    """Return whether a recording has measured torque."""
-    return any(recording.has_logged_torque for recording in recordings)

@@ -17,7 +17,7 @@ from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, has_link
 from pendulum_env.physics.estimate import SIGNIFICANT
-from pendulum_env.recording import NEWTON_METRE, Recording, RecordingError
+from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.servo.drive import LONGEST
 from pendulum_env.servo.loop import Servos, follow
 from pendulum_env.servo.torque import get_bus_voltage
@@ -233,28 +233,26 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
     Raises:
         RecordingError: if only some of them are, or they cannot be simulated at once.
     """
-    known = [recording.drive for recording in recordings if recording.drive is not None]
+    known = next((own.drive for own in recordings if own.drive is not None), None)
+    if known is None:
+        return False
     for recording in recordings:
-        drive = recording.drive
-        if known and drive is None:
-            raise RecordingError(f"{recording.name}: has no drive, but others have one: say its drive, or leave it out")
-        if drive is not None and not recording.torque.any():
+        name, drive = recording.name, recording.drive
+        if drive is None:
+            raise RecordingError(f"{name}: has no drive, but others have one: say its drive, or leave it out")
+        if not recording.torque.any():
             raise RecordingError(
-                f"{recording.name}: torque is 0 throughout, but a drive moves the joint: read_recording({{'time': ..., "
+                f"{name}: torque is 0 throughout, but a drive moves the joint: read_recording({{'time': ..., "
                 "'position': ..., 'reference': ...}, drive=...) computes the torque that the drive asks for"
             )
-        if drive is not None and drive.acts_on_speed != known[0].acts_on_speed:
-            raise RecordingError(f"{recording.name}: controls another quantity than the others: take those apart")
-        if drive is not None and drive.gain is not None and recording.torque_unit != NEWTON_METRE:
+        if drive.acts_on_speed != known.acts_on_speed:
+            raise RecordingError(f"{name}: controls another quantity than the others: take those apart")
+        if recording.torque_unit != drive.unit:
             raise RecordingError(
-                f"{recording.name}: has a drive with a gain, but no torque in N m: give one or the other"
+                f"{name}: has torque in {recording.torque_unit}, but a drive that gives {drive.unit}: give the drive a "
+                f"gain [N m/{drive.unit}], or leave out the one that it has"
             )
-        if drive is not None and drive.gain is None and recording.torque_unit != drive.unit:
-            raise RecordingError(
-                f"{recording.name}: has torque in {recording.torque_unit}, but a drive that gives {drive.unit}: give "
-                f"the drive a gain [N m/{drive.unit}]"
-            )
-    return bool(known)
+    return True
 
 
 def _estimate_initial_velocity(recording: Recording) -> float:
