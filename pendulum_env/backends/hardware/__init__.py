@@ -1,8 +1,6 @@
 """The DM1015B rig: adapters that reach its drive, and around each the same guard, pacing and care."""
 
 from pendulum_env.backends.hardware.drive import (
-    BUILT_IN,
-    ENTRY_POINTS,
     OPENING,
     Drive,
     DriveError,
@@ -15,8 +13,6 @@ from pendulum_env.backends.hardware.drive import (
 )
 
 __all__ = [
-    "BUILT_IN",
-    "ENTRY_POINTS",
     "OPENING",
     "Drive",
     "DriveError",

@@ -12,8 +12,8 @@ alike, holds for the angles that were read as they are, without a derivative:
 
 Each parameter is known within a range only, dry friction at rest holds with anything up to fc, a command takes up to
 `delay` to act, readings are uncertain by the time they took, and `slack` stands for all that is not in the law. What
-lies outside of all of that, over any of a few spans, no arm in these ranges has done: the encoder or the drive is at
-fault, or the arm is pushed. Short spans catch jumps at once, long ones what slack hides.
+lies outside of all of that, over any of a few spans, no arm in these ranges has done: the encoder or the drive fails,
+or the arm is pushed. Short spans catch jumps at once, long ones what slack hides.
 """
 
 import math
