@@ -22,14 +22,7 @@ from pendulum_env.arms.reading import read_logged
 from pendulum_env.errors import ColumnError, UserError
 from pendulum_env.physics import BASE, Mechanism, Model, ModelError, Term, list_nameable
 from pendulum_env.physics.library import find_term
-from pendulum_env.physics.limits import (
-    Bounds,
-    check_names,
-    collect_limits,
-    limit_kind,
-    limit_term,
-    make_limits,
-)
+from pendulum_env.physics.limits import Bounds, check_names, collect_limits, limit_kind, limit_term, make_limits
 from pendulum_env.physics.mechanism import PENDULUM, describe_joints
 from pendulum_env.physics.model import NO_INERTIA
 from pendulum_env.reading import quote_value

@@ -10,11 +10,7 @@ from estimators.arguments import (
     select_recordings,
     select_visible_effects,
 )
-from estimators.checks.homogeneity import (
-    find_disagreements_with_model,
-    find_misfits,
-    fit_each_recording,
-)
+from estimators.checks.homogeneity import find_disagreements_with_model, find_misfits, fit_each_recording
 from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
 from estimators.data.regions import find_failures

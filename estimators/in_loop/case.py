@@ -16,11 +16,7 @@ from estimators.findings import Kind
 from estimators.in_loop.back_emf import include_back_emf, present, setting_with_back_emf
 from estimators.in_loop.conclusion import conclude, find_regions
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.goals import (
-    make_base,
-    read_goals,
-    with_goals,
-)
+from estimators.in_loop.goals import make_base, read_goals, with_goals
 from estimators.in_loop.refit import refine, refit
 from estimators.in_loop.rollouts import are_driven
 from estimators.in_loop.split import choose_parts, split_rollouts

@@ -3,16 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from estimators import (
-    Addition,
-    Diagnosis,
-    FitData,
-    Identification,
-    add,
-    diagnose,
-    fit,
-    identify,
-)
+from estimators import Addition, Diagnosis, FitData, Identification, add, diagnose, fit, identify
 from estimators.arguments import apply_limits
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.checks.torque_constant import add_torque_constant

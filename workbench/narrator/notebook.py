@@ -14,15 +14,7 @@ from pendulum_env.physics import Model
 from pendulum_env.recording import NEWTON_METRE, Note
 from pendulum_env.recording.record import Recording
 from pendulum_env.units import to_shown_unit
-from workbench.narrator.html import (
-    PlotCurve,
-    make_bullets,
-    make_card,
-    make_note,
-    make_paragraph,
-    make_plot,
-    make_table,
-)
+from workbench.narrator.html import PlotCurve, make_bullets, make_card, make_note, make_paragraph, make_plot, make_table
 from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes
 from workbench.narrator.notebook_results import note_constant
 from workbench.narrator.notes import describe_note

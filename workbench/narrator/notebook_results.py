@@ -15,12 +15,7 @@ from pendulum_env.notebook import summarise as headlines
 from pendulum_env.recording import NEWTON_METRE, TorqueConstant
 from workbench.narrator import comparison
 from workbench.narrator.addition import describe_addition
-from workbench.narrator.diagnosis import (
-    describe_next_step,
-    describe_result,
-    list_advice,
-    list_remarks,
-)
+from workbench.narrator.diagnosis import describe_next_step, describe_result, list_advice, list_remarks
 from workbench.narrator.findings import measure_range
 from workbench.narrator.html import (
     Html,

@@ -17,9 +17,7 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.estimate import shorten_name
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, to_shown_unit
-from workbench.narrator.diagnosis import (
-    describe_detectable,
-)
+from workbench.narrator.diagnosis import describe_detectable
 from workbench.narrator.reasons import ERRORS, describe_reason
 
 

@@ -11,14 +11,7 @@ from estimators import Addition, Identification
 from pendulum_env.arms.joints import find_kind
 from workbench.app.fits import fit_effect
 from workbench.app.panels import show_calls
-from workbench.app.parts import (
-    label_control,
-    list_choices,
-    make_button,
-    make_panel,
-    name_field,
-    show_section,
-)
+from workbench.app.parts import label_control, list_choices, make_button, make_panel, name_field, show_section
 from workbench.app.session import Session
 from workbench.app.sessions import Stage
 from workbench.app.state import State as Work
