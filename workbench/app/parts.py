@@ -45,10 +45,11 @@ def make_aria(**attributes: str) -> dict[str, Any]:
 
 def show_section(section: Section) -> list[Component]:
     """Show a section of the report: text and tables as the report has them, figures as graphs."""
-    return _show_content(section.content, section.id)
+    return show_content(section.content, section.id)
 
 
-def _show_content(content: report.Content, id: str) -> list[Component]:
+def show_content(content: report.Content, id: str) -> list[Component]:
+    """Show some content; `id` is unique on the page."""
     shown: list[Component] = []
     for number, item in enumerate(content):
         of, figures = f"{id}-{number}", list(list_figures([item]))
@@ -56,7 +57,7 @@ def _show_content(content: report.Content, id: str) -> list[Component]:
             text = dcc.Store(id={"kind": "markup", "of": of}, data=page.render_fragment([item]))
             shown.append(html.Div([text, html.Div(id={"kind": "fragment", "of": of}, className="fragment")]))
         elif isinstance(item, report.Part):
-            inner = _show_content(item.content, of)
+            inner = show_content(item.content, of)
             title = capitalise(item.title)
             shown += [html.H3(title), *inner] if item.brief else [html.Details([html.Summary(title), *inner])]
         else:

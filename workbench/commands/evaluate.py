@@ -21,7 +21,6 @@ from workbench.processes import open_local_workers
 from workbench.terminal import Terminal
 
 SHIPPED = "agent"  # the policy that ships for the constraint
-PLANNER = "look-ahead"  # with which the agent's information and time are compared
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -93,12 +92,6 @@ def print_figures(report: JSON, terminal: Terminal) -> None:
     table(("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision for all [ms]"), _format_use)
     for note in report["notes"]:
         terminal.say(note)
-    if PLANNER in policies and SHIPPED in policies:
-        agent, planner = policies[SHIPPED], policies[PLANNER]
-        share = agent["gain"]["information"]["ratio"] / planner["gain"]["information"]["ratio"]
-        faster = planner["seconds_per_action"] / agent["seconds_per_action"]
-        told = f"learns {share:.2f} times what looking ahead does, and decides for all {faster:.0f} times faster"
-        terminal.say(f"\nthe agent {told}")
 
 
 def _format_errors(figures: JSON) -> Iterator[str]:

@@ -20,6 +20,10 @@ from pendulum_env.units import TURNING, JointUnits, to_shown_unit
 from workbench.narrator.diagnosis import describe_detectable
 from workbench.narrator.reasons import ERRORS, describe_reason
 
+JOINT_LEGEND = (
+    "noise floor: torque error caused by sensor noise alone; share of torque: the error over the torque of the joint"
+)
+
 
 def tabulate_joints(
     columns: Sequence[Errors], floors: Mapping[str, float], model: Model, headers: Sequence[str] = ("before", "after")

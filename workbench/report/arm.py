@@ -1,13 +1,12 @@
 """The report of an arm: errors joint by joint, where each joint's torque is not the model's, and parameters."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from estimators.data.regions import find_regions_at
 from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.result import Diagnosis
 from estimators.signals.residual import REGIONS, compute_profiles
 from estimators.weak_form.torque_windows import NEGLIGIBLE
 from pendulum_env.formatting import format_percent
@@ -15,7 +14,7 @@ from pendulum_env.physics import Model, Term
 from workbench.narrator.diagnosis import describe_next_step, describe_result, describe_unexplained
 from workbench.narrator.parts import Content, Part
 from workbench.narrator.results import CLEAR
-from workbench.narrator.tables import tabulate_joints
+from workbench.narrator.tables import JOINT_LEGEND, tabulate_joints
 from workbench.report.data import DrawnModel, ReportData, Section, list_ends
 from workbench.report.failures import list_key, list_regions, plot_profile
 from workbench.report.numbers import make_parameters
@@ -26,37 +25,30 @@ SHOWN = ("position", "velocity", "time")  # a strip's plots
 
 def make_sections(case: ReportData) -> list[Section]:
     """Build the sections of a report on an arm, for a diagnosis or a comparison."""
-    found, models = case.diagnosis, list_ends(case.diagnosis.steps, case.first)
-    measured = "held-out data" if found.searched else "the recordings compared with"
+    found = case.diagnosis
     return [
-        make_joints(models, measured, describe_result(found), found.floors, found if found.searched else None),
-        make_strips(models, case.data.parts[0]),
+        make_result(case),
+        make_strips(list_ends(found.steps, case.first), case.data.parts[0]),
         *([rank_candidates(found.candidates)] if found.candidates else []),
         make_parameters(case),
     ]
 
 
-def make_joints(
-    models: Sequence[DrawnModel],
-    measured: str,
-    headline: str,
-    floors: Mapping[str, float],
-    found: Diagnosis | None = None,
-) -> Section:
-    """Make the section on torque errors of joints, on the data that `measured` names, with the diagnosis if any."""
-    final = models[-1][2].model
+def make_result(case: ReportData) -> Section:
+    """Make the section on added effects, torque errors of joints, and the next step."""
+    found, models = case.diagnosis, list_ends(case.diagnosis.steps, case.first)
+    selected = tuple(_describe_law(found.model, own) for own in found.model.terms if own.id in found.selected)
+    left = tuple(describe_unexplained(found, region) for region in found.unexplained)
     errors = [step.errors["holdout"] for _, _, step in models]
-    selected = found.selected if found is not None else ()
     content: list[Any] = [
-        Part("Added effects", [tuple(_describe_law(final, own) for own in final.terms if own.id in selected)]),
-        f"Torque errors (RMS of measured less modelled) on {measured}, {CLEAR}; noise floor: error by sensor noise "
-        "alone; last, the error as a share of the torque of the joint.",
-        tabulate_joints(errors, floors, final, [label for label, _, _ in models]),
+        *([Part("Added effects", [selected])] if selected else []),
+        f"Torque errors (RMS) on {'held-out data' if found.searched else 'all data'}, {CLEAR}",
+        tabulate_joints(errors, found.floors, found.model, [label for label, _, _ in models]),
+        JOINT_LEGEND,
     ]
-    if found is not None:
-        left = tuple(describe_unexplained(found, region) for region in found.unexplained)
+    if found.searched:
         content += [describe_next_step(found), *([Part("Left unexplained", [left])] if left else [])]
-    return Section("joints", "Result", headline, content if selected else content[1:])
+    return Section("joints", "Result", describe_result(found), content)
 
 
 def _describe_law(model: Model, term: Term) -> str:

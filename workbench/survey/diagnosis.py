@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from estimators import Diagnosis, diagnose
+from estimators.findings import Kind
 from pendulum_env._typing import JSON
-from pendulum_env.errors import FileError, format_error
+from pendulum_env.errors import format_error
 from pendulum_env.physics.plugin import describe_fault, load_plugin
-from pendulum_env.reading import read_bytes
 from pendulum_env.recording import Source
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import open_sources
@@ -29,9 +29,9 @@ NAMED = ("robot", "model")  # files
 def read_result(file: Path) -> JSON | None:
     """Read a result as `diagnose_source` returns it; None if there is none, or it is damaged."""
     try:
-        result = json.loads(read_bytes(file))
+        result = json.loads(file.read_bytes())
         return result if result["rows"] else None
-    except (FileError, ValueError, TypeError, KeyError):
+    except (OSError, ValueError, TypeError, KeyError):
         return None
 
 
@@ -130,11 +130,17 @@ def make_rows(found: Diagnosis) -> list[JSON]:
     for group in found.effects:
         joint, _ = _split_joint(group[0], joints)
         effects[joint].append(tuple(_split_joint(effect, (joint,))[1] for effect in group))
+    small: dict[str, list[str]] = {joint: [] for joint in joints}
+    for finding in found.findings:
+        if finding.kind is Kind.SMALL_EFFECT:
+            joint, effect = _split_joint(finding.effects[0], joints)
+            small[joint].append(effect)
     return [
         {
             "joint": joint,
             "effects": ", ".join(" or ".join(group) for group in effects[joint]),
             "selected": sorted(group[0] for group in effects[joint]),
+            "small_effects": ", ".join(small[joint]),
             "unexplained": any(region.at == joint for region in found.unexplained),
             "biased": joint in biased,
             "error_before": _get_finite(first.at(joint)),

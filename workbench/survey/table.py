@@ -24,7 +24,7 @@ LEVEL = 0.01  # false discovery rate of the changes that are named
 TEXT, NUMBER, DATE = pa.string(), pa.float64(), pa.timestamp("s", "UTC")
 SURVEY = {  # columns; those of the parameters follow
     **dict(recording=TEXT, machine=TEXT, joint=TEXT, date=DATE, dated_by=TEXT),
-    **dict(effects=TEXT, unexplained=pa.bool_(), biased=pa.bool_()),
+    **dict(effects=TEXT, small_effects=TEXT, unexplained=pa.bool_(), biased=pa.bool_()),
     **dict(error_before=NUMBER, error_after=NUMBER, noise_floor=NUMBER, error_unit=TEXT),
     **dict(position_rms_before=NUMBER, position_rms_after=NUMBER, error=TEXT, hash=TEXT, version=TEXT),
 }
@@ -163,7 +163,9 @@ def _format_error(row: JSON) -> str:
 def _format_result(row: JSON) -> str:
     if "error" in row:
         return str(row["error"])
-    return ", ".join(filter(None, (row["effects"], "unexplained residual" * row["unexplained"]))) or "nothing missing"
+    small = f"small effect: {row['small_effects']}" if row.get("small_effects") else ""
+    rest = "unexplained residual" * row["unexplained"]
+    return ", ".join(filter(None, (row["effects"], small, rest))) or "nothing missing"
 
 
 def tabulate_changes(series: Sequence[Series]) -> TextTable:

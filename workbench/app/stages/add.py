@@ -11,14 +11,22 @@ from estimators import Addition, Identification
 from pendulum_env.arms.joints import find_kind
 from workbench.app.fits import fit_effect
 from workbench.app.panels import show_calls
-from workbench.app.parts import label_control, list_choices, make_button, make_panel, name_field, show_section
+from workbench.app.parts import (
+    label_control,
+    list_choices,
+    make_button,
+    make_panel,
+    name_field,
+    show_content,
+    show_section,
+)
 from workbench.app.session import Session
 from workbench.app.sessions import Stage
 from workbench.app.state import State as Work
 from workbench.errors import InputError
 from workbench.narrator.addition import describe_table
 from workbench.narrator.effects import name_effect
-from workbench.report.arm import make_joints
+from workbench.narrator.tables import JOINT_LEGEND, tabulate_joints
 from workbench.report.numbers import make_errors
 
 
@@ -27,9 +35,10 @@ def show(session: Session) -> list[Component]:
     state, busy = session.state, session.is_busy()
     offer = show_choice(state, busy, list_choices(state.body, tables=True))
     if state.robot is not None:
-        rungs = [("base model" if rung.added is None else f"+ {rung.added}", "", rung) for rung in state.ladder]
-        section = make_joints(rungs, "held-out data", "", state.result.floors)
-        return [offer, make_panel("Errors step by step", *show_section(section))]
+        labels = ["base model" if step.added is None else f"+ {step.added}" for step in state.ladder]
+        errors = [step.errors["holdout"] for step in state.ladder]
+        table = tabulate_joints(errors, state.result.floors, state.model, labels)
+        return [offer, make_panel("Torque errors on held-out data", *show_content([table, JOINT_LEGEND], "joints"))]
     section = make_errors(state.standing)
     shape = describe_table(state.ladder[-1])
     fall = make_panel(section.title, *([html.P(shape)] if shape else []), *show_section(section))

@@ -15,10 +15,9 @@ from workbench.app.parts import KEPT, label_control, list_choices, make_button, 
 from workbench.app.session import Session
 from workbench.app.sessions import Stage
 from workbench.app.state import State as Work
-from workbench.narrator.diagnosis import describe_result
 from workbench.options import parse_effects
-from workbench.report.arm import make_joints
-from workbench.report.data import ReportData, list_ends
+from workbench.report.arm import make_result
+from workbench.report.data import ReportData
 from workbench.report.story import make_story, rank_candidates
 
 
@@ -40,10 +39,8 @@ def show(session: Session) -> list[Component]:
     if found is None:
         return [*show_timing(state), search]
     kind = "story found" if state.result.selected else "story"
-    if state.robot is not None:
-        result = make_joints(list_ends(state.ladder), "held-out data", describe_result(found), found.floors, found)
-    else:
-        result = make_story(ReportData(state.result))
+    make = make_story if state.robot is None else make_result
+    result = make(ReportData(state.result))
     return [
         make_panel("What was found", *show_section(result), className=kind),
         *show_timing(state),
