@@ -170,7 +170,7 @@ class Finding:
 
     @property
     def rivals(self) -> tuple[str, str] | None:
-        """Return an effect and the term of the model that imitates it in these data."""
+        """Return an effect and the term of the model that these data cannot distinguish from it."""
         return self.effects[:2] if self.kind in (Kind.ONE_DIRECTION, Kind.SMALL_ANGLES) else None  # type: ignore[return-value]
 
     def json(self) -> JSON:

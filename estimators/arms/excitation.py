@@ -151,7 +151,10 @@ def design_excitation(
 
 
 def find_problem(motion: Reference, limits: Limits) -> str:
-    """Return the problem of a motion: too much torque, without friction, or a joint at rest; empty without one."""
+    """Return the problem of a motion: too much torque, not counting friction, or a joint at rest; empty without one.
+
+    A motion that still moves at its last knot lacked the torque to stop.
+    """
     q, v, a = motion(np.arange(0.0, motion.seconds, TICK))
     affordable = np.abs(motion.body.torque(q, v, a) @ motion.body.values) <= limits.torque
     if not affordable.all() or motion.speeds[-1].any():

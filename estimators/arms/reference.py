@@ -94,7 +94,7 @@ class Reference:
     Attributes:
         body: the arm.
         start: initial positions (n,) [rad or m].
-        speeds: at the knots (K + 1, n), zero at the first and the last [rad/s or m/s].
+        speeds: at the knots (K + 1, n), zero at the first and, if the torque suffices, at the last [rad/s or m/s].
     """
 
     body: Body

@@ -118,7 +118,10 @@ def nearest_link(standard: Array, columns: Array) -> Array:
 
 
 def pseudo_inertia(standard: Array) -> Array:
-    """Make the pseudo-inertia (4, 4) of a link's ten parameters: second moments, first moments and mass."""
+    """Make the pseudo-inertia (4, 4) of a link from (m, m c, xx, xy, yy, xz, yz, zz) about the joint's origin.
+
+    Its blocks are the second moments, the first moments and the mass.
+    """
     m, hx, hy, hz, xx, xy, yy, xz, yz, zz = standard
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     moments = 0.5 * np.trace(inertia) * np.eye(3) - inertia

@@ -202,7 +202,7 @@ class ChannelFits:
         return Channel(delay, lag, self.is_sampled)
 
     def torque(self, channel: Channel) -> Array:
-        """Return the weighted acting torque (R,) in the windows minus that of known loads."""
+        """Undo delay and filter of the log; return the weighted torque (R,) of the windows without known loads."""
         if channel in self.torques:
             return self.torques[channel]
         parts = []

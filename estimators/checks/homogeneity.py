@@ -217,7 +217,7 @@ def _select_differing(fits: Sequence[Own], known: Known, others: tuple[str, ...]
 
 
 def find_misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
-    """Find the recordings that the terms do not explain, if they explain at least as many."""
+    """Find the recordings that the terms do not explain; none if these are more than the explained ones."""
     others = tuple(fit.name for fit in fits if fit.is_explained)
     poor = [fit for fit in fits if fit.times > AGREEMENT.misfits]
     if len(others) < len(poor):

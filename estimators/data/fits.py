@@ -61,7 +61,7 @@ def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:
 
 
 def fit_within_laws(data: RegressionData, terms: Terms) -> Model:
-    """Fit the linear parameters of the terms without the bounds of a body: what exceeds them tells of the data.
+    """Fit the linear parameters of the terms without the bounds of a body, to find symptoms of wrong data.
 
     Torque that is logged turned round needs negative inertia, and a law that is missing may need friction that drives.
     """

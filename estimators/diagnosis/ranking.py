@@ -56,7 +56,7 @@ def rank_effects(
 
 
 def mark_imitators(candidates: Sequence[Candidate], doubts: Sequence[Finding]) -> list[Candidate]:
-    """Return candidates, where an effect that imitates a term of the model in these data is not rejected."""
+    """Return candidates; a rejected effect that cannot be distinguished from a term of the model is not excited."""
     alike = dict(doubt.rivals for doubt in doubts if doubt.rivals is not None)
     return sort_by_verdict(
         replace(one, verdict=Verdict.NOT_EXCITED, reason=Finding(Kind.IMITATES, effects=(alike[one.effect],)))
@@ -156,7 +156,7 @@ def compute_alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) ->
     """Return the probability of each effect in the place of one of the terms, itself first, by id.
 
     A more complex law that contains the term, as a spring contains an offset, does not compete, nor does one of which a
-    simpler part is enough, nor one that would not lower the held-out errors.
+    simpler part is enough, nor a likely one that `can_replace` refuses.
     """
     others = tuple(other for other in terms if other is not term)
     open_to = [
@@ -192,10 +192,10 @@ def can_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: T
 
 
 def compute_simulation_gain(evaluator: ModelEvaluator, after: Model, before: Model) -> tuple[Gain, float]:
-    """Return the gain of one model over another on all segments, and the share of squared error that it removes.
+    """Return the gain of one model over another on all segments, and the removed share of the training squared error.
 
-    The score is that of the windows. Errors within a segment are fully correlated, so the gain is the logarithm of
-    their ratio; noise is added to both, since errors below it carry no information.
+    The gain can only refuse a rival; its probability comes from windows. Errors within a segment are fully correlated,
+    so the gain is the logarithm of their ratio; noise is added to both, since errors below it carry no information.
     """
     parts = (evaluator.train.segments, evaluator.holdout.segments)
     points = [output_error.Point.of(model) for model in (after, before)]

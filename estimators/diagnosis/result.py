@@ -46,7 +46,7 @@ class Candidate:
         error_ratio: torque error on held-out data with the effect, over the error without it.
         reason: a finding that says why.
         gain: what it predicts better than its absence beside the other effects of the final model, where that is known.
-        variants: number of forms of the effect from which the best was taken; the best of many gains by chance.
+        variants: number of compared variants, as in `ModelEvaluator.n_variants`; the best of many gains by chance.
         gates: tests that the effect met, in order; a rejected effect failed the last.
         terms: of the model that was evaluated; empty if the effect was not tried.
     """

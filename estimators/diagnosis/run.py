@@ -50,12 +50,12 @@ def diagnose(
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
 
-    Torque that is logged late or filtered is corrected first: no effect acts before its cause. Where that is otherwise
-    beside the effects that are found, it is corrected so, and they are looked for anew. Recordings that disagree with
-    the others are named and not fitted: no effect of one plant explains two plants. Known loads are no part of the
-    model; where a current was logged, they tell the torque constant, and without them all is per ampere.
+    Torque that is logged late or filtered is corrected first: no effect acts before its cause. If the effects that are
+    found change the estimated delay, the torque is corrected again and the search repeated. Recordings that disagree
+    with the others are named and not fitted. Known loads are no part of the model; with a logged current they determine
+    the torque constant, and without known loads all parameters are per ampere.
 
-    Of an arm, effects are looked for at its joints, by torque alone: nothing is simulated or suggested.
+    Effects of an arm are sought at its joints, by torque alone, without simulation or suggested experiments.
 
     Args:
         recordings: fitted jointly.

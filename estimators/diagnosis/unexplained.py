@@ -65,7 +65,7 @@ def find_unexplained(found: SearchResult) -> list[Region]:
 
 
 def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, float], list[Region]]:
-    """Return the residual of each joint that is no noise [N m], and the region where it stands out most.
+    """Return the residual above noise by joint [N m], and the range of one quantity where it is most significant.
 
     The residual is its correlated part if that is significant, else its RMS. Held-out data count at joints whose fitted
     data leave noise only.

@@ -242,7 +242,10 @@ class CompetingModels:
         return densities, float(residual[0])
 
     def _mix(self, density: Array) -> Array:
-        """Compute the log density of each mixture (F,), and update the weights."""
+        """Compute the log density of a bin under the mixture of each family (F,) from those of its variants (V,).
+
+        The log weights of the variants are updated; the best of a family has zero.
+        """
         weight = self.weight + density
         mixed = np.logaddexp.reduceat(weight, self._starts) - np.logaddexp.reduceat(self.weight, self._starts)
         best = np.maximum.reduceat(weight, self._starts)
@@ -252,7 +255,8 @@ class CompetingModels:
     def refine(self, bins: Bins, fresh: Mapping[str, Sequence[Term]]) -> CompetingModels:
         """Return a copy with finer grids of continuous nonlinear parameters around the best variants.
 
-        Families with unchanged variants keep their state. `bins` are all bins so far, `fresh` new grids by effect.
+        Families with unchanged variants keep their state; the others are fitted to `bins`, all bins so far. `fresh` has
+        a whole new grid for each effect, some variants of which are added since the optimum may have moved.
         """
         grids = list(self.families[1:])
         for family, ((best,), _) in enumerate(self.leaders()[1:], 1):

@@ -142,7 +142,7 @@ class ModelEvaluator:
         return float(np.log(max(1, len(self.library) * self.n_variants(after, before))))
 
     def n_variants(self, after: Terms, before: Terms) -> int:
-        """Return the number of variants tried of the effects by which one model is larger, at least one."""
+        """Return the number of variants of the terms that only the larger model has, at least one; see `penalty`."""
         known = {other.id: other for other in before}
         tried = [self.train.n_tried(before, type(term)) for term in after if term.id not in known]
         more = [

@@ -45,7 +45,10 @@ def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
 
 
 def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
-    """Return the violations of the terms at one joint; where it is coupled, only the power of both joints is known."""
+    """Return the violations of the terms at one joint; where it is coupled, only the power of both joints is known.
+
+    Dry friction is too large where it exceeds the recorded torque less that of gravity, load and time-varying terms.
+    """
     found, inertia = [], model.estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
         found.append(Gate("negative_inertia", inertia.value, 0.0, False, inertia.unit))

@@ -128,7 +128,7 @@ class Smoothing:
 
     @classmethod
     def of_noise(cls, noise: float, rate: float) -> Smoothing:
-        """Choose the shortest window of at least two samples with negligible position noise in the acceleration.
+        """Choose the smallest half-width of at least two samples with negligible position noise in the acceleration.
 
         For online use, where the motion to come is not known: it is taken to be as lively as `TYPICAL_ACCELERATION`.
         """

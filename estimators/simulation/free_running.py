@@ -245,14 +245,14 @@ def compute_position_rms(segments: Sequence[Segments], terms: Sequence[Term], th
 
 
 def compute_deviation(segments: Sequence[Segments]) -> float:
-    """Return the root mean square deviation of the position from its mean in each window [rad]."""
+    """Return the root mean square deviation of the position from its mean in each segment [rad]."""
     return float(np.sqrt(np.mean(np.concatenate([segment.position.var(axis=0) for segment in segments]))))
 
 
 def compute_growth(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
-    """Return the largest growth factor of a small error of the initial position in each segment (B,).
+    """Return the largest growth factor of a small error of the initial position during each segment (B,).
 
-    Near the upright equilibrium it grows without bound, and a free-running error carries no information on the model.
+    Near the upright equilibrium the error grows exponentially, so a free-running error tells nothing about the model.
     """
     paths = simulate_all([segments], [(terms, theta)] * 2, np.array([[0.0, 0.0], [PERTURBATION, 0.0]]))[0]
     return np.asarray(np.abs(paths[:, 1] - paths[:, 0]).max(axis=0) / PERTURBATION)

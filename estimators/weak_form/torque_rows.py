@@ -248,7 +248,7 @@ class TorqueRows:
 
     @memoized
     def fit_folds(self, terms: Terms) -> FoldFits:
-        """Fit some terms without each fold, to first order around the fit without the last term if that suffices."""
+        """Fit some terms to all rows and without each fold, to first order in the last term if that suffices."""
         found = self._fit_linearly(terms) or self._fit_beside(terms)
         if found is not None:
             return found[0]
