@@ -32,8 +32,8 @@ class LoopSettings:
 
     turns: int = 30  # largest number
     dampings: tuple[float, ...] = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of the steps of each turn
-    difference: float = 1e-2  # of a parameter, for derivatives,
-    wide: float = 0.06  # and where the likelihood has many local minima: a secant passes over them
+    difference: float = 1e-2  # of a parameter, for derivatives
+    secants: tuple[float, ...] = (0.2, 0.06)  # one after the other, to either side, over many local minima
     starts: int = 3  # of a link, from the likeliest values of the parameter with many local minima,
     shares: tuple[float, ...] = (0.3, 0.6, 0.85)  # of the inertia at first,
     stiffnesses: tuple[float, ...] = (1.0, 2.5)  # and factors of its resonance, as torque favours a soft contact
@@ -114,17 +114,31 @@ def has_local_minima(terms: Sequence[Term]) -> bool:
     return any(find_hints(type(term)).profiled for term in terms)
 
 
-def linearise_errors(rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool) -> Linear:
-    """Linearise the errors around a point by linear parameters, and by nonlinear parameters if they are free."""
-    difference = LOOP.wide if nonlinear and has_local_minima(point.terms) else LOOP.difference
+def linearise_errors(
+    rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool, secant: float = LOOP.secants[-1]
+) -> Linear:
+    """Linearise the errors around a point by linear parameters, and by nonlinear parameters if they are free.
+
+    Where the likelihood has many local minima, the slopes are those of secants that reach to either side.
+    """
     values, size = point.values, compute_parameter_sizes(point, typical)
     count = len(values) if nonlinear else len(point.theta)
-    _, high = find_bounds(point)
-    steps = difference * size[:count]
-    steps = np.where(values[:count] + steps > high[:count], -steps, steps)  # into the bounds
-    nearby = [_bind_terms(point.at(values + own)) for own in np.eye(count, len(values)) * steps[:, None]]
+    low, high = (end[:count] for end in find_bounds(point))
+    here, is_moved = values[:count], np.eye(count, len(values), dtype=bool)
+    steps = LOOP.difference * size[:count]
+    steps = np.where(here + steps > high, -steps, steps)  # into the bounds
+    ends = [here + steps]
+    if nonlinear and has_local_minima(point.terms):
+        ends = [np.clip(here + sign * secant * size[:count], low, high) for sign in (1, -1)]
+        steps = np.maximum(ends[0] - ends[1], 1e-300)  # none of a known parameter
+    nearby = [
+        _bind_terms(point.at(np.where(own, value, values)))
+        for end in ends
+        for own, value in zip(is_moved, end, strict=True)
+    ]
     errors = rollouts.position_errors([point, *nearby])
-    slopes = (errors[:, 1:] - errors[:, :1]) / steps  # zero by known parameters, which `Point.at` keeps
+    below = errors[:, :1] if len(ends) == 1 else errors[:, count + 1 :]
+    slopes = (errors[:, 1 : count + 1] - below) / steps  # zero by known parameters, which `Point.at` keeps
     scale = compute_error_scales(rollouts, errors[:, :1])[0]
     relative = np.maximum(np.pi / 2 * np.abs(errors[:, 0]) / scale, 1e-6)
     weights = np.pi / 2 / scale * np.sqrt(np.tanh(relative) / relative)
@@ -143,6 +157,8 @@ def fit(
 ) -> Linear:
     """Fit the parameters near a point, and return the errors around the fit.
 
+    Over many local minima, shorter secants take over where longer ones end.
+
     Args:
         rollouts: to fit.
         point: to start from.
@@ -150,11 +166,22 @@ def fit(
         nonlinear: whether continuous nonlinear parameters are fitted as well.
         share: of the gain so far; a turn that gains less is the last.
     """
+    is_rough = nonlinear and has_local_minima(point.terms)
+    for secant in LOOP.secants if is_rough else LOOP.secants[-1:]:
+        found = _fit_by_secants(rollouts, point, typical, nonlinear, share, secant)
+        point = found.point
+    return found
+
+
+def _fit_by_secants(
+    rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool, share: float, secant: float
+) -> Linear:
+    """Fit the parameters near a point, with secants of one length over many local minima."""
     made: list[Near[Linear]] = []
     point = _bind_terms(point)
 
     def near(point: Point) -> Near[Linear]:
-        local = linearise_errors(rollouts, point, typical, nonlinear)
+        local = linearise_errors(rollouts, point, typical, nonlinear, secant)
         values, (low, high) = point.values, find_bounds(point)
         count, size = local.slopes.shape[1], compute_parameter_sizes(point, typical)
         cost = -float(compute_likelihood(rollouts, local.error[:, None])[0])
@@ -177,7 +204,7 @@ def fit(
     rule = Rule(LOOP.turns, LOOP.dampings, least=LOOP.enough, of_fall=share)
     found = gauss_newton(point, near, best, rule)
     last = made[-1].known
-    return last if last.point is found else linearise_errors(rollouts, found, typical, nonlinear)
+    return last if last.point is found else linearise_errors(rollouts, found, typical, nonlinear, secant)
 
 
 def _choose_likeliest_step(

@@ -31,7 +31,7 @@ from pendulum_env.physics.limits import limit_term
 class ProfileSettings:
     """Numbers of a profile."""
 
-    ratio: float = 1.2  # of neighbouring values at first
+    ratio: float = 1.1  # of neighbouring values at first
     fall: float = 60.0  # [nat], by which the likelihood falls at most from the best value to the next ones
     beside: int = 2  # values on either side of the best that the parabola passes through
     most: int = 12  # values
@@ -82,9 +82,17 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
     fits = {float(first.point.values[place]): first}
     heights = {value: _compute_height(rollouts, own) for value, own in fits.items()}
 
+    starts: dict[tuple[float, float], Linear] = {}  # of fits by their value and its neighbour
+
     def extend(value: float, neighbour: float) -> None:
-        fits[value] = fit_near(fits[neighbour].point, value)
-        heights[value] = _compute_height(rollouts, fits[value])
+        """Fit at a value from the fit at a neighbour, and keep the likelier of the fits at the value."""
+        if starts.get((value, neighbour)) is fits[neighbour]:
+            return
+        starts[value, neighbour] = fits[neighbour]
+        found = fit_near(fits[neighbour].point, value)
+        height = _compute_height(rollouts, found)
+        if height > heights.get(value, -np.inf):
+            fits[value], heights[value] = found, height
 
     while len(fits) < PROFILE.most:
         values = sorted(fits)
@@ -105,7 +113,12 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
             break
     values = sorted(fits)
     k = values.index(max(heights, key=lambda value: heights[value]))
-    near = values[max(0, k - PROFILE.beside) : k + PROFILE.beside + 1]
+    first_near, end_near = max(0, k - PROFILE.beside), min(len(values), k + PROFILE.beside + 1)
+    for j in range(k + 1, end_near):  # a better fit may come from the side of the best
+        extend(values[j], values[j - 1])
+    for j in range(k - 1, first_near - 1, -1):
+        extend(values[j], values[j + 1])
+    near = values[first_near:end_near]
     widening = _compute_widening(rollouts, fits[values[k]], place)
     log_value, variance = fit_parabola(np.log(near), np.array([heights[value] for value in near]), widening)
     estimate = float(np.exp(log_value))

@@ -173,27 +173,12 @@ class RolloutRows:
         for k in np.argsort(-likelihood):
             starts.setdefault(points[k].terms[-1].nonlinear_values[name], points[k])
         fits = [
-            fit(self.rollouts, point, self.typical(point.terms), nonlinear=True)
+            fit(self.rollouts, _release_link_friction(point), self.typical(point.terms), nonlinear=True)
             for point in [*starts.values()][: LOOP.starts]
         ]
-        found = self._release_friction(min(fits, key=lambda one: scale_of(self.rollouts, one.error)))
+        found = min(fits, key=lambda one: scale_of(self.rollouts, one.error))
         self._keep(found.point.terms, found)
         return self.trial(found.point.terms)
-
-    def _release_friction(self, known: Linear) -> Linear:
-        """Return the fit with a part of the dry friction at the link, if it is significantly likelier."""
-        *others, link = known.point.terms
-        friction = known.point.linear_values.get("coulomb", 0.0) / max(known.point.theta[-1], 1e-9)
-        sought = [own for own in link.nonlinear_parameters if own.name == "friction"]
-        if not sought or friction <= 0:
-            return known
-        rubs = set_values(link, sought, [LOOP.link_friction * friction])
-        start = Point.within((*others, rubs), known.point.theta)
-        found = fit(self.rollouts, start, self.typical(start.terms), nonlinear=True)
-        blocks, _, of_block = self.rollouts.blocks(BLOCK)
-        more, less = (np.bincount(blocks, densities(self.rollouts, one.error)).astype(float) for one in (found, known))
-        gain = Bootstrap(of_block, np.random.default_rng(0)).gain(more, less)
-        return found if gain.p_value <= LOOP.p_value else known
 
     def typical(self, terms: Terms) -> Array:
         """Return a typical size of each linear parameter (P,)."""
@@ -324,3 +309,13 @@ class RolloutRows:
             else np.empty((len(self.rollouts.position), 0))
         )
         return slopes[:, len(slopes[0]) - len(names) :], names
+
+
+def _release_link_friction(point: Point) -> Point:
+    """Return a point whose last term, a link, has a part of the dry and the viscous friction, if it may have any."""
+    link, joint = point.terms[-1], point.linear_values
+    of = {"friction": "coulomb", "viscous": "viscous"}
+    sought = [own for own in link.nonlinear_parameters if own.name in of]
+    share = LOOP.link_friction / max(point.theta[-1], 1e-9)
+    released = set_values(link, sought, [share * joint.get(of[own.name], 0.0) for own in sought])
+    return replace(point, terms=(*point.terms[:-1], released))

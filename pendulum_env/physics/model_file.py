@@ -105,6 +105,7 @@ def read_estimates(data: ModelFile, units: Mapping[str, str]) -> dict[str, Estim
     inertia = estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
         raise ModelError(f"'theta.inertia.value' is {inertia.value:g}: expected a number above zero")
+    _refuse_excess_friction(terms, estimates)
     return estimates
 
 
@@ -146,6 +147,20 @@ def _build_term(id: str, data: ModelFile) -> Term:
     if term.fault:
         raise ModelError(f"'{kind.id}' makes no sense: {term.fault}")
     return term
+
+
+def _refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estimate]) -> None:
+    """Refuse a link with more dry friction than the joint, as the motor would have less than none."""
+    linear = {name: own.value for name, own in estimates.items() if name != "gravity"}  # the weight may be uncertain
+    for term in terms:
+        bound = term.bind(linear).nonlinear_values
+        for name, value in term.nonlinear_values.items():
+            if value > bound[name] * (1 + 1e-9):
+                place = f"theta.{term.get_full_name(name)}.value"
+                raise ModelError(
+                    f"'{place}' is {value:g}: expected at most {bound[name]:g}, with which the link has all the "
+                    "Coulomb friction"
+                )
 
 
 def check_value(parameter: NonlinearParameter, number: float, place: str) -> float:

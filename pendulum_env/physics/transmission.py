@@ -53,11 +53,16 @@ class Transmission(Term):
         return 0.0
 
     @property
+    def link_viscous(self) -> ArrayLike:
+        """Return the viscous friction of the link, per unit of its inertia [1/s]."""
+        return 0.0
+
+    @property
     def columns(self) -> tuple[Column, ...]:
         def force(x: Samples) -> ArrayLike:  # T - mgl sin q, per unit of J
             position, velocity = x.memory[self.id]
             pull = self._pull(x.position - position, x.velocity - velocity, self.resonance**2, self.damping)
-            return pull - self.gravity * np.sin(x.position)
+            return pull - self._resist(x.position, x.velocity)
 
         def dry(x: Samples) -> ArrayLike:  # of the link, which is none of the motor
             return -self.link_friction
@@ -70,9 +75,15 @@ class Transmission(Term):
         extension = twist - np.minimum(np.maximum(twist, -self.play), self.play)
         return stiffness * extension + damping * speed * (extension != 0)
 
+    def _resist(self, position: Array, velocity: Array) -> Array:
+        """Return the deceleration of the link by its weight and viscous friction [rad/s^2]."""
+        weight = self.gravity * np.sin(position)
+        return weight + self.link_viscous * velocity if may_be_true(self.link_viscous) else weight
+
     def bind(self: T, linear: Mapping[str, float]) -> T:
         """Return the transmission with no more weight and dry friction at the link than the joint has."""
-        most = {"gravity": linear.get("gravity", np.inf), "friction": linear.get("coulomb", np.inf)}
+        of = {"gravity": "gravity", "friction": "coulomb", "viscous": "viscous"}
+        most = {name: linear.get(base, np.inf) for name, base in of.items()}
         inertia = max(linear.get(self.id, 0.0), LEAST)
         values = {
             own.name: min(getattr(self, own.name), max(most[own.name] / inertia, own.low))
@@ -114,7 +125,7 @@ class Transmission(Term):
         def accelerate(elapsed: ArrayLike, position: Array, now: Array, duration: ArrayLike) -> Array:
             """Return the velocity after a duration, from `velocity` with the acceleration of a state."""
             twist, speed = x.position + elapsed * x.velocity - position, x.velocity - now
-            pull = self._pull(twist, speed, stiffness, damping) - self.gravity * np.sin(position)
+            pull = self._pull(twist, speed, stiffness, damping) - self._resist(position, now)
             return self._rub(velocity + duration * pull, duration)
 
         for k in range(steps):
@@ -170,9 +181,10 @@ class Backlash(Transmission):
     damping: float = 15.0
     gravity: float = 25.0
     friction: float = 0.0
+    viscous: float = 0.0
 
     id = "backlash"
-    law = "J (ql'' - q'') + mgl (sin ql - sin q) with play of +-gap"
+    law = "J (ql'' - q'') + mgl (sin ql - sin q) + fl (sgn ql' - sgn q') with play of +-gap"
     forgets = 2.0
     nonlinear_parameters = (
         NonlinearParameter("gap", "rad", 1e-4, 0.5),
@@ -180,6 +192,7 @@ class Backlash(Transmission):
         NonlinearParameter("damping", "1/s", 1e-2, 1e4),
         NonlinearParameter("gravity", "1/s^2", 0.1, 1e4),
         NonlinearParameter("friction", "1/s^2", 0.0, 1e4, nominal=0.0),
+        NonlinearParameter("viscous", "1/s", 0.0, 1e3, nominal=0.0),
     )
 
     @property
@@ -190,9 +203,17 @@ class Backlash(Transmission):
     def link_friction(self) -> ArrayLike:
         return self.friction
 
+    @property
+    def link_viscous(self) -> ArrayLike:
+        return self.viscous
+
     def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
-        own = {"link_coulomb": (theta[0] * self.friction, "N m")} if self.friction else {}
-        return super().derived(theta) | own
+        found = super().derived(theta)
+        if self.friction:
+            found["link_coulomb"] = theta[0] * self.friction, "N m"
+        if self.viscous:
+            found["link_viscous"] = theta[0] * self.viscous, "N m s/rad"
+        return found
 
 
 @cache
