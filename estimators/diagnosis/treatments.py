@@ -16,7 +16,8 @@ from pendulum_env.arms.recording import add_payload
 from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.recording.channel import NEWTON_METRE
 
-TORQUE = {Kind.TIMED_BESIDE, Kind.PAYLOAD}  # treatments that change the torque
+GOALS = {Kind.GOALS_HELD, Kind.GOALS_RUN_ON}
+INPUTS = {Kind.TIMED_BESIDE, Kind.PAYLOAD, *GOALS}  # treatments that change the torque or the goals
 WINDOWS = {Kind.NARROWER_WINDOWS, Kind.IMPACTS_INCLUDED}  # treatments of the windows alone
 
 
@@ -45,11 +46,11 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
 
     The error is that of torque times that of free-running motion. The likelihood of blocks is no score here: windows of
     different widths have no blocks in common, and hidden states show in the motion alone. Both models are compared on
-    the treated data, except after a treatment that changes the torque: each model has its own data then.
+    the treated data, except after a treatment that changes the torque or the goals: each model has its own data then.
     """
     treatment = next(own for own in trial.data.treatments if own not in best.data.treatments)
     after, before = trial.found.steps[-1], best.found.steps[-1]
-    if treatment.kind not in TORQUE:
+    if treatment.kind not in INPUTS:
         before = trial.evaluator.make_step(None, before.model)
     ratio = compute_held_out_cost(after) / max(compute_held_out_cost(before), 1e-300)
     counts = count_assumptions(trial), count_assumptions(best)
@@ -66,8 +67,8 @@ def is_better(error_ratio: float, assumptions: int, before: int, margin: float) 
 
 
 def count_assumptions(trial: Trial) -> int:
-    """Return the number of effects, payloads, treatments of windows and added base terms, and one for any timing."""
-    counted = (*WINDOWS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
+    """Return the number of effects, payloads, treatments of windows and goals, added base terms, and one for timing."""
+    counted = (*WINDOWS, *GOALS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
     free = [treatment for treatment in trial.data.treatments if treatment.kind in counted]
     return len(trial.found.steps) - 1 + trial.data.has_moved + len(free)
 

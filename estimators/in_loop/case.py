@@ -10,16 +10,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from estimators.data.fit_data import FitData
-from estimators.diagnosis.case import Case
+from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.setting import Setting
-from estimators.findings import Kind
+from estimators.findings import Finding, Kind
 from estimators.in_loop.back_emf import include_back_emf, present, setting_with_back_emf
 from estimators.in_loop.conclusion import conclude, find_regions
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.goals import make_base, read_goals, with_goals
-from estimators.in_loop.refit import refine, refit
+from estimators.in_loop.goals import make_base, read_goals, reverse_reading, with_goals
+from estimators.in_loop.refit import refine, refine_rows, refit
 from estimators.in_loop.rollouts import are_driven
 from estimators.in_loop.split import choose_parts, split_rollouts
+from estimators.selection.errors import get_single
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
 from pendulum_env.physics import Term
@@ -46,6 +47,20 @@ def with_goal_reading(data: FitData, base: Sequence[Term]) -> FitData:
     return data if reading is None else data.with_treatment(reading)
 
 
+def reread_goals(trial: Trial) -> FitData | None:
+    """Read the goals the other way if the base model leaves the reading open: the effects of a model may decide it."""
+    data, unseen = trial.data, refine_rows(trial.evaluator)[1]
+    readings = [one for one in data.treatments if one.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
+    error = trial.found.steps[-1].errors["holdout"].in_loop
+    if len(readings) != 1 or error < LOOP.faithful * get_single(unseen.rollouts.encoder):
+        return None
+    fitted, held_out = (reverse_reading(part, readings[0]) for part in (data.recordings, data.holdout))
+    if fitted is None or held_out is None:
+        return None
+    other = Kind.GOALS_RUN_ON if readings[0].kind is Kind.GOALS_HELD else Kind.GOALS_HELD
+    return replace(data, recordings=fitted, holdout=held_out).with_treatment(Finding(other))
+
+
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     """Make the evaluator of models on rollouts.
 
@@ -67,6 +82,9 @@ SERVO = Case(
     present=present,
     conclude=conclude,
     reveal=lambda data, base, kind: include_back_emf(data, (*base, kind())) or data,
-    treatments=(lambda trial: include_back_emf(trial.data, trial.final.terms),),
+    treatments=(
+        reread_goals,
+        lambda trial: include_back_emf(trial.data, trial.final.terms),
+    ),
     is_timed=False,
 )

@@ -34,11 +34,10 @@ class LoopSettings:
     dampings: tuple[float, ...] = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of the steps of each turn
     difference: float = 1e-2  # of a parameter, for derivatives
     secants: tuple[float, ...] = (0.2, 0.06)  # one after the other, to either side, over many local minima
-    starts: int = 3  # of a link, from the likeliest values of the parameter with many local minima,
+    starts: int = 4  # of a link, from the likeliest values of the parameter with many local minima,
     shares: tuple[float, ...] = (0.3, 0.6, 0.85)  # of the inertia at first,
     stiffnesses: tuple[float, ...] = (1.0, 2.5)  # and factors of its resonance, as torque favours a soft contact
-    link_friction: float = 0.1  # of the dry friction, that a link has at first,
-    p_value: float = 0.05  # largest one of the gain by which it has any
+    link_friction: tuple[float, ...] = (0.1, 0.02)  # of dry and viscous friction, that a link has at first
     leap: float = 1.0  # of a parameter, the largest step of any
     polls: int = 5  # times that each parameter is tried by itself,
     poll: tuple[float, ...] = (0.1, 0.4)  # and shares by which it is moved
@@ -49,6 +48,7 @@ class LoopSettings:
     hopeless: float = 15.0  # [nat], gain that linear equations foresee, below which a single turn says enough
     seldom: float = 200.0  # [Hz], at which a slow controller looks at its encoder
     scale: float = 0.1  # that logged torque may differ from what the drive asks for, without a word
+    faithful: float = 2.0  # error of a model in the loop over that of the encoder, below which goals are read rightly
     needed: float = 0.3  # of what the others leave, that an effect has to explain: a small error sticks elsewhere
 
 
@@ -153,7 +153,12 @@ def find_bounds(point: Point) -> tuple[Array, Array]:
 
 
 def fit(
-    rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool = False, share: float = LOOP.roughly
+    rollouts: Rollouts,
+    point: Point,
+    typical: Array,
+    nonlinear: bool = False,
+    share: float = LOOP.roughly,
+    secants: Sequence[float] = LOOP.secants,
 ) -> Linear:
     """Fit the parameters near a point, and return the errors around the fit.
 
@@ -165,9 +170,10 @@ def fit(
         typical: size of each linear parameter that matters (P,).
         nonlinear: whether continuous nonlinear parameters are fitted as well.
         share: of the gain so far; a turn that gains less is the last.
+        secants: over many local minima, relative lengths one after the other.
     """
     is_rough = nonlinear and has_local_minima(point.terms)
-    for secant in LOOP.secants if is_rough else LOOP.secants[-1:]:
+    for secant in secants if is_rough else secants[-1:]:
         found = _fit_by_secants(rollouts, point, typical, nonlinear, share, secant)
         point = found.point
     return found

@@ -3,7 +3,7 @@
 A held goal is late by half a sample against one that runs on. A dead time and a lag imitate that, and feedback turns it
 into viscous friction. So each reading is fitted without and with these two effects, beside the base model, which has
 viscous friction. The likeliest fit wins; of fits that are less likely by `TIE` standard errors at most, the likeliest
-with the fewest effects.
+with the fewest effects. A tie is an open question, which a diagnosis asks again with the effects that it finds.
 """
 
 from __future__ import annotations
@@ -74,7 +74,18 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
     for term in other.terms[len(base) :]:
         numbers |= {name: Quantity(float(value), unit="s") for name, value in term.nonlinear_values.items()}
     effects = tuple(term.id for term in other.terms[len(base) :])
-    return Finding(Kind.GOALS_HELD if chosen.is_held else Kind.GOALS_RUN_ON, numbers, effects=effects)
+    unsaid = tuple(own.name for own in recordings if own.drive is None or not own.drive.goal)
+    names = unsaid if len(unsaid) < len(recordings) else ()
+    return Finding(Kind.GOALS_HELD if chosen.is_held else Kind.GOALS_RUN_ON, numbers, effects=effects, recordings=names)
+
+
+def reverse_reading(recordings: Sequence[Recording], reading: Finding) -> tuple[Recording, ...] | None:
+    """Return the recordings with goals read the other way; None if drives or the base model decide the reading."""
+    gain = reading.numbers.get("gain")
+    if gain is None or reading.recordings or abs(gain.value) > TIE * (gain.std or 0.0):
+        return None
+    unsaid = [replace(own, drive=own.drive and replace(own.drive, goal=None)) for own in recordings]
+    return with_goals(unsaid, reading.kind is Kind.GOALS_RUN_ON)
 
 
 def with_goals(recordings: Sequence[Recording], is_held: bool) -> tuple[Recording, ...]:

@@ -86,7 +86,7 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
 
     def extend(value: float, neighbour: float) -> None:
         """Fit at a value from the fit at a neighbour, and keep the likelier of the fits at the value."""
-        if starts.get((value, neighbour)) is fits[neighbour]:
+        if value == neighbour or starts.get((value, neighbour)) is fits[neighbour]:
             return
         starts[value, neighbour] = fits[neighbour]
         found = fit_near(fits[neighbour].point, value)
@@ -94,9 +94,20 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
         if height > heights.get(value, -np.inf):
             fits[value], heights[value] = found, height
 
-    while len(fits) < PROFILE.most:
-        values = sorted(fits)
-        k = values.index(max(heights, key=lambda value: heights[value]))
+    def find_best() -> tuple[list[float], int]:
+        """Return the values in order, and the place of the likeliest one when its neighbours begin from its fit."""
+        while True:
+            values = sorted(fits)
+            k = values.index(max(heights, key=lambda value: heights[value]))
+            for other in values[max(0, k - 1) : k + 2]:
+                extend(other, values[k])
+            if heights[values[k]] == max(heights.values()):
+                return values, k
+
+    while True:
+        values, k = find_best()
+        if len(fits) >= PROFILE.most:
+            break
         steep = [
             values[j]
             for j in (k - 1, k + 1)
@@ -111,14 +122,10 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
             extend(float(np.sqrt(steep[0] * values[k])), values[k])
         else:
             break
-    values = sorted(fits)
-    k = values.index(max(heights, key=lambda value: heights[value]))
-    first_near, end_near = max(0, k - PROFILE.beside), min(len(values), k + PROFILE.beside + 1)
-    for j in range(k + 1, end_near):  # a better fit may come from the side of the best
-        extend(values[j], values[j - 1])
-    for j in range(k - 1, first_near - 1, -1):
-        extend(values[j], values[j + 1])
-    near = values[first_near:end_near]
+    near = values[max(0, k - PROFILE.beside) : k + PROFILE.beside + 1]
+    for j, value in enumerate(values):
+        if value in near and value != values[k]:  # a better fit may come from the side of the best
+            extend(value, values[j + 1 if j < k else j - 1])
     widening = _compute_widening(rollouts, fits[values[k]], place)
     log_value, variance = fit_parabola(np.log(near), np.array([heights[value] for value in near]), widening)
     estimate = float(np.exp(log_value))

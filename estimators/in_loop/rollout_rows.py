@@ -15,13 +15,12 @@ from typing import Self
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import BLOCK, FOLDS, FittedTerms, FoldFits, RowLayout, ScoredTerms, Terms
+from estimators.data.rows import FOLDS, FittedTerms, FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.in_loop.fit import (
     LOOP,
     Linear,
     choose_likeliest_point,
     compute_likelihood,
-    densities,
     fit,
     linearise_errors,
     scale_of,
@@ -31,7 +30,6 @@ from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.search_hints import find_hints
-from estimators.selection.score import Bootstrap
 from estimators.simulation.output_error import Point
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_continuous_parameters, set_values
@@ -154,7 +152,7 @@ class RolloutRows:
         """Fit the terms with a link from several variants and shares of the inertia, and return the best fit.
 
         The weight hangs on the link. The likeliest variant at each value of the parameter with many local minima is
-        fitted, the likeliest of them first.
+        fitted with longer secants, and the best of these fits to the end.
         """
         near, name = self.near(terms).point, find_hints(type(variants[0])).profiled
         if not name:
@@ -172,11 +170,14 @@ class RolloutRows:
         starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
         for k in np.argsort(-likelihood):
             starts.setdefault(points[k].terms[-1].nonlinear_values[name], points[k])
+        typical = self.typical(points[0].terms)
         fits = [
-            fit(self.rollouts, _release_link_friction(point), self.typical(point.terms), nonlinear=True)
+            fit(self.rollouts, _release_link_friction(point, share), typical, nonlinear=True, secants=LOOP.secants[:1])
             for point in [*starts.values()][: LOOP.starts]
+            for share in LOOP.link_friction
         ]
-        found = min(fits, key=lambda one: scale_of(self.rollouts, one.error))
+        best = min(fits, key=lambda one: scale_of(self.rollouts, one.error))
+        found = fit(self.rollouts, best.point, typical, nonlinear=True, share=0.0)
         self._keep(found.point.terms, found)
         return self.trial(found.point.terms)
 
@@ -311,11 +312,11 @@ class RolloutRows:
         return slopes[:, len(slopes[0]) - len(names) :], names
 
 
-def _release_link_friction(point: Point) -> Point:
-    """Return a point whose last term, a link, has a part of the dry and the viscous friction, if it may have any."""
+def _release_link_friction(point: Point, share: float) -> Point:
+    """Return a point whose last term, a link, has a share of the dry and the viscous friction, if it may have any."""
     link, joint = point.terms[-1], point.linear_values
     of = {"friction": "coulomb", "viscous": "viscous"}
     sought = [own for own in link.nonlinear_parameters if own.name in of]
-    share = LOOP.link_friction / max(point.theta[-1], 1e-9)
-    released = set_values(link, sought, [share * joint.get(of[own.name], 0.0) for own in sought])
+    of_inertia = share / max(point.theta[-1], 1e-9)
+    released = set_values(link, sought, [of_inertia * joint.get(of[own.name], 0.0) for own in sought])
     return replace(point, terms=(*point.terms[:-1], released))

@@ -20,6 +20,7 @@ from pendulum_env.physics.model_file import (
     describe_terms,
     parse_model,
     read_estimates,
+    refuse_excess_friction,
     read_model,
     write_model,
 )
@@ -297,6 +298,7 @@ class Model(Mapping[str, Estimate]):
             content = parse_model(data)
             model = cls.build(build_terms(content), 0.0)
             estimates = read_estimates(content, {name: own.unit for name, own in model.estimates.items()})
+            refuse_excess_friction(model.terms, estimates)
             constant, covariance = content.torque_constant, content.covariance
             model = replace(
                 replace(model, estimates=estimates).convert_units(

@@ -105,7 +105,6 @@ def read_estimates(data: ModelFile, units: Mapping[str, str]) -> dict[str, Estim
     inertia = estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
         raise ModelError(f"'theta.inertia.value' is {inertia.value:g}: expected a number above zero")
-    _refuse_excess_friction(terms, estimates)
     return estimates
 
 
@@ -149,7 +148,7 @@ def _build_term(id: str, data: ModelFile) -> Term:
     return term
 
 
-def _refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estimate]) -> None:
+def refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estimate]) -> None:
     """Refuse a link with more dry friction than the joint, as the motor would have less than none."""
     linear = {name: own.value for name, own in estimates.items() if name != "gravity"}  # the weight may be uncertain
     for term in terms:

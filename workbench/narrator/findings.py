@@ -308,6 +308,8 @@ GEAR_LOSSES = (
 
 
 def _compare_goals(found: Finding, reading: str, other: str, key: str) -> str:
+    if "gain" not in found.numbers:  # decided by the effects that were found
+        return f"Goals are read as {reading}. Goals {other} predict worse."
     gain = found.numbers["gain"]
     sizes = [f"{own.value * 1000:.1f} ms" for id, own in found.numbers.items() if id != "gain"]
     late = f" with {name_effect(found.effects[0])} of {sizes[0]}" if sizes else ""
