@@ -82,9 +82,6 @@ SERVO = Case(
     present=present,
     conclude=conclude,
     reveal=lambda data, base, kind: include_back_emf(data, (*base, kind())) or data,
-    treatments=(
-        reread_goals,
-        lambda trial: include_back_emf(trial.data, trial.final.terms),
-    ),
+    treatments=(lambda trial: include_back_emf(trial.data, trial.final.terms), reread_goals),
     is_timed=False,
 )

@@ -20,8 +20,8 @@ from pendulum_env.physics.model_file import (
     describe_terms,
     parse_model,
     read_estimates,
-    refuse_excess_friction,
     read_model,
+    refuse_excess_friction,
     write_model,
 )
 from pendulum_env.physics.simulation import Trajectory, simulate

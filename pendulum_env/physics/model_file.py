@@ -154,7 +154,7 @@ def refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estima
     for term in terms:
         bound = term.bind(linear).nonlinear_values
         for name, value in term.nonlinear_values.items():
-            if value > bound[name] * (1 + 1e-9):
+            if value - bound[name] > 1e-9 * abs(bound[name]):
                 place = f"theta.{term.get_full_name(name)}.value"
                 raise ModelError(
                     f"'{place}' is {value:g}: expected at most {bound[name]:g}, with which the link has all the "

@@ -2,15 +2,15 @@
 
 The encoder and the friction sit at the motor; the link, of inertia J and weight mgl, hangs on the transmission:
 
-    (I - J) q'' + friction + T = tau          J ql'' + mgl sin ql + fl sgn ql' = T
+    (I - J) q'' + friction + T = tau          J ql'' + mgl sin ql + fl sgn ql' + bl ql' = T
 
 so that, beside the rigid model, J (ql'' - q'') + mgl (sin ql - sin q) is part of the torque. A known load counts as
-if it hung on the motor's side. Play may have a part fl of the dry friction at the link, as of a bearing behind the
-gear. It decides on which side of the play a link of little weight stays; `coulomb` is the friction of both sides. The
-link's own motion follows from the measured motion of the motor: with w^2 = k / J, damping c = d / J, g = mgl / J and
-f = fl / J,
+if it hung on the motor's side. Play may have parts fl and bl of the dry and viscous friction at the link, as of a
+bearing behind the gear. They decide when the link changes its side of the play; `coulomb` and `viscous` are those of
+both sides. The link's own motion follows from the measured motion of the motor: with w^2 = k / J, damping c = d / J,
+g = mgl / J, f = fl / J and b = bl / J,
 
-    ql'' = a(q - ql, q' - ql') - g sin ql - f sgn ql',     a = w^2 s + c s'
+    ql'' = a(q - ql, q' - ql') - g sin ql - f sgn ql' - b ql',     a = w^2 s + c s'
 
 where s is the extension of the transmission. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
 """
@@ -81,7 +81,7 @@ class Transmission(Term):
         return weight + self.link_viscous * velocity if may_be_true(self.link_viscous) else weight
 
     def bind(self: T, linear: Mapping[str, float]) -> T:
-        """Return the transmission with no more weight and dry friction at the link than the joint has."""
+        """Return the transmission with no more weight and friction at the link than the joint has."""
         of = {"gravity": "gravity", "friction": "coulomb", "viscous": "viscous"}
         most = {name: linear.get(base, np.inf) for name, base in of.items()}
         inertia = max(linear.get(self.id, 0.0), LEAST)
@@ -184,7 +184,7 @@ class Backlash(Transmission):
     viscous: float = 0.0
 
     id = "backlash"
-    law = "J (ql'' - q'') + mgl (sin ql - sin q) + fl (sgn ql' - sgn q') with play of +-gap"
+    law = "J (ql'' - q'') + mgl (sin ql - sin q) + fl (sgn ql' - sgn q') + bl (ql' - q') with play of +-gap"
     forgets = 2.0
     nonlinear_parameters = (
         NonlinearParameter("gap", "rad", 1e-4, 0.5),

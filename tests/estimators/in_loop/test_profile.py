@@ -77,8 +77,8 @@ def test_maxima_that_bend_upwards_leave_half_their_range():
     assert fit_parabola(x, (x - 0.4) ** 2) == (1.0, 0.25)
 
 
-def record_link_friction(share: float, friction: float) -> tuple[Recording, ...]:
-    """Goals and positions of a servo whose link has a share of the dry friction, semi-implicit steps of 50 us.
+def record_link_friction(share: float, friction: float, viscous: float) -> tuple[Recording, ...]:
+    """Goals and positions of a servo whose link has shares of dry and viscous friction, semi-implicit steps of 50 us.
 
     Gravity of 0.736 N m hangs on a link of 0.0113 kg m^2 behind a play of 8.73 mrad.
     """
@@ -97,9 +97,9 @@ def record_link_friction(share: float, friction: float) -> tuple[Recording, ...]
                     twist = q - ql
                     stretch = twist - max(-gap, min(gap, twist))
                     torque = stiffness * stretch + damping * (v - vl) if stretch else 0.0
-                    v += h * (command - torque - 0.3 * v) / motor
+                    v += h * (command - torque - 0.3 * (1 - viscous) * v) / motor
                     v -= max(-h * (1 - share) * friction / motor, min(h * (1 - share) * friction / motor, v))
-                    vl += h * (torque - 0.736 * math.sin(ql)) / link
+                    vl += h * (torque - 0.736 * math.sin(ql) - 0.3 * viscous * vl) / link
                     vl -= max(-h * share * friction / link, min(h * share * friction / link, vl))
                     q, ql = q + h * v, ql + h * vl
         count = 2 * np.pi / 4096
@@ -118,8 +118,9 @@ def record_link_friction(share: float, friction: float) -> tuple[Recording, ...]
     return tuple(found)
 
 
-def test_friction_of_the_link_is_told_from_friction_of_the_motor_and_leaves_the_gap_right():
-    recordings = record_link_friction(share=0.12, friction=0.09)
+@pytest.mark.parametrize("viscous", [0.0, 0.05])
+def test_friction_of_the_link_is_told_from_friction_of_the_motor_and_leaves_the_gap_right(viscous):
+    recordings = record_link_friction(share=0.12, friction=0.09, viscous=viscous)
     rows = RolloutRows(Rollouts(recordings), RegressionData.of(recordings).torque)
     x = rows.torque.data.samples
     profile = rows.scan(rows.search_basins(TERMS, make_grid(Backlash, x, x.torque)[::3]).terms)
@@ -127,5 +128,6 @@ def test_friction_of_the_link_is_told_from_friction_of_the_motor_and_leaves_the_
     values, std = profile.point.named_values, np.sqrt(profile.variance)
     assert abs(values["backlash.gap"] - 8.73e-3) < 3 * std < 2.6e-3
     assert values["backlash.friction"] * values["backlash"] == pytest.approx(0.12 * 0.09, rel=0.25)
+    assert values.get("backlash.viscous", 0.0) * values["backlash"] == pytest.approx(0.3 * viscous, abs=0.005)
     assert values["coulomb"] == pytest.approx(0.09, rel=0.03)
     assert values["backlash.gravity"] * values["backlash"] <= values["gravity"]  # of a balanced rotor

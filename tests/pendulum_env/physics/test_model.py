@@ -82,7 +82,7 @@ def with_theta(**entries: object) -> dict:
 def shaped(id: str, shape: str, value: float) -> dict:
     """JSON of a model with an effect, a nonlinear parameter of which is another."""
     data = hide(paper_plant(), id).json()
-    data["theta"][f"{id}.{shape}"]["value"] = value
+    data["theta"].setdefault(f"{id}.{shape}", {})["value"] = value
     return data
 
 
@@ -109,6 +109,7 @@ def covered(**changes: object) -> dict:
         (shaped("stribeck", "stribeck_velocity", -0.5), "stribeck_velocity.*-0.5"),
         (shaped("cogging", "order", 3.5), "order.*3.5"),
         (shaped("hard_stop", "lower", 2), "makes no sense: lower has to be below upper"),
+        (shaped("backlash", "friction", 1e4), r"'theta.backlash.friction.value' is 10000: expected at most"),
         (covered(parameters=["mass", "gravity", "viscous", "coulomb"]), "no covariance of all parameters"),
         (covered(matrix=np.eye(4)[:3].tolist()), "no covariance of all parameters"),
         (covered(matrix=(-np.eye(4)).tolist()), "no covariance of all parameters"),
