@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.arms.body import STANDARD, Body, BodyError
+from pendulum_env.arms.body import STANDARD, Body
 from pendulum_env.arms.planar import JointBalances
 from pendulum_env.arms.robot import import_pinocchio
-from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
+from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import UNBOUNDED
 
@@ -121,12 +121,3 @@ class SpatialBodies:
             mujoco.mj_step(world, data)
             np.clip(data.qvel, -UNBOUNDED, UNBOUNDED, out=data.qvel)
             self._acting.advance(position, velocity, now, 0.5 * (velocity + self.velocity))
-
-
-def import_mujoco() -> Any:
-    """Import MuJoCo where it is needed."""
-    try:
-        import mujoco
-    except ModuleNotFoundError:
-        raise BodyError("an arm in space is simulated by MuJoCo: pip install 'pendulum-ident[export]'") from None
-    return mujoco

@@ -34,7 +34,7 @@ class ConstrainedBody:
         Raises:
             ModuleNotFoundError: if the extra `export` is not installed.
         """
-        _import_mujoco()
+        import_mujoco()
         self._balance = balance
 
     def take(self, balance: TorqueBalance) -> None:
@@ -43,7 +43,7 @@ class ConstrainedBody:
 
     def place(self, x: Samples) -> None:
         """Put a new body there."""
-        mujoco = _import_mujoco()
+        mujoco = import_mujoco()
         spec = mujoco.MjSpec()
         spec.option.gravity = (0.0, 0.0, 0.0)  # it comes from the model's term, as every other torque
         inertia = (float(self._balance.mass(x)),) * 3
@@ -63,7 +63,7 @@ class ConstrainedBody:
         world.dof_frictionloss[0] = max(float(balance.dry(x)), 0.0)
         world.dof_M0[0] = balance.mass(x)  # where MuJoCo keeps the inertia of a body with one joint
         data.qfrc_applied[0] = balance.net(x)
-        _import_mujoco().mj_step(world, data)
+        import_mujoco().mj_step(world, data)
         reached = min(max(data.qvel[0], -UNBOUNDED), UNBOUNDED)
         data.qvel[0] = reached
         moved: Any = np.float64(data.qpos[0])
@@ -73,9 +73,10 @@ class ConstrainedBody:
         return float(moved), float(velocity)
 
 
-def _import_mujoco() -> Any:
+def import_mujoco() -> Any:
+    """Import MuJoCo where it is needed."""
     try:
-        import mujoco  # an extra
+        import mujoco
     except ModuleNotFoundError:
-        raise ModuleNotFoundError("backend 'mujoco' needs mujoco: pip install 'pendulum-ident[export]'") from None
+        raise ModuleNotFoundError("MuJoCo is needed for this: pip install 'pendulum-ident[export]'") from None
     return mujoco

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,13 @@ from estimators.signals.motion import load_in_newton_metres
 from estimators.simulation.free_running import Segments, simulate_all, start_memory
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
+from pendulum_env.backends.constrained_body import import_mujoco
 from pendulum_env.physics import Model
 from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
 from pendulum_env.servo.loop import Servos
 from workbench.export import mjcf
-from workbench.export.request import Exported, ExportError, Request, load_mujoco
+from workbench.export.request import Exported, ExportError, Request
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def _compute_mean_size(values: Array) -> float:
 
 def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array:
     """Simulate servos in MuJoCo; return positions at the start and every so many steps, (N / every + 1, 1, B) [rad]."""
-    mujoco = load_mujoco()
+    mujoco = import_mujoco()
     drives = [  # without a supply of its own, the recorded one at the start
         drive if drive.supply or drive.output != "duty" else replace(drive, supply=float(servos.supply[0, lane]))
         for lane, drive in enumerate(servos.drives)
@@ -103,7 +103,7 @@ def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array
         world = mujoco.MjModel.from_xml_string(made[drive].content)
         data = mujoco.MjData(world)
         data.qpos[0], data.qvel[0] = servos.position[lane], servos.velocity[lane]
-        program, state = ModuleType("callback"), None
+        program, state = Any("callback"), None
         if made[drive].callback:
             exec(made[drive].callback, program.__dict__)  # what is exported is what is run
             state = program.start(*map(float, (data.qpos[0], data.qvel[0])))
@@ -133,7 +133,7 @@ def _compute_rms(ones: Sequence[Array], others: Sequence[Array]) -> float:
 
 def _simulate(model: Model, exported: Exported, segments: Segments) -> Array:
     """Simulate the position in every segment, (N + 1, B) [rad]."""
-    mujoco = load_mujoco()
+    mujoco = import_mujoco()
     world = mujoco.MjModel.from_xml_string(exported.content)
     rate = segments.windows.recording.rate
     count = max(1, math.ceil(1.0 / (rate * world.opt.timestep) - 1e-9))

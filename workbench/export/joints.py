@@ -10,8 +10,8 @@ from estimators.arms.standard import nearest_body
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import Coupling
 from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.world import build_specification, import_mujoco
-from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
+from pendulum_env.arms.world import build_specification
+from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
 from pendulum_env.physics import Model, Table, list_loads
 from pendulum_env.physics.library import find_term
 from workbench.export.arm import Friction, get_value, is_spring_linear

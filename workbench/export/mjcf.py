@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
+from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
 from pendulum_env.physics import Model, Samples, Term
 from pendulum_env.physics.transmission import JointFlexibility
 from workbench.export.arm import EVERY, Friction, RigidBody, Stop, get_value, is_spring_linear, make_body
@@ -24,7 +24,6 @@ from workbench.export.request import (
     Language,
     Request,
     escape_comment,
-    load_mujoco,
     note_missing,
     write_title,
 )
@@ -39,10 +38,10 @@ SOFT = (1e-4, 1e-4, 0.001, 0.5, 2.0)
 def export(model: Model, request: Request) -> Exported:
     """Write the XML of a model.
 
-    Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and InputError if the
-    extra `export` is not installed.
+    Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and
+    ModuleNotFoundError if the extra `export` is not installed.
     """
-    mujoco = load_mujoco()
+    mujoco = import_mujoco()
     links = [term for term in model.terms if isinstance(term, JointFlexibility)]
     # there is a motor and a link, each with an inertia of its own
     link = next((own for own in links if 0.0 < get_value(model, own.id) < get_value(model, "inertia")), None)

@@ -3,14 +3,12 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
-from typing import Any, Literal
+from typing import Literal
 
 from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP
 from pendulum_env.servo import ServoDrive
-from workbench.errors import InputError
 
 Language = Literal["python", "c"]
 
@@ -81,14 +79,3 @@ def escape_text(text: str) -> str:
 def escape_comment(lines: Sequence[str]) -> str:
     """Escape lines for a comment in XML, which two dashes would end."""
     return re.sub("-(?=-)", "- ", "\n".join(lines))
-
-
-def load_mujoco() -> Any:
-    """Load MuJoCo, imported where it is needed.
-
-    Raises InputError if it is not installed; the message names the command that does it.
-    """
-    try:
-        return import_module("mujoco")
-    except ModuleNotFoundError:
-        raise InputError("this needs mujoco: install it with pip install 'pendulum-ident[export]'") from None
