@@ -1,8 +1,8 @@
 """An exported model in MuJoCo, against recordings and beside this project's own simulation."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -103,7 +103,7 @@ def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array
         world = mujoco.MjModel.from_xml_string(made[drive].content)
         data = mujoco.MjData(world)
         data.qpos[0], data.qvel[0] = servos.position[lane], servos.velocity[lane]
-        program, state = Any("callback"), None
+        program, state = ModuleType("callback"), None
         if made[drive].callback:
             exec(made[drive].callback, program.__dict__)  # what is exported is what is run
             state = program.start(*map(float, (data.qpos[0], data.qvel[0])))
@@ -136,7 +136,7 @@ def _simulate(model: Model, exported: Exported, segments: Segments) -> Array:
     mujoco = import_mujoco()
     world = mujoco.MjModel.from_xml_string(exported.content)
     rate = segments.windows.recording.rate
-    count = max(1, math.ceil(1.0 / (rate * world.opt.timestep) - 1e-9))
+    count = max(1, int(np.ceil(1.0 / (rate * world.opt.timestep) - 1e-9)))
     world.opt.timestep = 1.0 / (rate * count)
     memory: dict[str, Memory] = {}
     for term in model.terms:
