@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
+from estimators import in_loop
 from estimators.checks.torque_constant import estimate_torque_constant, explain_unknown_constant, find_torque_unit
 from estimators.findings import Finding, Kind
 from estimators.free_swings import fit_inertia, scale_swing, scale_swings
-from estimators.in_loop.goals import decide_goals
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.recording import NEWTON_METRE, PER_INERTIA, Recording, TorqueConstant
@@ -97,7 +97,7 @@ def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Reco
         recordings = [scale_swing(own, inertia["inertia"], unit) for own in recordings]
     unit, known, constant = find_torque_unit(recordings), model.torque_constant, None
     if unit == model.torque_unit:
-        return decide_goals(recordings)
+        return in_loop.decide_goals(recordings)
     if model.torque_unit != NEWTON_METRE:
         raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
     if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
@@ -108,4 +108,4 @@ def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Reco
             f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: record "
             "under known loads that differ, or identify the model with a torque constant"
         )
-    return decide_goals(converted)
+    return in_loop.decide_goals(converted)

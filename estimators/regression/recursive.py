@@ -52,7 +52,8 @@ def compute_history(equations: Equations, mask: Mask, points: Index, prior: floa
     triangle[-1, -1] = 0.0
     theta, root = np.empty((len(ends), parameters)), np.empty((len(ends), parameters, parameters))
     for k, (begin, end) in enumerate(zip(np.r_[0, ends[:-1]], ends, strict=True)):
-        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows[begin:end]]), mode="r"))
+        reduced = scipy.linalg.lapack.dgeqrf(np.vstack([triangle, rows[begin:end]]))[0]  # R, above the reflectors
+        triangle = np.triu(reduced[: parameters + 1])
         root[k] = scipy.linalg.lapack.dtrtri(triangle[:-1, :-1])[0]
         theta[k] = root[k] @ triangle[:-1, -1]
     return History(np.asarray(points), theta, root)

@@ -40,7 +40,7 @@ from pendulum_env.physics.simulation import StepPrograms
 from pendulum_env.physics.term import LOAD, Memory, trace_variants
 from pendulum_env.recording import Recording
 
-Averages: TypeAlias = scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator
+Averages: TypeAlias = "scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator"  # text: they are loaded where used
 DENSEST = 4  # entries of a matrix of averages per sample, above which averages are made by sliding the window
 
 
