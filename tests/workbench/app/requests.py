@@ -1,19 +1,11 @@
-"""The app without a browser, and requests with anything in them."""
+"""The app without a browser."""
 
 from __future__ import annotations
 
 import json
 from typing import Any
 
-from hypothesis import strategies as st
-
 from workbench.app.page.server import make_app
-
-ANYTHING = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just(10**400) | st.just(1e308),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
-    max_leaves=6,
-)
 
 
 class Page:
@@ -60,20 +52,3 @@ class Page:
             "changedPropIds": [f"{name}.{first['property']}"],
         }
         return self.client.post("/_dash-update-component", json=ask).status_code
-
-
-VALUES = (
-    ANYTHING
-    | st.sampled_from(["#data", "#compare", "run.csv", "../../x", "-1", "<script>alert(1)</script>", "paper", 1, 0, -5])
-    | st.just(["run.csv"])
-    | st.builds(lambda body: [f"data:text/csv;base64,{body}"], st.sampled_from(["AAAA", "dGltZSxhLGIKMCwxLDIK", "%%%"]))
-)
-
-
-def ask_anything(page: Page, data: st.DataObject) -> None:
-    """One request with anything in it: an answer, or a refusal, but no failure of the server."""
-    callback = data.draw(st.sampled_from([one for one in page.callbacks if not one.get("clientside_function")]))
-    count = len(callback["inputs"]) + len(callback.get("state", []))
-    values = data.draw(st.lists(VALUES, min_size=count, max_size=count))
-    status = page.ask(callback, values)
-    assert status in (200, 204, 400), (callback["output"], values, status)

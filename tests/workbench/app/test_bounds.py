@@ -8,13 +8,11 @@ from threading import Thread
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from plotly.utils import PlotlyJSONEncoder
 
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import upload
-from tests.workbench.app.requests import Page, ask_anything
+from tests.workbench.app.requests import Page
 from workbench.app.page import server
 from workbench.app.sessions import MOST, Sessions
 from workbench.app.stages import data
@@ -115,12 +113,3 @@ def test_names_of_files_and_columns_are_text(session):
     assert "DangerouslySetInnerHTML" not in shown and "dangerously_allow_html" not in shown
     source = "".join(path.read_text() for path in Path(data.__file__).parent.parent.rglob("*.py"))
     assert "dangerously_allow_html" not in source and "DangerouslySetInnerHTML" not in source
-
-
-def test_a_request_with_anything_in_it_gets_an_answer(page):
-    @settings(max_examples=60, derandomize=True, deadline=None, database=None)
-    @given(data=st.data())
-    def each(data):
-        ask_anything(page, data)
-
-    each()
