@@ -28,10 +28,12 @@ from pendulum_env.recording import Recording
 
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
-    """Calibrate the recordings; a simulation from goals shows no effect of a sensor."""
+    """Calibrate the recordings; a simulation from goals shows no effect of a sensor, nor a link behind the encoder."""
     data = FitData.of(recordings, holdout, setting.base)
     base = make_base(data.recordings, setting.base)
-    library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
+    is_output = any(own.drive is not None and own.drive.encoder == "output" for own in (*recordings, *holdout))
+    hidden = ("sensor", "transmission") if is_output else ("sensor",)
+    library = {id: kind for id, kind in setting.library.items() if kind.kind not in hidden}
     criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
     data = with_goal_reading(data, base)
     return data, replace(setting, base=base, library=library, criterion=criterion)

@@ -23,6 +23,7 @@ from pendulum_env.reading import quote_value
 Control = Literal["position", "velocity"]
 Output = Literal["duty", "voltage", "current", "torque"]
 Goal = Literal["held", "ramp"]
+Shaft = Literal["motor", "output"]
 LONGEST = 0.1  # [s], of a delay
 UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what the motor's torque is in, unless known
 
@@ -44,6 +45,7 @@ class ServoDrive:
         cutoff: of the low-pass filter that the controller sees the speed through [Hz]; None: there is none.
         delay: from measuring to acting [s].
         goal: whether the goal is held from row to row of the log, or runs on to the next row; None: not known.
+        encoder: shaft that the encoder measures. Play and elasticity of a gear are simulated behind the motor's only.
     """
 
     control: Control = "position"
@@ -58,9 +60,10 @@ class ServoDrive:
     cutoff: float | None = None
     delay: float = 0.0
     goal: Goal | None = None
+    encoder: Shaft = "motor"
 
     def __post_init__(self) -> None:
-        for name, known in (("control", Control), ("output", Output), ("goal", Goal)):
+        for name, known in (("control", Control), ("output", Output), ("goal", Goal), ("encoder", Shaft)):
             if getattr(self, name) not in get_args(known) and not (name == "goal" and self.goal is None):
                 choices = " or ".join(get_args(known))
                 raise UserError(f"{name} is {quote_value(getattr(self, name))}: it should be {choices}")
@@ -136,18 +139,18 @@ class Preset(NamedTuple):
     kp: float = 1.0
 
 
-PRESETS = {  # those of duty as github.com/Rhoban/bam measured them
+PRESETS = {  # those of duty as github.com/Rhoban/bam measured them; their encoders are at the output
     # Dynamixel XL330: duty = kp (goal - position) [counts] / (256 x 885)
-    "xl330": Preset({"supply": 7.3}, 4096 / math.tau / (256 * 885)),
+    "xl330": Preset({"supply": 7.3, "encoder": "output"}, 4096 / math.tau / (256 * 885)),
     # Dynamixel XL-320: duty = 0.0505 kp (goal - position) [rad]
-    "xl320": Preset({"supply": 7.5}, 0.0505),
+    "xl320": Preset({"supply": 7.5, "encoder": "output"}, 0.0505),
     # Dynamixel MX-64 and MX-106: duty = 0.158 kp (goal - position) [rad], 0.9625 at most
-    "mx": Preset({"supply": 15.0, "limit": 0.9625}, 0.158),
+    "mx": Preset({"supply": 15.0, "limit": 0.9625, "encoder": "output"}, 0.158),
     # Feetech STS3215: duty = 0.166 kp (goal - position) [rad], 0.97 at most, below its largest speed
-    "sts3215": Preset({"supply": 7.4, "limit": 0.97}, 0.166),
+    "sts3215": Preset({"supply": 7.4, "limit": 0.97, "encoder": "output"}, 0.166),
     # MIT mode of quasi-direct drives (Mini Cheetah, Damiao, CubeMars): torque = kp (goal - position) - kd velocity at
     # the output, with neither a goal of the speed nor a torque fed forward
     "mit": Preset({"output": "torque"}),
 }
-WORDS = ("control", "output", "goal")  # keys whose value is a word
+WORDS = ("control", "output", "goal", "encoder")  # keys whose value is a word
 KEYS = dict.fromkeys(("preset", *vars(ServoDrive())), True)

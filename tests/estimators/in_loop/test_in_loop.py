@@ -115,6 +115,15 @@ def test_standard_errors_hold_what_a_late_log_does(plain):
     assert max(moved.values()) < 2.0 and max(moved.values()) > 0.3  # which is most of some
 
 
+def test_play_is_no_candidate_behind_an_encoder_at_the_output(plain):
+    drives = [replace(recording.drive, encoder="output") for recording in plain]
+    recordings = [replace(own, drive=drive) for own, drive in zip(plain, drives, strict=True)]
+    found = diagnose(recordings, effects=["backlash", "joint_flexibility", "stribeck"])
+    assert [one.effect for one in found.candidates] == ["stribeck"] and not found.selected
+    assert ServoDrive.from_settings(drives[0].get_settings()) == drives[0]
+    assert ServoDrive.from_settings({"preset": "sts3215", "kp": 16}).encoder == "output"
+
+
 def test_parameters_come_back_where_goals_are_said_to_run_on():
     """Under control of the speed, which a goal that is half a sample late disturbs as much as what hides."""
     case = servos.goal(5)
