@@ -178,9 +178,9 @@ def compute_alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) ->
 
 
 def can_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: Terms) -> bool:
-    """Return whether a rival lowers both errors of the others, and follows the motion about as well as the terms."""
+    """Return whether a rival keeps the base of the others and lowers both errors, and follows the motion as well."""
     rival, terms, others = (remove_table(evaluator, one) for one in (rival, terms, others))
-    if not evaluator.lowers_errors(rival, others):
+    if not (evaluator.keeps_base(rival, others) and evaluator.lowers_errors(rival, others)):
         return False
     if has_transmission(rival) or has_transmission(terms) or not evaluator.train.segments:
         return True  # segments with a transmission soon diverge

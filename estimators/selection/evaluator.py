@@ -172,7 +172,7 @@ class ModelEvaluator:
         return bool(probability > self.criterion.tie_probability)
 
     def gates(self, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
-        """Return the gates of a larger model: its gain with p-value and, if significant, its explained share.
+        """Return the gates of a larger model: its gain with p-value, its explained share, and the kept base parameters.
 
         An effect beside known parameters also has to predict significantly better than the smaller model with these
         free: else what it explains is another value of them, and belongs to whatever shares their columns. The
@@ -191,7 +191,7 @@ class ModelEvaluator:
         if gates[-1].passed:
             share = self.residuals.explained_share(after, before)
             gates.append(Gate("explained_share", share, least_share, share > least_share))
-        return gates
+        return [*gates, *self.base_gates(after, before)] if gates[-1].passed else gates
 
     def without_known(self, terms: Terms) -> Terms:
         """Return the terms with known parameters free; of a free swing as they are, since one has to be known."""
@@ -259,15 +259,24 @@ class ModelEvaluator:
 
     def keeps_base(self, after: Terms, before: Terms) -> bool:
         """Return whether a larger model keeps the base parameters of a smaller one; see `make_base_gates`."""
-        models = (fit_terms(self.train, terms)[0] for terms in (after, before))
-        return all(gate.passed for gate in make_base_gates(*models))
+        return all(gate.passed for gate in self.base_gates(after, before))
+
+    def base_gates(self, after: Terms, before: Terms) -> list[Gate]:
+        """Return the gates of the base parameters of a larger model."""
+        least = self.criterion.kept_inertia
+        return make_base_gates(self._exact_model(after), self._exact_model(before), self.train.motions, least)
+
+    @memoized
+    def _exact_model(self, terms: Terms) -> Model:
+        """Fit the terms to the training data with standard errors, without errors of torque and motion."""
+        return fit_terms(self.train, terms)[0]
 
     def lowers_errors(self, after: Terms, before: Terms) -> bool:
-        """Return whether both held-out errors fall, fitted to torque or else to motion, and the base is kept."""
+        """Return whether both held-out errors fall, fitted to torque or else to motion."""
         new, old = self.fit(None, after), self.fit(None, before)
         if not self.is_confirmed(new, old):
             new, old = self.refit_to_motion(new), self.refit_to_motion(old)
-        return self.is_confirmed(new, old) and self.keeps_base(after, before)
+        return self.is_confirmed(new, old)
 
     @property
     def cost_with_link(self) -> float:

@@ -15,7 +15,6 @@ from pendulum_env.physics.term import LOAD
 from pendulum_env.physics.terms import list_forms
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
-LEAST_KEPT = {"inertia": 0.1, "gravity": 0.0}  # share of these parameters that a larger model has to keep
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
 
 
@@ -133,34 +132,47 @@ def compute_significant_sign(model: Model, name: str) -> int:
     return int(np.sign(estimate.value))
 
 
-def make_base_gates(after: Model, before: Model) -> list[Gate]:
-    """Return the share of inertia and of gravity that a larger model of a pendulum keeps as gates.
+def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples], least_inertia: float) -> list[Gate]:
+    """Return the shares of inertia and of gravity that a larger model of a pendulum keeps as gates.
 
-    A model that loses what the smaller model determines imitates the joint. A lag of J/b with nearly no inertia has the
-    transfer function of an inertia J behind a short lag. A spring with negative gravity imitates a hardening spring.
-    Inertia has to keep a tenth of its size, gravity its sign, since an effect may explain all of the gravity. Both are
-    compared where the smaller model has them significantly, and fail beyond 3 standard errors of the larger model.
-    Exempt are the inertia of a model with a link, which is uncertain before the link's states are fitted, and gravity
-    beside a tilt, which has any sign.
+    A model that loses what the smaller model determines imitates the joint. A lag T before inertia J and friction b
+    has the transfer function 1 / ((1 + T s) (J s + b)), in which T and J/b change places: a lag of J/b leaves T b of
+    the inertia. Without the lag, a fit finds about J + T b, so that the true lag keeps more than half of the inertia,
+    and its imitation less. A spring with negative gravity imitates a hardening spring.
+
+    Inertia has to keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
+    It includes the inertia that effects add, as a mean over the motion. Gravity has to keep its sign where the smaller
+    model determines it, within 3 standard errors of the larger model, since an effect may explain all of the gravity.
+    Exempt are models with a link, which are uncertain before the link's states are fitted, and gravity beside a tilt,
+    which has any sign.
     """
-    shared = [name for name in LEAST_KEPT if name in before.estimates and name in after.estimates]
-    exempt = {"inertia": has_link(after.terms), "gravity": "gravity_tilt" in after.estimates}
-    gates = []
-    for name in shared:
-        old, new = before.estimates[name], after.estimates[name]
-        if exempt[name] or old.is_unknown or new.is_unknown or not (old.std > 0 and old.is_significant):
-            continue
+    gates: list[Gate] = []
+    shared = before.estimates.keys() & after.estimates.keys()
+    if has_link(after.terms):
+        return gates
+    if "inertia" in shared and compute_significant_sign(before, "inertia") > 0:
+        old, new = before.estimates["inertia"], after.estimates["inertia"]
+        total = _compute_mean_inertia(before, motions[""])
+        share = _compute_mean_inertia(after, motions[""]) / total
+        limit = least_inertia * (1 - SIGNIFICANT * old.std / total)
+        gates.append(Gate("kept_inertia", share, limit, share >= limit, std=new.std / total))
+    if "gravity" in shared and "gravity_tilt" not in after.estimates and compute_significant_sign(before, "gravity"):
+        old, new = before.estimates["gravity"], after.estimates["gravity"]
         share, std = new.value / old.value, new.std / abs(old.value)
-        is_kept = share + SIGNIFICANT * std >= LEAST_KEPT[name]
-        gates.append(Gate(f"kept_{name}", share, LEAST_KEPT[name], is_kept, std=std))
+        gates.append(Gate("kept_gravity", share, 0.0, share + SIGNIFICANT * std >= 0, std=std))
     return gates
+
+
+def _compute_mean_inertia(model: Model, x: Samples) -> float:
+    """Return the inertia of a model of a pendulum with all its effects, as a mean over the motion [kg m^2]."""
+    return sum(value * float(np.mean(column.mass(x))) for _, column, value in _list_parts(model))
 
 
 def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]) -> list[Gate]:
     """Return the gates that a larger model meets beside a smaller one, up to the first that it fails.
 
-    Physical bounds come first, then the base parameters, then the held-out errors, which have to fall. Violated bounds
-    are listed together. `motions` are samples of each joint of the training data.
+    Physical bounds come first, then the held-out errors, which have to fall. Violated bounds are listed together.
+    `motions` are samples of each joint of the training data.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
     common = list_forms(after.model.terms) & list_forms(before.model.terms)
@@ -170,7 +182,6 @@ def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Sam
     if wrong:
         return wrong
     gates = [Gate("physical_bounds", 0, 0, True)]
-    gates += make_base_gates(after.model, before.model)
     angle, kinds = after.model.units().unit("rad"), [kind for kind in new.kinds if kind != "torque_rms"]
     errors = [(kind.removesuffix("_rms"), getattr(new, kind), getattr(old, kind), angle) for kind in kinds]
     for at in (joint for joint in new.joints if joint in changed):

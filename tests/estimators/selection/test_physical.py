@@ -1,9 +1,12 @@
 """What a body can be."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimators.findings import Finding, Kind
+from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Errors, Step, explain_rejection
 from estimators.selection.physical import (
     find_driving_friction,
@@ -17,6 +20,7 @@ from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.limits import limit_term
 from pendulum_env.physics.table import FrictionBySpeed
 from pendulum_env.physics.term import UNLOADED, KnownLoad
+from pendulum_env.physics.time_varying import PayloadChange
 
 X = Samples(*np.ones((4, 3)))
 
@@ -113,24 +117,45 @@ def test_a_step_meets_physical_bounds_and_held_out_errors_in_this_order(torque, 
     assert (explain_rejection(gates) is None) == (failed is None)
 
 
+LEAST = Criterion().kept_inertia
+
+
 @pytest.mark.parametrize(
     ("inertia", "gravity", "passed"),
     [
-        (0.09, 1.5, {"kept_inertia": True, "kept_gravity": True}),
-        (0.001, 2.0, {"kept_inertia": False, "kept_gravity": True}),  # a lag imitates the inertia
+        (0.06, 1.5, {"kept_inertia": True, "kept_gravity": True}),
+        (0.04, 2.0, {"kept_inertia": False, "kept_gravity": True}),  # a lag imitates the inertia
         (0.1, -2.0, {"kept_inertia": True, "kept_gravity": False}),  # a spring and negative gravity
         (0.1, -0.02, {"kept_inertia": True, "kept_gravity": True}),  # zero within 3 standard errors
     ],
 )
-def test_a_larger_model_keeps_the_inertia_and_the_sign_of_gravity(inertia, gravity, passed):
+def test_a_larger_model_keeps_half_of_the_inertia_and_the_sign_of_gravity(inertia, gravity, passed):
     before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
-    after = Model.build([*BASE, ActuatorLag(0.01)], [inertia, gravity, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
-    gates = make_base_gates(after, before)
+    after = Model.build([*BASE, ActuatorLag(0.01)], [inertia, gravity, 0.1, 0.1], [0.02, 0.01, 0.01, 0.01])
+    gates = make_base_gates(after, before, {"": X}, LEAST)
     assert {gate.name: gate.passed for gate in gates} == passed
     assert [gate.value for gate in gates] == pytest.approx([inertia / 0.1, gravity / 2.0])
+
+
+def test_inertia_has_to_keep_half_of_what_the_smaller_model_shows_beyond_three_standard_errors():
+    after = Model.build([*BASE, ActuatorLag(0.01)], [0.03, 2.0, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
+    for std, limit, passed in ((0.001, 0.485, False), (0.02, 0.2, True)):
+        before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], [std, 3.0, 0.01, 0.01])
+        (gate,) = make_base_gates(after, before, {"": X}, LEAST)
+        assert gate.limit == pytest.approx(limit) and gate.passed is passed
+
+
+def test_inertia_of_a_payload_that_comes_later_counts_as_kept():
+    """The smaller model has the mean of the inertia before and after."""
+    x = replace(X, time=np.linspace(0.0, 1.0, 3))
+    half = PayloadChange(0.5)
+    before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.001)
+    after = Model.build([*BASE, half], [0.01, 2.0, 0.1, 0.1, 0.135, 0.0], 0.001)
+    gates = make_base_gates(after, before, {"": x}, LEAST)
+    assert gates[0].value == pytest.approx(1.0) and gates[0].passed
 
 
 def test_a_base_parameter_that_the_smaller_model_does_not_determine_has_no_gate():
     before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], [0.2, 3.0, 0.01, 0.01])
     after = Model.build([*BASE, ActuatorLag(0.01)], [0.001, -2.0, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
-    assert make_base_gates(after, before) == []
+    assert make_base_gates(after, before, {"": X}, LEAST) == []

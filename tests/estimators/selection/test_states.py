@@ -70,6 +70,9 @@ class ScoredEvaluator(ModelEvaluator):
     def violations(self, terms: tuple[Term, ...]) -> list:
         return []
 
+    def base_gates(self, after: tuple[Term, ...], before: tuple[Term, ...]) -> list:
+        return []
+
     def lowers_errors(self, after: tuple[Term, ...], before: tuple[Term, ...]) -> bool:
         return self.total(after) > self.total(before)
 
