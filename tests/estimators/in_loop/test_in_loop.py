@@ -118,7 +118,7 @@ def test_standard_errors_hold_what_a_late_log_does(plain):
 def test_play_is_no_candidate_behind_an_encoder_at_the_output(plain):
     drives = [replace(recording.drive, encoder="output") for recording in plain]
     recordings = [replace(own, drive=drive) for own, drive in zip(plain, drives, strict=True)]
-    found = diagnose(recordings, effects=["backlash", "joint_flexibility", "stribeck"])
+    found = diagnose(recordings, only=["backlash", "joint_flexibility", "stribeck"])
     assert [one.effect for one in found.candidates] == ["stribeck"] and not found.selected
     assert ServoDrive.from_settings(drives[0].get_settings()) == drives[0]
     assert ServoDrive.from_settings({"preset": "sts3215", "kp": 16}).encoder == "output"
