@@ -62,7 +62,7 @@ class Config:
     checkpoint: Annotated[int, Meta(ge=1, le=10**12)] = 200_000
 
     @classmethod
-    def of(cls, settings: Mapping[str, Any]) -> Config:
+    def from_settings(cls, settings: Mapping[str, Any]) -> Config:
         """Create a configuration from settings by name; the constraint decides the defaults.
 
         Raises:

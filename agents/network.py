@@ -90,12 +90,12 @@ class Network:
         hint = "a policy is what `pendulum-ident train` writes"
         arrays = read_arrays(path, hint)
         try:
-            return cls._of(arrays)
+            return cls._from_arrays(arrays)
         except ValueError as error:
             raise FileError(f"{path}: is no policy: {error}; {hint}") from None
 
     @classmethod
-    def _of(cls, arrays: Mapping[str, NDArray[Any]]) -> Network:
+    def _from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Network:
         count = max(1, sum(name.startswith("weight") for name in arrays))
         names = [f"{kind}{k}" for kind in ("weight", "bias") for k in range(count)]
         for name in [*names, "levels", "constraint"]:

@@ -169,7 +169,7 @@ def fit_windows(prepared: RegressionData, hidden: Sequence[str]) -> Model:
     """Return the fit over windows of the base terms and some effects, nonlinear parameters searched."""
     terms = BASE
     for id in hidden:
-        terms = min(prepared.variants(terms, effect(id)), key=lambda trial: trial.fitted_rms).terms
+        terms = min(prepared.refine_variants(terms, effect(id)), key=lambda trial: trial.fitted_rms).terms
     return fit_terms(prepared, terms)[0]
 
 
@@ -181,7 +181,7 @@ def fit_segments(prepared: RegressionData, start: Model) -> Model:
 
 def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:
     """Return both estimates of one realisation."""
-    prepared = RegressionData.of([realisation(study, run, seed)])
+    prepared = RegressionData.from_recordings([realisation(study, run, seed)])
     windows = fit_windows(prepared, tuple(study.plant.effects))
     return windows, fit_segments(prepared, windows)
 

@@ -62,7 +62,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     select_visible_effects({term.id: type(term) for term in model.terms if term.needs}, recordings)
     joints = model.terms if isinstance(model.body, Body) else ()
     alone = [] if joints else [_prepare_recording(recording, model, horizon) for recording in recordings]
-    together = RegressionData.join(alone) if alone else RegressionData.of_arm(recordings, joints)
+    together = RegressionData.join(alone) if alone else RegressionData.from_arm(recordings, joints)
     data = FitData(recordings, recordings, terms=joints, horizon=horizon).with_parts((together, together))
     loop = data.simulate_in_loop(model)
     joint = compute_distance("all", together, model, loop.error)
@@ -72,7 +72,9 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     most = max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,
-        tuple(compute_distance(part.names[0], part, model, loop.of(k).error) for k, part in enumerate(alone)),
+        tuple(
+            compute_distance(part.names[0], part, model, loop.select_recording(k).error) for k, part in enumerate(alone)
+        ),
         joint,
         tuple(compute_profiles(together.samples, left, joint.noise_floor, units=together.units()) if alone else ()),
         tuple(region for at in failing for region in find_failures(together, left, at, most)),
@@ -84,5 +86,5 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
 
 
 def _prepare_recording(recording: Recording, model: Model, horizon: float | None) -> RegressionData:
-    data = RegressionData.of([recording])
+    data = RegressionData.from_recordings([recording])
     return (data if horizon is None else data.with_horizon(horizon)).with_contacts(model)

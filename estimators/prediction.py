@@ -89,7 +89,7 @@ def predict_recordings(model: Model, data: FitData) -> tuple[Prediction, ...]:
             _predict(model, unseen, found[len(data.recordings) if data.holdout else 0 :], True)
     if loop:
         for k, recording in enumerate(data.every):
-            found[k].simulated_position[:] = loop.of(k).interpolate(recording)
+            found[k].simulated_position[:] = loop.select_recording(k).interpolate(recording)
     return tuple(found)
 
 

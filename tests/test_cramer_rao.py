@@ -34,7 +34,9 @@ def test_the_fit_over_windows_comes_near_the_bound_and_does_not_beat_it():
     (run,) = simulate([(study.plant, experiment)])
     least = bound(linearise(study, run), study.position_noise, experiment.torque_noise)
     truth = np.array([study.plant.inertia, study.plant.gravity, study.plant.viscous, study.plant.coulomb])
-    errors = [fit_windows(RegressionData.of([realisation(study, run, j)]), ()).theta - truth for j in range(60)]
+    errors = [
+        fit_windows(RegressionData.from_recordings([realisation(study, run, j)]), ()).theta - truth for j in range(60)
+    ]
     ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / least
     assert ratio.min() > 0.75  # sampling error of an RMS over 60: 9 %
     assert ratio.max() < 2.0

@@ -109,7 +109,7 @@ def arm_model(_: Path) -> bytes:
 def read_training(path: Path) -> Config:
     settings = read_toml(path)
     try:
-        return Config.of(settings)
+        return Config.from_settings(settings)
     except ValueError as error:
         raise FileError(f"{path}: {error}") from None  # as `train` does
 

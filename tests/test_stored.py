@@ -67,5 +67,5 @@ def test_a_rig():
 
 
 def test_a_training():
-    config = Config.of(read_toml(STORED / "training.toml"))
+    config = Config.from_settings(read_toml(STORED / "training.toml"))
     assert (config.constraint, config.hidden, config.learning_rate, config.levels) == ("rms", 32, 1e-4, (-1, 0, 1))

@@ -71,7 +71,7 @@ class Inputs:
     ) -> FitData:
         """Calibrate torque by known loads or known values, and report its timing."""
         known = find_known_values(self.model.terms) | dict(fixed or {})
-        given = FitData.of(self.recordings, self.holdout, self.model.terms, known=known)
+        given = FitData.from_recordings(self.recordings, self.holdout, self.model.terms, known=known)
         if not self.body.can_simulate:
             align = align or None  # looking takes long, so none is warned unasked
         return report_timing(given, align, terminal)

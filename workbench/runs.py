@@ -33,7 +33,7 @@ class Plan:
     release: float | None = None  # angle at which the joint is let go at rest, without torque [rad]
 
     @classmethod
-    def of(cls, arguments: argparse.Namespace, rng: np.random.Generator) -> Self:
+    def from_arguments(cls, arguments: argparse.Namespace, rng: np.random.Generator) -> Self:
         """Create the plan from arguments.
 
         Raises InputError if the arguments do not go together, a configuration or a policy cannot be used, or a

@@ -106,7 +106,7 @@ def find_payload(
     joint = find("joint", joint or joints[-1], {name: name for name in joints})
     parts = [prepare_arm(own, model.terms) for own in (without, carrying) if own]
     group = [0] * len(without) + [1] * len(carrying)
-    return PayloadRows.of(parts, model.terms, joint).fit(group, None if without else model)[0]
+    return PayloadRows.from_parts(parts, model.terms, joint).fit(group, None if without else model)[0]
 
 
 def find_carried(
@@ -119,7 +119,7 @@ def find_carried(
     Returns the payloads that stand out, with the numbers of the recordings that carry each.
     """
     count = sum(len({w.run for w in own.windows}) for own in parts)
-    rows = PayloadRows.of(parts, terms, joint or find_links(terms).joints[-1])
+    rows = PayloadRows.from_parts(parts, terms, joint or find_links(terms).joints[-1])
     if count < 2 or "m" not in rows.shown:
         return []
     mass = np.append(0.0, rows.masses(count))
@@ -159,7 +159,7 @@ class PayloadRows(NamedTuple):
     clusters: Index
 
     @classmethod
-    def of(cls, parts: Sequence[TorqueWindows], terms: Sequence[Term], joint: str) -> PayloadRows:
+    def from_parts(cls, parts: Sequence[TorqueWindows], terms: Sequence[Term], joint: str) -> PayloadRows:
         """Join the rows of several parts."""
         phi, y, number, recording, clusters = [], [], [], [], []
         body, first, cluster = find_links(terms), 0, 0

@@ -146,7 +146,7 @@ class Alignment:
         joints = recording.torque.reshape(len(recording), -1).T  # of an arm several
         for begin, end in pairwise((*recording.starts, len(recording))):
             if end - beyond - begin - first >= 2:
-                acting = np.column_stack([channel.held(own[begin:end], period) for own in joints])
+                acting = np.column_stack([channel.hold_torque(own[begin:end], period) for own in joints])
                 kept.append(np.arange(begin + first, end - beyond))
                 torque.append(acting[first : end - beyond - begin])
         if not kept:

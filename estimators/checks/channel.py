@@ -82,7 +82,7 @@ class ChannelFits:
     torques: dict[Channel, Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Self | None:
+    def from_recordings(cls, recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Self | None:
         """Fit recordings with effects of the joint; None if too few rows are clear of the ends of segments.
 
         Of an arm all terms of the model are given, the links first; its joints are late alike.
@@ -130,7 +130,7 @@ class ChannelFits:
             centers, first = w.centers[self.rows[known] - first], last
             instants = np.arange(len(w.moving), dtype=float)
             acting = np.interp(instants, centers, torque[known]) if len(centers) else 0.0 * instants
-            windows.append(w.under(w.recording.torque, acting))
+            windows.append(w.with_torque(w.recording.torque, acting))
         moved = replace(self.data, windows=tuple(windows))
         parts = [(moved.where(term.at), moved.columns([term])[0][0]) for term in terms]
         return place_columns(len(self.data.weights), parts)[self.rows]
@@ -208,7 +208,9 @@ class ChannelFits:
         parts = []
         for w in self.data.windows:
             bounds = pairwise((*w.recording.starts, len(w.recording)))
-            acting = [channel.around(w.samples, w.recording.torque[a:b], 1.0 / w.recording.rate) for a, b in bounds]
+            acting = [
+                channel.average_torque(w.samples, w.recording.torque[a:b], 1.0 / w.recording.rate) for a, b in bounds
+            ]
             parts.append(w.average(np.concatenate(acting)))
         net = np.concatenate(parts) - self.carried
         self.torques[channel] = net[self.rows] * self.data.weights[self.rows]
@@ -301,7 +303,7 @@ class ChannelFits:
         impulse = np.eye(1, 2 * reach + 1, reach)[0]
         for w in self.data.windows:
             ways, period = (replace(channel, delay=0.0), Channel()), 1.0 / w.recording.rate
-            passed = [np.convolve(way.around(w.samples, impulse, period), w.kernel) for way in ways]
+            passed = [np.convolve(way.average_torque(w.samples, impulse, period), w.kernel) for way in ways]
             after, before = (float(np.linalg.norm(one)) for one in passed)
             factors.append(after / before)
         return max(factors)
@@ -357,7 +359,7 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     """
     recordings = [recordings] if isinstance(recordings, Recording) else recordings
     try:
-        fits = ChannelFits.of(recordings, beside) if any(one.torque.any() for one in recordings) else None
+        fits = ChannelFits.from_recordings(recordings, beside) if any(one.torque.any() for one in recordings) else None
     except IdentificationError:
         fits = None
     if fits is None:

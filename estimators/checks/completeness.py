@@ -39,7 +39,7 @@ def check_results(
     if isinstance(terms[0].mechanism, Body):
         found = find_driving_friction(next(iter(results.values())).model)
         with suppress(IdentificationError):
-            missing, results = _check_completeness(results, RegressionData.of_arm(given.recordings, terms), terms)
+            missing, results = _check_completeness(results, RegressionData.from_arm(given.recordings, terms), terms)
             found = [*found, *missing]
         return None, found, results
     data, found = None, find_wrong_columns(first, given.recordings) or find_driving_friction(first)

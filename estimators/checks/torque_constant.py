@@ -92,7 +92,7 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
     by_load_torque = any(recording.has_varying_load for recording in recordings)
     if len(set(loads)) < 2 and not by_load_torque:
         return explain_unknown_constant(Kind.LOADS_UNKNOWN if loads[0] == NONE else Kind.LOADS_EQUAL, unit)
-    fits = ChannelFits.of(recordings)
+    fits = ChannelFits.from_recordings(recordings)
     if fits is None:
         return explain_unknown_constant(Kind.CONSTANT_TOO_SHORT, unit)
     moved = {loads[k] for k in np.unique(fits.data.recording_of_window[fits.rows])}

@@ -60,7 +60,7 @@ class FitData:
     horizon: float | None = None
 
     @classmethod
-    def of(
+    def from_recordings(
         cls,
         recordings: Sequence[Recording],
         holdout: Sequence[Recording] = (),
@@ -109,7 +109,7 @@ class FitData:
         The timing of the log is no part of the model, so held-out and excluded recordings determine it, too.
         """
         if self.whole is not None:
-            return self.whole.with_timing(effects).without(self.excluded)
+            return self.whole.with_timing(effects).without_outliers(self.excluded)
         raw, terms = self.untimed or self, [term for term in self.terms if isinstance(term, Term)]
         every, count = (*raw.recordings, *raw.holdout), len(raw.recordings)
         alignments = align_each(every, [*terms, *effects])
@@ -120,7 +120,7 @@ class FitData:
         beside = [Finding(Kind.TIMED_BESIDE, effects=tuple(term.id for term in effects))] if effects else []
         return replace(timed, treatments=(*earlier, *beside, *timed.corrections))
 
-    def without(self, outliers: Sequence[Disagreement]) -> FitData:
+    def without_outliers(self, outliers: Sequence[Disagreement]) -> FitData:
         """Return the data without the fitted recordings that disagree with the others."""
         excluded, count = {one.recording for one in outliers}, len(self.recordings)
         kept = [k for k in range(count) if k + 1 not in excluded]
@@ -155,7 +155,7 @@ class FitData:
         vars(self)["parts"] = parts  # where the cached property keeps them
         return self
 
-    def over(self, horizon: float | None) -> Self:
+    def with_horizon(self, horizon: float | None) -> Self:
         """Return the data with segments of another length [s] for simulation; see `RegressionData.with_horizon`."""
         if horizon is None:
             return self
@@ -179,7 +179,7 @@ class FitData:
         """
         if self.terms:
             train, holdout = split_arm(self.recordings, self.holdout)
-            return RegressionData.of_arm(train, self.terms), RegressionData.of_arm(holdout, self.terms)
+            return RegressionData.from_arm(train, self.terms), RegressionData.from_arm(holdout, self.terms)
         parts = split_recordings(self.recordings, self.holdout, self.window_share)
         parts = parts if self.contact_terms is None else with_contacts(parts, self.contact_terms)
         if self.horizon is None:

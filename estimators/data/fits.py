@@ -57,7 +57,7 @@ def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:
         return balance
     free = fit_within_laws(data, terms)
     is_noise = np.array([not free.estimates[column.name].is_significant for column in free.columns])
-    return balance.within(np.where(held & is_noise, least, balance.least), balance.most)
+    return balance.with_bounds(np.where(held & is_noise, least, balance.least), balance.most)
 
 
 def fit_within_laws(data: RegressionData, terms: Terms) -> Model:
@@ -65,7 +65,7 @@ def fit_within_laws(data: RegressionData, terms: Terms) -> Model:
 
     Torque that is logged turned round needs negative inertia, and a law that is missing may need friction that drives.
     """
-    fit = data.equations(terms).within(*bounds_of_laws(terms)).fit(data.layout.clusters)
+    fit = data.equations(terms).with_bounds(*bounds_of_laws(terms)).fit(data.layout.clusters)
     return Model.build(terms, fit.theta, fit.std)
 
 
@@ -81,7 +81,7 @@ def _std_of_edge(
     is the place of the linear parameters of the term.
     Source: Hansen, Sample splitting and threshold estimation, Econometrica 68(3), 2000.
     """
-    value, here = term.nonlinear_values[parameter.name], data.where(term.at)
+    value, here = term.nonlinear_values[parameter.name], data.locate_rows(term.at)
     unit = 1.0 if parameter.instant else get_step_unit(parameter, value)
     steps = unit * np.geomspace(*(INSTANTS if parameter.instant else EDGES), DISPLACEMENTS)
     variants = [set_values(term, [parameter], [value + sign * step]) for sign in (0, 1, -1) for step in steps]

@@ -17,7 +17,7 @@ def find_regions_at(
     data: RegressionData, residual: Array, at: str, axes: Sequence[str] = tuple(SYMBOLS), most: int = MOST
 ) -> list[Region]:
     """Return the regions of a residual [N m] at a joint, the most significant first."""
-    own, least = residual[data.where(at)], data.data.negligible(at)
+    own, least = residual[data.locate_rows(at)], data.data.negligible(at)
     found = find_regions(data.data.part(at).samples, own, data.floors[at], axes, most, data.units(at))
     return [replace(region, at=at) for region in found if abs(region.residual) > least]
 

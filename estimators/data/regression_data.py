@@ -58,7 +58,7 @@ class RegressionData:
     rollouts: RowMaker | None = None
 
     @classmethod
-    def of(
+    def from_recordings(
         cls, recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
     ) -> RegressionData:
         """Prepare recordings, or a part of each; raises IdentificationError if they hold too little motion."""
@@ -90,7 +90,7 @@ class RegressionData:
         return replace(self, segments=kept) if kept else self, unstable
 
     @classmethod
-    def of_arm(cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> RegressionData:
+    def from_arm(cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> RegressionData:
         """Prepare recordings of an arm for terms, the links first; see `prepare_arm` for what it raises."""
         return cls(prepare_arm(recordings, terms), base=arm_base(find_body(terms)))
 
@@ -117,7 +117,7 @@ class RegressionData:
         """Joints, blocks and noise of the rows."""
         return self.maker.layout
 
-    def where(self, at: str) -> slice:
+    def locate_rows(self, at: str) -> slice:
         """Return the rows of a joint; all rows for terms at no single joint."""
         return self.layout.joints.get(at, slice(None))
 
@@ -150,7 +150,9 @@ class RegressionData:
     def unique_share(self, terms: Terms, term: Term) -> float:
         """Return the share of a term's columns that parameters of some terms cannot imitate, the largest of all."""
         (columns,), weights = self.columns([term]), self.equations(terms).weights[:, None]
-        own = place_columns(len(weights), [(self.where(term.at), np.column_stack([columns.linear, columns.fixed]))])
+        own = place_columns(
+            len(weights), [(self.locate_rows(term.at), np.column_stack([columns.linear, columns.fixed]))]
+        )
         own = own[:, np.linalg.norm(own, axis=0) > 0] * weights
         rest = project_out(self._frame(tuple(terms)), own)
         return float(max(np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0), default=0.0))
@@ -169,7 +171,7 @@ class RegressionData:
         """Fit one set of terms."""
         return self.maker.trial(terms)
 
-    def trials(self, terms: Terms, variants: Terms) -> list[ScoredTerms]:
+    def try_variants(self, terms: Terms, variants: Terms) -> list[ScoredTerms]:
         """Compare the terms with each variant of one further effect; errors may be extrapolated."""
         errors = self.maker.compare(terms, variants)
         return [ScoredTerms((*terms, variant), error) for variant, error in zip(variants, errors, strict=True)]
@@ -196,7 +198,7 @@ class RegressionData:
         return self.data.part(effect.at).samples, residual[self.data.where(effect.at)]
 
     @memoized
-    def ranked(self, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:
+    def rank_variants(self, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:
         """Compare the terms with each variant of the grid of an effect, the smallest error first.
 
         Variants of one effect may differ in class, or in the number of columns.
@@ -204,11 +206,11 @@ class RegressionData:
         kinds: dict[tuple[type[Term], int], list[Term]] = {}
         for variant in self.grid(terms, effect):
             kinds.setdefault((type(variant), len(variant.columns)), []).append(variant)
-        trials = [trial for same in kinds.values() for trial in self.trials(terms, same)]
+        trials = [trial for same in kinds.values() for trial in self.try_variants(terms, same)]
         return sorted(trials, key=lambda trial: trial.fitted_rms)
 
     @memoized
-    def variants(self, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:
+    def refine_variants(self, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:
         """Return the best variant of each form of an effect, refined; those with the fewest parameters come first.
 
         A form is a set of free nonlinear parameters. Empty where the data offer no variant.
@@ -216,7 +218,7 @@ class RegressionData:
         if find_hints(effect).multimodal:
             variants = self.grid(terms, effect)
             return [self.maker.search_basins(terms, variants)] if variants else []
-        ranked = self.ranked(terms, effect)
+        ranked = self.rank_variants(terms, effect)
         if len(ranked) < 2:
             return ranked
         forms: dict[object, list[ScoredTerms]] = {}
@@ -251,7 +253,7 @@ class RegressionData:
         """Samples at the windows' centres of each joint, by its name."""
         return {at: self.data.part(at).samples for at in self.data.joints}
 
-    def reach(self, joint: str = "") -> tuple[float, float]:
+    def get_range(self, joint: str = "") -> tuple[float, float]:
         """Return the least and the largest recorded position of a joint, or of the joints that a term loads [rad]."""
         positions = [w.recording.position for w in self.data.windows if w.at in list_loads(joint)]
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
@@ -260,7 +262,7 @@ class RegressionData:
         """Return the inertia at each joint under a base model, by the joint's name [kg m^2]."""
         first, data = base[0], self.data
         if first.id not in data.shared_columns:
-            return {at: self.torque.at(at).base_inertia for at in data.joints}
+            return {at: self.torque.select_joint(at).base_inertia for at in data.joints}
         theta = self.torque.solve(base)[: len(first.columns)]
         return dict(zip(data.joints, np.abs(data.shared_columns[first.id].inertia @ theta).tolist(), strict=True))
 

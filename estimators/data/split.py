@@ -46,7 +46,7 @@ def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recordin
     if not any(recording.has_torque or recording.known_inertia for recording in recordings):
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
-            f"{names}: torque is never applied, so that only ratios of parameters are known: take `FitData.of`"
+            f"{names}: torque is never applied, so that only ratios of parameters are known: take `FitData.from_recordings`"
         )
     try:
         return _split_segments(recordings, holdout, shorter)
@@ -60,10 +60,12 @@ def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recordin
 def _split_segments(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:
     widths, checks = ([shorter * choose_half_width(r) for r in part] for part in (recordings, holdout))
     if holdout:
-        return RegressionData.of(recordings, widths), RegressionData.of(holdout, checks)
+        return RegressionData.from_recordings(recordings, widths), RegressionData.from_recordings(holdout, checks)
 
     def split(share: float) -> Parts:
-        return RegressionData.of(recordings, widths, (0.0, share)), RegressionData.of(recordings, widths, (share, 1.0))
+        return RegressionData.from_recordings(recordings, widths, (0.0, share)), RegressionData.from_recordings(
+            recordings, widths, (share, 1.0)
+        )
 
     motion = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
     if np.mean(motion < 1 - HELD_OUT) >= MOTION:

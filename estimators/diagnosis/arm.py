@@ -26,7 +26,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     """Take the recordings as they are, with columns of all terms that may be fitted."""
     known = list_ids(setting.base)
     library = {id: kind for id, kind in setting.library.items() if id not in known}
-    data = FitData.of(recordings, holdout, (*setting.base, *library.values()))
+    data = FitData.from_recordings(recordings, holdout, (*setting.base, *library.values()))
     return data, replace(setting, library=library)
 
 

@@ -72,7 +72,7 @@ class Trial:
     found: SearchResult
 
     @classmethod
-    def of(cls, case: Case, data: FitData, setting: Setting) -> Trial:
+    def search(cls, case: Case, data: FitData, setting: Setting) -> Trial:
         """Search for effects in data."""
         return cls(case, data, setting, case.search(case.evaluator(data, setting)))
 
@@ -105,7 +105,7 @@ class Trial:
         """Terms of the final model, as they were searched for unless the refit dropped some."""
         return (self.found if list_ids(self.found.terms) == list_ids(self.final.terms) else self.final).terms
 
-    def unbounded(self, model: Model) -> Model:
+    def release_bounds(self, model: Model) -> Model:
         """Return a final model as the data alone would have it, where a parameter is at a bound of a body."""
         held = any(own.at_bound and name.partition("@")[0] in NOT_NEGATIVE for name, own in model.estimates.items())
         return fit_within_laws(self.evaluator.train, model.terms) if held else model

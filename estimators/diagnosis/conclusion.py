@@ -25,7 +25,9 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     """Add findings on the torque channel, detectable sizes, and the experiment for open questions."""
     found = replace(found, disagreements=trial.outliers)
     channel = find_in_channel(trial, found)
-    wrong = find_remedies(trial.unbounded(found.model), trial.data.recordings, found.ambiguous, not found.unexplained)
+    wrong = find_remedies(
+        trial.release_bounds(found.model), trial.data.recordings, found.ambiguous, not found.unexplained
+    )
     if (cause := find_contradiction(trial.evaluator)) is not None:
         return replace(found, findings=(*wrong, *channel), forbidden=cause)
     evaluator, model, regions, doubts = trial.final.evaluator, trial.model, found.unexplained, trial.doubts
@@ -52,7 +54,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
             *(Finding(Kind.TIED, effects=group) for group in found.ambiguous),
             *_find_few_clusters(evaluator),
             *doubts,
-            *_find_untested_ranges(model, *evaluator.train.reach()),
+            *_find_untested_ranges(model, *evaluator.train.get_range()),
             *([kept] if kept and kept != forbidden else []),
         ),
         detectable=find_detectable_effects(evaluator, trial.terms, evaluator.library) if is_complete else (),
@@ -78,7 +80,7 @@ def conclude_arm(trial: Trial, found: Diagnosis) -> Diagnosis:
     elif tables:
         forbidden = Finding(Kind.TABLE_HELPS, effects=tables)
     carried = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
-    findings = (*carried, *find_driving_friction(trial.unbounded(found.model)), *trial.data.corrections)
+    findings = (*carried, *find_driving_friction(trial.release_bounds(found.model)), *trial.data.corrections)
     return replace(found, findings=findings, forbidden=forbidden, tables=tables, left=left)
 
 

@@ -25,7 +25,7 @@ def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
             refitted = _present(trial, refitted, True)
         refit = replace(refit, before=_present(trial, refit.before, True), after=refitted)
     steps = [_present(trial, step, step is last) for step in (*others, last)]
-    data = trial.data.over(trial.setting.horizon)
+    data = trial.data.with_horizon(trial.setting.horizon)
     found = Diagnosis(
         steps=(*steps[:-1], steps[-1].with_log_format(collect_log_format(data.recordings))),
         candidates=tuple(candidates),

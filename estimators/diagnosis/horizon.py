@@ -43,13 +43,13 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     seconds, last = trial.setting.horizon, trial.final.steps[-1]
     if seconds is None or not last.model.has_known_inertia:
         return None
-    data = [_steady(part, last.model) for part in trial.data.over(seconds).parts]
+    data = [_steady(part, last.model) for part in trial.data.with_horizon(seconds).parts]
     before = _step(last, last.model, data)
     if not errs_by_more_than_noise(data[0].segments, before, trial.evaluator.criterion):
         return HorizonRefit(seconds, before)
     doubled = [HORIZON * 2**k for k in range(max(0, int(np.ceil(np.log2(seconds / HORIZON)))))]
     horizons = [*doubled, *[seconds] * REWEIGHTED]
-    point, is_interrupted, (low, high) = Point.of(last.model), False, PROGRESS
+    point, is_interrupted, (low, high) = Point.from_model(last.model), False, PROGRESS
     try:
         for number, length in enumerate(horizons):
             share = low + (high - low) * number / len(horizons)

@@ -22,13 +22,13 @@ from pendulum_env.recording import Recording
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
     """Calibrate the recordings; the base model of free swings has the inertia that scales them."""
-    data = FitData.of(recordings, holdout, setting.base)
+    data = FitData.from_recordings(recordings, holdout, setting.base)
     return data, replace(setting, base=make_swing_terms(setting.base, data.recordings), original=setting.base)
 
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     """Make the evaluator of models; only tables that the recordings can show compete."""
-    data.over(setting.horizon)  # raises an error before the search begins
+    data.with_horizon(setting.horizon)  # raises an error before the search begins
     is_free = all(recording.known_inertia for recording in data.recordings)
     return setting.evaluator(data.parts, [kind for kind in COMPETING if not (is_free and is_torque_needed(kind))])
 

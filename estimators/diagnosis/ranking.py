@@ -90,7 +90,7 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
     tied = sorted((id for id in odds if id != term.id and odds[id] > least), key=lambda id: -odds[id])
     score = evaluator.criterion.max_score * share
     if evaluator.train.segments or before.errors["holdout"].is_in_loop:
-        less, more = (step.errors["holdout"].at(term.at) for step in (after, before))
+        less, more = (step.errors["holdout"].get_joint_error(term.at) for step in (after, before))
         reason = compute_error_fall(before, after)
     else:  # without a simulation, windows give the errors of the final model, as they give the score
         less, more = (_compute_held_out_rms(evaluator, terms, term.at) for terms in (final, others))
@@ -121,7 +121,7 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
     gates = evaluator.gates(longer, others)
     if all(gate.passed for gate in gates) and not evaluator.residuals.is_noise(longer):
         gates = evaluator.gates(longer, others, evaluator.criterion.needed_share)
-    reach, units, verdict = evaluator.train.reach(term.at), evaluator.train.units(term.at), Verdict.NOT_EXCITED
+    reach, units, verdict = evaluator.train.get_range(term.at), evaluator.train.units(term.at), Verdict.NOT_EXCITED
     untested = find_untested_ends(type(term)(), *reach, units)
     if untested and not has_contacts and not evaluator.is_significant(longer, others):
         reason = Finding(Kind.NOT_TESTED, untested, effects=(term.id,))
@@ -198,7 +198,7 @@ def compute_simulation_gain(evaluator: ModelEvaluator, after: Model, before: Mod
     so the gain is the logarithm of their ratio; noise is added to both, since errors below it carry no information.
     """
     parts = (evaluator.train.segments, evaluator.holdout.segments)
-    points = [output_error.Point.of(model) for model in (after, before)]
+    points = [output_error.Point.from_model(model) for model in (after, before)]
     new, old = (np.concatenate([output_error.compute_segment_rms(part, one) ** 2 for part in parts]) for one in points)
     counts = [sum(len(segment.first) for segment in part) for part in parts]
     owner = np.repeat(np.arange(2), counts)
@@ -216,7 +216,7 @@ def make_excitation_gate(evaluator: ModelEvaluator, longer: Terms) -> Gate:
     s / (u sqrt(N)).
     """
     *others, term = longer
-    train, here, least = evaluator.train, evaluator.train.where(term.at), evaluator.criterion.least_excitation
+    train, here, least = evaluator.train, evaluator.train.locate_rows(term.at), evaluator.criterion.least_excitation
     residual, recorded = train.residual(tuple(others))[here], train.equations(others).y[here]
     if not recorded.any():  # a free swing
         recorded = train.data.applied_torque()[here]

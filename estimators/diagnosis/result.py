@@ -321,7 +321,7 @@ class Addition:
     def left(self) -> float:
         """Held-out error that is left, in noise floors."""
         error = self.after.errors["holdout"]
-        return max(error.at(at) / max(floor, 1e-300) for at, floor in self.floors.items())
+        return max(error.get_joint_error(at) / max(floor, 1e-300) for at, floor in self.floors.items())
 
     @property
     def model(self) -> Model:

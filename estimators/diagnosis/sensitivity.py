@@ -58,5 +58,5 @@ def find_detectable_effects(
         for id, size in sizes.items()
         if size is not None
     ]
-    stop = Detectable("hard_stop", unit=units.unit("rad"), between=evaluator.train.reach())
+    stop = Detectable("hard_stop", unit=units.unit("rad"), between=evaluator.train.get_range())
     return tuple(found) if makes_whole_turns(evaluator.train.samples.position) else (*found, stop)

@@ -29,12 +29,12 @@ def choose_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial
     Returns:
         The best trial, and all treatments that were tried.
     """
-    best, tried, waiting = Trial.of(case, data, setting), list[TriedTreatment](), list(case.treatments)
+    best, tried, waiting = Trial.search(case, data, setting), list[TriedTreatment](), list(case.treatments)
     while waiting:
         treated = waiting.pop(0)(best)
         if treated is None:
             continue
-        trial = Trial.of(case, treated, setting)
+        trial = Trial.search(case, treated, setting)
         tried.append(compare_treatment(trial, best))
         if tried[-1].is_kept:
             best, waiting = trial, list(case.treatments)
@@ -94,7 +94,7 @@ def include_contacts(trial: Trial) -> FitData | None:
 
 def exclude_outliers(trial: Trial) -> FitData | None:
     """Exclude recordings of another plant: no effect of one plant explains two."""
-    kept = (trial.data.whole or trial.data).without(trial.outliers)
+    kept = (trial.data.whole or trial.data).without_outliers(trial.outliers)
     return kept if len(kept.recordings) < len(trial.data.recordings) else None
 
 

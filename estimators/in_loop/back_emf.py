@@ -41,7 +41,7 @@ def present(trial: Trial, step: Step) -> Step:
     if viscous is None or viscous.is_known or not viscous.is_allowed(both):
         return step
     rest = tuple(term for term in step.model.terms if term.id != BackEmf.id)
-    start = Point.within(rest, np.array(list((theta | {"viscous": both}).values())))
+    start = Point.from_parameters(rest, np.array(list((theta | {"viscous": both}).values())))
     refine_rows(trial.evaluator)[0].begin_at(start)
     return fit_step(trial.evaluator, step.added, start.terms)
 

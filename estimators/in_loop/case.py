@@ -29,7 +29,7 @@ from pendulum_env.recording import Recording
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
     """Calibrate the recordings; a simulation from goals shows no effect of a sensor, nor a link behind the encoder."""
-    data = FitData.of(recordings, holdout, setting.base)
+    data = FitData.from_recordings(recordings, holdout, setting.base)
     base = make_base(data.recordings, setting.base)
     is_output = any(own.drive is not None and own.drive.encoder == "output" for own in (*recordings, *holdout))
     hidden = ("sensor", "transmission") if is_output else ("sensor",)

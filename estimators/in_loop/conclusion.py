@@ -34,7 +34,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         floors=refine_rows(trial.evaluator)[0].rollouts.encoder,
         findings=(
             *readings[-1:],  # the one in force
-            *find_remedies(trial.unbounded(found.model), data.recordings, found.ambiguous, not found.unexplained),
+            *find_remedies(trial.release_bounds(found.model), data.recordings, found.ambiguous, not found.unexplained),
             *filter(None, doubts),
         ),
         forbidden=Finding(Kind.CHECK_DRIVE) if found.unexplained else None,

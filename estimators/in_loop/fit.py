@@ -132,7 +132,7 @@ def linearise_errors(
         ends = [np.clip(here + sign * secant * size[:count], low, high) for sign in (1, -1)]
         steps = np.maximum(ends[0] - ends[1], 1e-300)  # none of a known parameter
     nearby = [
-        _bind_terms(point.at(np.where(own, value, values)))
+        _bind_terms(point.with_values(np.where(own, value, values)))
         for end in ends
         for own, value in zip(is_moved, end, strict=True)
     ]
@@ -219,7 +219,7 @@ def _choose_likeliest_step(
     """Return the likeliest of the points at some steps (S,), in sizes of parameters, and its negative density."""
     point = near.known.point
     values, size, rest = point.values, compute_parameter_sizes(point, typical), len(point.values) - near.slopes.shape[1]
-    tried = [_bind_terms(point.at(values + np.pad(step, (0, rest)) * size)) for step in steps]
+    tried = [_bind_terms(point.with_values(values + np.pad(step, (0, rest)) * size)) for step in steps]
     found, gain = choose_likeliest_point(rollouts, tried)
     return found, -gain
 

@@ -51,7 +51,7 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
     """Decide whether goals are held or run on; None if every drive says it."""
     if all(own.drive is None or own.drive.goal for own in recordings):
         return None
-    torque = RegressionData.of(recordings, part=part).torque
+    torque = RegressionData.from_recordings(recordings, part=part).torque
     late = [() if effect.id in list_ids(base) else (effect(),) for effect in LATE]
     found: list[Reading] = []
     for is_held in (True, False):

@@ -76,7 +76,7 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
 
     def fit_near(point: Point, value: float | None = None) -> Linear:
         terms = point.terms if value is None else tuple(limit_term(own, {name: (value, value)}) for own in point.terms)
-        return fit(rollouts, Point.within(terms, point.theta), typical, nonlinear=True, share=0.0)
+        return fit(rollouts, Point.from_parameters(terms, point.theta), typical, nonlinear=True, share=0.0)
 
     first = fit_near(start)
     fits = {float(first.point.values[place]): first}

@@ -75,7 +75,7 @@ def refine_rows(evaluator: ModelEvaluator) -> tuple[RolloutRows, RolloutRows]:
 
 def refit_step(evaluator: ModelEvaluator, step: Step) -> Step:
     """Refit a step with shorter steps of the integrator, from where it was."""
-    start = Point.within(step.model.terms, np.asarray(step.model.theta))  # where nonlinear parameters follow
+    start = Point.from_parameters(step.model.terms, np.asarray(step.model.theta))  # where nonlinear parameters follow
     refine_rows(evaluator)[0].begin_at(start)
     return fit_step(evaluator, step.added, start.terms)
 
@@ -106,7 +106,7 @@ def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
 
 def widen_errors(model: Model, rows: RolloutRows, profile: Profile | None = None) -> Model:
     """Widen the standard errors of a model by a profile and by the error of the clock of a log, a share of a sample."""
-    point = Point.of(model)
+    point = Point.from_model(model)
     near, rollouts = rows.near(model.terms), rows.rollouts
     by_nonlinear, nonlinear = rows.nonlinear_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_nonlinear])

@@ -165,7 +165,7 @@ class RolloutRows:
             hung = {"resonance": factor * variant.nonlinear_values["resonance"]}
             hung["gravity"] = weight / max(share * inertia, 1e-9)
             term = set_values(variant, sought, [hung[own.name] for own in sought])
-            points.append(Point.within((*near.terms, term), np.append(near.theta, share * inertia)))
+            points.append(Point.from_parameters((*near.terms, term), np.append(near.theta, share * inertia)))
         likelihood = compute_likelihood(self.rollouts, self.rollouts.position_errors(points))
         starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
         for k in np.argsort(-likelihood):
@@ -208,7 +208,7 @@ class RolloutRows:
         names = [column.name for term in terms for column in term.columns]
         sizes = list(zip(names, self.typical(terms), strict=True))
         starts = [
-            Point.within(terms, np.array([values.get(name, share * size) for name, size in sizes]))
+            Point.from_parameters(terms, np.array([values.get(name, share * size) for name, size in sizes]))
             for share in (0.0, 1.0, 3.0)
         ]
         if all(name in values for name in names):
@@ -222,7 +222,7 @@ class RolloutRows:
         theta, typical = self.torque.solve(terms), self.typical(terms)
         for share in (0.0, 1.0, 5.0):
             values = np.maximum(np.abs(theta), share * typical) if share else theta
-            yield Point.within(terms, values)
+            yield Point.from_parameters(terms, values)
 
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
         """Return the rows around the fit of some terms, weighted by the size of each error, also `by_noise`."""
@@ -256,10 +256,12 @@ class RolloutRows:
         for variant, own in zip(variants, self._columns(variants, near.point), strict=True):
             start = np.append(near.point.theta, np.zeros(len(variant.columns)))
             least, most = (end - start for end in list_bounds((*near.point.terms, variant)))
-            balance = Balance.of(-near.error, near.weights).with_columns([others, (slice(None), own)], least, most)
+            balance = Balance.from_target(-near.error, near.weights).with_columns(
+                [others, (slice(None), own)], least, most
+            )
             step = balance.solve()
             theta = start + step
-            self.begin_at(Point.within((*near.point.terms, variant), theta), (*terms, variant))
+            self.begin_at(Point.from_parameters((*near.point.terms, variant), theta), (*terms, variant))
             found.append(scale_of(self.rollouts, -balance.error(step)))
         self._least_errors[key] = min([*found, self._least_errors.get(key, np.inf)])
         return found

@@ -38,7 +38,7 @@ class LoopMotion:
         """Simulated position (R,) [rad]."""
         return self.measured + self.error
 
-    def of(self, number: int) -> LoopMotion:
+    def select_recording(self, number: int) -> LoopMotion:
         """Return the motion of one recording."""
         own = self.recording_of == number
         return LoopMotion(self.time[own], self.measured[own], self.error[own], self.recording_of[own])
@@ -59,5 +59,5 @@ def simulate_in_loop(model: Model, recordings: Sequence[Recording]) -> LoopMotio
     if not are_driven(recordings):
         return LoopMotion(np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.intp))
     rollouts = Rollouts(tuple(recordings), FINE)
-    error = rollouts.position_errors([Point.of(model)])[:, 0]
+    error = rollouts.position_errors([Point.from_model(model)])[:, 0]
     return LoopMotion(rollouts.time, rollouts.position, error, rollouts.recording_of)

@@ -142,14 +142,14 @@ class Bins:
     scale: Array
 
     @classmethod
-    def of(cls, bins: Sequence[Bin], period: float, joints: Sequence[str], scale: Array) -> Bins:
+    def stack(cls, bins: Sequence[Bin], period: float, joints: Sequence[str], scale: Array) -> Bins:
         """Stack bins of joints with names and error scales (J,), and a period between samples [s]."""
         joint = [one.joint for one in bins]
         series, own = np.stack([one.series for one in bins], axis=1), scale[joint]
         y, given = np.array([one.y for one in bins]) / own, np.array([one.phi for one in bins])
         return cls(series, y, period, np.array(joints)[joint], given, own)
 
-    def of_joint(self, name: str) -> Bins:
+    def select_joint(self, name: str) -> Bins:
         """Select the bins of one joint."""
         own = self.at == name
         return Bins(self.series[:, own], self.y[own], self.period, self.at[own], self.given[own], self.scale[own])
@@ -170,7 +170,7 @@ class Bins:
         j, given = 0, iter(self.given.T)
         for term in terms:
             own = self.at == term.at
-            of_joint = self if own.all() else self.of_joint(term.at)
+            of_joint = self if own.all() else self.select_joint(term.at)
             scale = of_joint.scale[:, None]
             for column in term.columns:
                 if column.mass is zero and column.force is zero and column.dry is zero:

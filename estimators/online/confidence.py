@@ -96,7 +96,7 @@ class ClusterCovariance:
         self._meat = (score @ score.swapaxes(-1, -2)).sum(axis=0)
         self._known = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 
-    def of(self, squares: Recursion) -> Callable[[], tuple[Array, Array]]:
+    def make_covariance(self, squares: Recursion) -> Callable[[], tuple[Array, Array]]:
         """Return a function that computes P and the covariance of now, also later."""
         state = squares.squares, squares.count, squares.prior
         return functools.partial(_compute_covariances, squares.unit_covariance(), self._meat, self._known, *state)

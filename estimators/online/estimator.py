@@ -163,7 +163,7 @@ class OnlineEstimator:
         return self._regressions(np.full(self.batch, -1), np.zeros(self.batch), self._squares.count > 0, None)
 
     def _regressions(self, index: Index, time: Array, usable: Mask, regressor: Array | None) -> Estimates:
-        squares, covariances = self._squares, self._clusters.of(self._squares)
+        squares, covariances = self._squares, self._clusters.make_covariance(self._squares)
         return Estimates(index, time, squares.theta, squares.error, usable, regressor, covariances)
 
 

@@ -125,7 +125,7 @@ class ModelComparison:
 
     def bins(self, bins: Sequence[Bin]) -> Bins:
         """Stack several bins."""
-        return Bins.of(bins, self._plant.period, self._plant.joints, self._scale)
+        return Bins.stack(bins, self._plant.period, self._plant.joints, self._scale)
 
     def rows(self, bins: Sequence[Bin]) -> tuple[Array, Array]:
         """Return rows of the running model, which has been fitted, over R bins: phi (R, P) and y (R,)."""
@@ -196,7 +196,7 @@ class ModelComparison:
             if self._is_idle(effect):
                 continue
             own = bins.at == effect.at
-            x, residual = bins.of_joint(effect.at).middle, (base.residual * bins.scale)[own]
+            x, residual = bins.select_joint(effect.at).middle, (base.residual * bins.scale)[own]
             possible = [term for term in make_grid(effect, x, residual) if is_possible(term, x)]
             fewest = min((len(term.columns) for term in possible), default=0)
             variants = [term for term in possible if len(term.columns) == fewest]  # a batch has as many in all of it

@@ -154,7 +154,7 @@ class Balance:
         theta = np.zeros(len(free)) if start is None else start
         return solve_within_bounds(_condense_linear_rows(self)._solve, theta, free, self.least, self.most)[0]
 
-    def within(self, least: Array, most: Array) -> Balance:
+    def with_bounds(self, least: Array, most: Array) -> Balance:
         """Return the equations with other bounds of the parameters (P,)."""
         return replace(self, least=least, most=most)
 
@@ -164,7 +164,7 @@ class Balance:
         return float(np.sum((small.weights * small.error(small.solve())) ** 2))
 
     @classmethod
-    def of(cls, y: Array, weights: Array) -> Balance:
+    def from_target(cls, y: Array, weights: Array) -> Balance:
         """Return equations of a left-hand side (R,) without terms, with weights (R,)."""
         return cls(np.empty((len(y), 0)), y, np.empty((len(y), 0)), np.empty(0), np.empty(0), weights)
 

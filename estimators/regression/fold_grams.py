@@ -38,7 +38,7 @@ class FoldGrams:
     grams: Array
 
     @classmethod
-    def of(cls, near: Tangent, entry: Index, fold: Index, entries: int, folds: int) -> FoldGrams:
+    def compute(cls, near: Tangent, entry: Index, fold: Index, entries: int, folds: int) -> FoldGrams:
         """Compute the Gram matrices of equations, given the entry and the fold of each (R,) and their numbers."""
         cell = entry * folds + fold
         order = np.argsort(cell, kind="stable")

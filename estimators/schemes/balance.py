@@ -44,7 +44,7 @@ def _compute_impulse(joints: Joints, body: Body) -> Array:
 
 def _compute_power(joints: Joints, body: Body) -> Array:
     q, v, _ = stack_motion(joints)
-    return compute_increments(body.stored(q, v))[:, None] / joints[0].period
+    return compute_increments(body.energy(q, v))[:, None] / joints[0].period
 
 
 OF_LINKS: dict[
@@ -104,7 +104,9 @@ def apply_scheme(scheme: Scheme, balances: Sequence[Equations], joints: Joints) 
     gates = [np.all(clear, axis=0)] if scheme.adds_up else clear
     moving = np.any([m.moving for m in joints], axis=0)
     period = joints[0].period
-    return [scheme.through(own, scheme.gate(gate, moving), period) for own, gate in zip(balances, gates, strict=True)]
+    return [
+        scheme.apply_operator(own, scheme.gate(gate, moving), period) for own, gate in zip(balances, gates, strict=True)
+    ]
 
 
 def _combine_measurements(joints: Joints, factors: Mapping[int, float]) -> Measurements:

@@ -118,7 +118,7 @@ class Identified:
     def _repr_html_(self) -> str:
         return render_html(self)
 
-    def per(self, units: JointUnits) -> Identified:
+    def convert_units(self, units: JointUnits) -> Identified:
         """Convert the estimates to another joint, or another unit of torque."""
         model, unit = remove_unit_inertia(self.model.convert_units(units)), units.unit
         return replace(self, model=model, unit=unit(self.unit), units=tuple(map(unit, self.units)))

@@ -58,7 +58,7 @@ def identify(
     terms, chosen = select_terms(terms), select_schemes(schemes)
     recordings = select_recordings(recordings, body=find_body(terms))
     terms, _ = apply_limits(terms, {}, fixed, bounds)
-    given = FitData.of(recordings, terms=terms)
+    given = FitData.from_recordings(recordings, terms=terms)
     fitted = make_swing_terms(terms, given.recordings)
     segments = measure_segments(given.recordings, fitted)
     refuse_idle_joints(given.recordings, segments, fitted)
@@ -91,7 +91,7 @@ def _calibrate(
     """Return results in the unit of the recordings, with the standard error of the torque constant."""
     recordings, constant = given.recordings, given.constant
     if constant is None:
-        return {id: own.per(recordings[0].units).with_known(terms, recordings) for id, own in results.items()}
+        return {id: own.convert_units(recordings[0].units).with_known(terms, recordings) for id, own in results.items()}
     larger = 1 + constant.std / constant.value
     moved = [replace(one, torque=larger * one.torque) if one.torque_constant else one for one in recordings]
     there = fit_schemes(schemes, measure_segments(moved, fitted), fitted, moved)

@@ -249,7 +249,7 @@ class Scheme:
         phi = np.column_stack([view(m, column) for term in terms for column in term.columns])
         fixed = [column for term in terms for column in term.fixed] + ([LOAD] if m.load else [])
         y = supplied(m) - sum(view(m, column) for column in fixed)
-        return self.through(Equations(phi, y), self.gate(m.clear(self.guard), m.moving), m.period)
+        return self.apply_operator(Equations(phi, y), self.gate(m.clear(self.guard), m.moving), m.period)
 
     def gate(self, clear: Mask, moving: Mask) -> Mask:
         """Find equations (N,) of the view without a sample in stick; the first one has no earlier sample."""
@@ -258,7 +258,7 @@ class Scheme:
         inside = clear & moving if self.view == "energy" else clear
         return inside & np.append(False, inside[:-1])
 
-    def through(self, equations: Equations, gate: Mask, period: float) -> Regression:
+    def apply_operator(self, equations: Equations, gate: Mask, period: float) -> Regression:
         """Apply the filter or integral to balances of the view (N,) within the gate."""
         return Regression(equations, gate) if self.operator is None else self.operator(equations, gate, period)
 

@@ -72,7 +72,7 @@ class Errors:
         """Unit of the error at a joint."""
         return next(iter(self.kinds.values()))
 
-    def at(self, joint: str) -> float:
+    def get_joint_error(self, joint: str) -> float:
         """Return the torque error at a joint [N m], or the error in the loop [rad]."""
         return self.in_loop if self.is_in_loop else get_error_at(self.joints, joint, self.torque_rms)
 

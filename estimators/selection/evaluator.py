@@ -107,7 +107,7 @@ class ModelEvaluator:
             inertia = self.residuals.inertia[without.at or self.residuals.joints[0]]
             for own, part in zip(absorbed, self.parts, strict=True):
                 noise = [w.rate_noise(inertia) for w in part.data.part(without.at).windows]
-                own.append((part.where(without.at), float(np.mean(np.square(noise))) * without.lead**2))
+                own.append((part.locate_rows(without.at), float(np.mean(np.square(noise))) * without.lead**2))
         fits = self.train.fit_folds(terms)
         fitted, unseen = (part.equations(terms, by_noise=True) for part in self.parts)
         return np.concatenate(
@@ -241,7 +241,7 @@ class ModelEvaluator:
         if has_transmission(step.model.terms) or not self.train.segments or not step.model.has_known_inertia:
             return step  # a simulation from an unknown state of the link soon diverges
         if step.model.terms not in self._in_motion:
-            point = output_error.fit(self.train.segments, Point.of(step.model))
+            point = output_error.fit(self.train.segments, Point.from_model(step.model))
             refined = output_error.make_model(self.train.segments, point)
             self._in_motion[step.model.terms] = self.make_step(step.added, refined)
         return replace(self._in_motion[step.model.terms], added=step.added)

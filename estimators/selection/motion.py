@@ -40,7 +40,7 @@ def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
         return False  # its impacts are too sharp to simulate as closely, and other effects would only imitate them
     if not (evaluator.train.segments and step.model.has_known_inertia):
         return False
-    segments, point = evaluator.train.segments, Point.of(step.model)
+    segments, point = evaluator.train.segments, Point.from_model(step.model)
     if not errs_by_more_than_noise(segments, step, evaluator.criterion):
         return False
     noise = max(_accuracy(segments, evaluator.criterion), output_error.compute_torque_noise_rms(segments, point))
@@ -49,7 +49,7 @@ def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
 
 def errs_by_more_than_noise(segments: Sequence[Segments], step: Step, criterion: Criterion) -> bool:
     """Return whether the error of fitted segments is much larger than noise of torque and initial state makes it."""
-    noise = max(_accuracy(segments, criterion), output_error.compute_noise_rms(segments, Point.of(step.model)))
+    noise = max(_accuracy(segments, criterion), output_error.compute_noise_rms(segments, Point.from_model(step.model)))
     return step.errors["train"].position_rms > criterion.misfit * noise
 
 
@@ -89,13 +89,15 @@ def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> 
 
 def _refit_by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:
     """Return the maximum-likelihood model, if its standard errors and held-out innovations are no larger."""
-    start = Point.of(last.model)
+    start = Point.from_model(last.model)
     segments, checks = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in evaluator.parts)
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
     found = evaluator.make_step(last.added, output_error.fit_maximum_likelihood(segments, start))
     filters = output_error.make_innovations(checks, start)
-    old, new = (output_error.compute_rms(checks, point, filters=filters) for point in (start, Point.of(found.model)))
+    old, new = (
+        output_error.compute_rms(checks, point, filters=filters) for point in (start, Point.from_model(found.model))
+    )
     return found if new <= old and _has_smaller_std(found, last) else last
 
 

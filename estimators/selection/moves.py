@@ -99,7 +99,7 @@ def improves_form(evaluator: ModelEvaluator, longer: Terms, terms: Terms) -> boo
     if list_ids(longer) != list_ids(terms) or len(changed) != 1 or not evaluator.train.layout.predicts_torque:
         return False
     (effect,) = (term for term in longer if term.id in changed)
-    after, before = (evaluator.fit(None, one).errors["holdout"].at(effect.at) for one in (longer, terms))
+    after, before = (evaluator.fit(None, one).errors["holdout"].get_joint_error(effect.at) for one in (longer, terms))
     return after < before and evaluator.lowers_errors(longer, remove_term(longer, effect))
 
 

@@ -186,7 +186,7 @@ def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Sam
     errors = [(kind.removesuffix("_rms"), getattr(new, kind), getattr(old, kind), angle) for kind in kinds]
     for at in (joint for joint in new.joints if joint in changed):
         unit = after.model.units(at).unit("N m")
-        errors.append((f"torque@{at}" if at else "torque", new.at(at), old.at(at), unit))
+        errors.append((f"torque@{at}" if at else "torque", new.get_joint_error(at), old.get_joint_error(at), unit))
     for name, error, limit, unit in errors:
         if not np.isnan([error, limit]).any() and all(gate.passed for gate in gates):
             gates.append(Gate(f"holdout_{name}", error, limit, error < limit, unit))

@@ -163,7 +163,7 @@ class Residuals:
             elif not has_structure:
                 shares.append(removed / old.total)
             elif own[at].z_score >= self.criterion.z_score:
-                resolution = new.total / len(part.layout.clusters[part.where(at)]) ** 0.5
+                resolution = new.total / len(part.layout.clusters[part.locate_rows(at)]) ** 0.5
                 shares.append(removed / (removed + new.correlated + resolution))
             else:
                 shares.append(removed / max(old.total - self.noise_floor(part, at) ** 2, removed))

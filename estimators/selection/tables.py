@@ -100,7 +100,7 @@ def list_table_forms(state: SearchState) -> list[Terms]:
     """Return the terms with each other form of their table, with more or fewer pieces."""
     table = get_table(state, state.terms)
     kind = next(kind for kind in state.evaluator.tables if kind.id == table.id)
-    trials = state.evaluator.train.variants(remove_term(state.terms, table), kind)
+    trials = state.evaluator.train.refine_variants(remove_term(state.terms, table), kind)
     return [trial.terms for trial in trials if trial.terms[-1] != table]
 
 

@@ -36,19 +36,19 @@ class Channel:
         """Return whether torque is logged late or filtered, which no physical effect imitates."""
         return self.delay + self.lag > 0
 
-    def unfiltered(self, torque: Array, period: float) -> Array:
+    def remove_filter(self, torque: Array, period: float) -> Array:
         """Return torque (N,) before the filter of the log, y[k] = a y[k-1] + (1 - a) u[k], a = exp(-period / lag)."""
         if self.lag <= 0:
             return torque
         return torque + np.diff(torque, prepend=torque[0]) / np.expm1(period / self.lag)
 
-    def held(self, torque: Array, period: float) -> Array:
+    def hold_torque(self, torque: Array, period: float) -> Array:
         """Return the acting torque (N,) from each sample to the next, without delay and filter of the log.
 
         A log that is late by n + f samples saw (1 - f) u[k - n] + f u[k - n - 1] of a torque that was held; averaging
         once more would blunt every step, so that this is undone, forwards or backwards in time, whichever is stable.
         """
-        torque = self.unfiltered(torque, period)
+        torque = self.remove_filter(torque, period)
         if self.is_sampled:
             return _hold_sampled_torque(torque, self.delay / period)
         whole, share = divmod(self.delay / period, 1.0)
@@ -58,11 +58,11 @@ class Channel:
             whole, acting = whole + 1, _unmix_series(torque[::-1], 1 - share)[::-1]
         return acting[np.clip(np.arange(len(torque)) + int(whole), 0, len(torque) - 1)]
 
-    def around(self, x: Samples, torque: Array, period: float) -> Array:
+    def average_torque(self, x: Samples, torque: Array, period: float) -> Array:
         """Average the acting torque under a triangle over both sides of each sample (N,), as windows use it."""
         if self.lag < 0:
             return ActuatorLag(-self.lag).trace(x, torque, period)[0]
-        torque, delay = self.unfiltered(torque, period), self.delay
+        torque, delay = self.remove_filter(torque, period), self.delay
         if self.is_sampled:
             torque, delay = _hold_sampled_torque(torque, delay / period), 0.0
         return DeadTime(-delay).trace(x, torque, period)[0]

@@ -43,7 +43,7 @@ class Innovations:
     spread: Array
 
     @classmethod
-    def of(cls, segments: Segments, terms: Sequence[Term], theta: Array, every: int) -> Innovations:
+    def from_segments(cls, segments: Segments, terms: Sequence[Term], theta: Array, every: int) -> Innovations:
         """Make the filter of the error after each `every` samples, of a model with linear parameters theta (P,)."""
         recording = segments.windows.recording
         index = segments.first + every * np.arange((len(segments.position) - 1) // every + 1)[:, None]  # (N + 1, B)

@@ -202,7 +202,7 @@ def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array
 
 def simulate_link_motion(windows: Windows, model: Model) -> Samples:
     """Simulate the motion of motor and link in adjacent segments, and return the samples of the recording."""
-    point, term = Point.of(model), find_link(model.terms)
+    point, term = Point.from_model(model), find_link(model.terms)
     x = windows.trace([term])[0]
     shooting, _ = initialise_states(cut(windows, point, list_adjacent_segments(windows)), point)
     seen: list[Memory] = []
@@ -252,7 +252,7 @@ class Slopes:
 def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
     values = point.values
     size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
-    nearby = [point.at(values + SHOOTING.difference * size * direction) for direction in np.eye(len(values))]
+    nearby = [point.with_values(values + SHOOTING.difference * size * direction) for direction in np.eye(len(values))]
     parts = []
     for shooting in every:
         (error,), (by_state,) = compute_state_slopes(shooting, [point], shooting.states[None])
@@ -306,7 +306,7 @@ def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) ->
         place, slopes = near.known
         values, step = place.point.values, np.clip(steps[0], -SHOOTING.largest, SHOOTING.largest)
         size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
-        points = [place.point.at(values + share * step * size) for share in SHOOTING.shares]
+        points = [place.point.with_values(values + share * step * size) for share in SHOOTING.shares]
         tried = [_follow(own, points, step, move) for own, move in zip(place.every, slopes.parts, strict=True)]
         costs = np.sum([w @ own.T for (_, _, own), w in zip(tried, slopes.weights, strict=True)], axis=0)
         k, cost = choose_least(range(len(points)), costs)
@@ -349,7 +349,7 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
         every: recording's windows.
         model: initial guess; one of its terms has a link. It is returned unchanged if segments are too few.
     """
-    point, multimodal = Point.of(model), find_hints(type(find_link(model.terms))).multimodal
+    point, multimodal = Point.from_model(model), find_hints(type(find_link(model.terms))).multimodal
     if _are_few(every, point):
         return model
     if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
@@ -379,7 +379,7 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
 
 def add_standard_errors(every: Sequence[Windows], model: Model) -> Model:
     """Return the model with standard errors from the spread of the segments; without, if these are too few."""
-    point = Point.of(model)
+    point = Point.from_model(model)
     return model if _are_few(every, point) else _make_model(Fitted(point, prepare_segments(every, point)))
 
 

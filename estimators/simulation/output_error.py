@@ -75,17 +75,17 @@ class Point:
         return self.linear_values | dict(zip(names, nonlinear, strict=True))
 
     @classmethod
-    def of(cls, model: Model) -> Point:
+    def from_model(cls, model: Model) -> Point:
         """Return the point of a model."""
         return cls(model.terms, np.asarray(model.theta, dtype=float))
 
     @classmethod
-    def within(cls, terms: Sequence[Term], theta: Array) -> Point:
+    def from_parameters(cls, terms: Sequence[Term], theta: Array) -> Point:
         """Return the point of terms and parameters (P,), clipped to their bounds."""
         point = cls(tuple(terms), np.asarray(theta, dtype=float))
-        return point.at(point.values)
+        return point.with_values(point.values)
 
-    def at(self, values: Array) -> Point:
+    def with_values(self, values: Array) -> Point:
         """Return the point with other values (P + S,), clipped to their bounds."""
         rest = list(values[len(self.theta) :])
         linear, terms = Point(self.terms, values[: len(self.theta)]).linear_values, []
@@ -146,7 +146,7 @@ def choose_grain(segments: Segments) -> int:
 
 def make_innovations(segments: Sequence[Segments], point: Point) -> list[Innovations]:
     """Make the filters of the errors around a point."""
-    return [Innovations.of(segment, point.terms, point.theta, choose_grain(segment)) for segment in segments]
+    return [Innovations.from_segments(segment, point.terms, point.theta, choose_grain(segment)) for segment in segments]
 
 
 def compute_segment_rms(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Array:
@@ -171,7 +171,9 @@ def slopes_of(errors_of: ErrorsOf, point: Point) -> tuple[Array, Array]:
     """Return errors (M,) at a point, and their slopes by relative changes of the parameters (M, P + S)."""
     values = point.values
     size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
-    nearby = [point.at(values + OUTPUT_ERROR.difference * size * direction) for direction in np.eye(len(values))]
+    nearby = [
+        point.with_values(values + OUTPUT_ERROR.difference * size * direction) for direction in np.eye(len(values))
+    ]
     error = errors_of([point, *nearby])
     return error[:, 0], (error[:, 1:] - error[:, :1]) / OUTPUT_ERROR.difference
 
@@ -205,7 +207,7 @@ def minimise(errors_of: ErrorsOf, start: Point, turns: int = 12) -> Point:
         # a parameter that was zero needs an absolute step
         longest = np.where(size > smallest, 0.5, OUTPUT_ERROR.leap / smallest)
         step = np.clip(steps[0], -longest, longest) * size
-        tried = [near.known.at(values + share * step) for share in OUTPUT_ERROR.shares]
+        tried = [near.known.with_values(values + share * step) for share in OUTPUT_ERROR.shares]
         return choose_least(tried, np.sum(errors_of(tried) ** 2, axis=0))
 
     return gauss_newton(start, near, best, Rule(turns, (OUTPUT_ERROR.damping,), by_offset=True))

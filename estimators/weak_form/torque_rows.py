@@ -90,13 +90,13 @@ class TorqueRows:
     def _of_joint(self, joint: str) -> TorqueRows:
         return TorqueRows(self.data.part(joint))
 
-    def at(self, joint: str) -> TorqueRows:
+    def select_joint(self, joint: str) -> TorqueRows:
         """Return the rows of a joint; all rows for a term at no single joint."""
         return self if self.data.part(joint) is self.data else self._of_joint(joint)
 
     def columns(self, variants: Terms) -> list[Columns]:
         """Return the windowed columns of each variant of one effect, on the rows of its joint."""
-        if (own := self.at(variants[0].at)) is not self:
+        if (own := self.select_joint(variants[0].at)) is not self:
             return own.columns(variants)
         missing = [variant for variant in variants if variant not in self._columns]
         if missing:
@@ -105,7 +105,7 @@ class TorqueRows:
 
     def make_columns(self, variants: Terms) -> list[Columns]:
         """Return the columns of variants that a search uses once: they are not memoised."""
-        if (own := self.at(variants[0].at)) is not self:
+        if (own := self.select_joint(variants[0].at)) is not self:
             return own.make_columns(variants)
         plain, kind, torque = self.data.columns(variants), variants[0], self.data.torque()
         if not is_torque_dependent(kind):
@@ -126,7 +126,7 @@ class TorqueRows:
 
     def _with_change(self, term: Term, part: Columns) -> Columns:
         """Return the columns of a term with the change of its fixed ones under perturbations of the torque."""
-        if (own := self.at(term.at)) is not self:
+        if (own := self.select_joint(term.at)) is not self:
             return own._with_change(term, part)
         if not term.fixed or term.has_state():
             return part
@@ -149,7 +149,7 @@ class TorqueRows:
     @cached_property
     def perturbations(self) -> Array:
         """Perturbations of the torque in each row of all joints (R, J) [N m]."""
-        joints = [self.at(at) for at in self.data.joints]
+        joints = [self.select_joint(at) for at in self.data.joints]
         return np.concatenate([np.tile(own._perturbations, (len(own.data.weights), 1)) for own in joints])
 
     @memoized
@@ -178,7 +178,7 @@ class TorqueRows:
     def assemble(self, terms: Terms, parts: Sequence[Columns], weights: Array) -> Balance:
         """Return the rows of some terms from the columns of each and weights (R,)."""
         rows = [self.data.where(term.at) for term in terms]
-        balance = Balance.of(self._torque, weights).with_columns(
+        balance = Balance.from_target(self._torque, weights).with_columns(
             list(zip(rows, parts, strict=True)), *list_bounds(terms), self.perturbations
         )
         if not any(term.lead for term in terms):
@@ -302,7 +302,7 @@ class TorqueRows:
             return self._fold_grams(terms)  # they are the same around any fit
         balance = self.equations(terms, by_noise=True)
         near = balance.tangent(self._solve_by_noise(terms)) if by_noise else self.tangent(terms)
-        return FoldGrams.of(near, self.data.recording_of_window, self.layout.fold, len(self.data.windows), FOLDS)
+        return FoldGrams.compute(near, self.data.recording_of_window, self.layout.fold, len(self.data.windows), FOLDS)
 
     @cached_property
     def _noise_of_each(self) -> Array:
@@ -318,7 +318,9 @@ class TorqueRows:
             return max(known)
         if self.data.contacts:
             return TorqueRows(self.data.without_contacts).base_inertia
-        theta = self.equations(BASE).within(*bounds_of_laws(BASE)).solve()  # below zero if the sign of torque is wrong
+        theta = (
+            self.equations(BASE).with_bounds(*bounds_of_laws(BASE)).solve()
+        )  # below zero if the sign of torque is wrong
         return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:

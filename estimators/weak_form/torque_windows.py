@@ -131,16 +131,16 @@ class TorqueWindows:
     @cached_property
     def averages(self) -> WindowAverages:
         """Averages over the windows, all recordings in a row."""
-        return WindowAverages.joined([w.averages for w in self.windows])
+        return WindowAverages.join([w.averages for w in self.windows])
 
     @cached_property
     def _rates(self) -> WindowAverages:
-        return WindowAverages.joined([w.rates for w in self.windows])
+        return WindowAverages.join([w.rates for w in self.windows])
 
     @cached_property
     def _unsmoothed(self) -> Samples:
         """Samples of all recordings in a row as an effect with impacts needs them."""
-        return concatenate_samples([w.driving(HardStop) for w in self.windows])
+        return concatenate_samples([w.select_driving_samples(HardStop) for w in self.windows])
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
         """Trace the states of variants of one effect along all recordings in a row, one result for each variant."""
@@ -148,7 +148,7 @@ class TorqueWindows:
         if known:
             return [concatenate_samples(known)] * len(variants)
         first, kind = self.windows[0], type(variants[0])
-        driving = self.averages.samples if first.driving(kind) is first.samples else self._unsmoothed
+        driving = self.averages.samples if first.select_driving_samples(kind) is first.samples else self._unsmoothed
         if not kind.has_state():
             return [driving] * len(variants)
         traced = zip(*trace_all(self.windows, variants), strict=True)
@@ -235,7 +235,8 @@ class TorqueWindows:
     def with_torque(self, factor: float = 1.0, offset: float = 0.0) -> TorqueWindows:
         """Return the motion under a torque, with its noise, larger by a factor, and with an offset [N m]."""
         changed = (
-            w.under(factor * w.recording.torque + offset, factor * w.samples.torque + offset) for w in self.windows
+            w.with_torque(factor * w.recording.torque + offset, factor * w.samples.torque + offset)
+            for w in self.windows
         )
         return replace(self, windows=tuple(replace(w, torque_noise=factor * w.torque_noise) for w in changed))
 

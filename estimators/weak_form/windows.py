@@ -63,7 +63,7 @@ class WindowAverages:
     wider: Averages
 
     @classmethod
-    def joined(cls, parts: Sequence[WindowAverages]) -> WindowAverages:
+    def join(cls, parts: Sequence[WindowAverages]) -> WindowAverages:
         """Join the averages of several recordings."""
         if len(parts) == 1:
             return parts[0]
@@ -261,7 +261,7 @@ class Windows:
         parts = np.outer(scale, kernel).ravel(), place.ravel(), length * np.arange(count + 1)
         return scipy.sparse.csr_array(parts, shape=(count, len(self.moving)))
 
-    def under(self, torque: Array, averages: Array) -> Windows:
+    def with_torque(self, torque: Array, averages: Array) -> Windows:
         """Return the motion under another torque (N,) [N m], with its averages by `average_held_torque` (N,)."""
         samples = replace(self.samples, torque=averages)
         return replace(self, recording=replace(self.recording, torque=torque), samples=samples)
@@ -274,7 +274,7 @@ class Windows:
         """Trace the states of variants of one effect along the recording, one result for each variant."""
         return trace_all([self], variants)[0]
 
-    def driving(self, kind: type[Term]) -> Samples:
+    def select_driving_samples(self, kind: type[Term]) -> Samples:
         """Return the samples that drive an effect: not smoothed for one with impacts."""
         return self._unsmoothed if kind.has_impacts or kind.kind == "transmission" else self.samples
 
@@ -290,7 +290,7 @@ class Windows:
     def absorbed(self, term: Term) -> float:
         """Return the variance of white torque noise that the term's fixed columns absorb [(N m)^2]."""
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
-        noisier = self.under(self.recording.torque + noise, self.samples.torque + average_held_torque(noise))
+        noisier = self.with_torque(self.recording.torque + noise, self.samples.torque + average_held_torque(noise))
         ((_, more),), ((_, taken),) = noisier.columns([term]), self.columns([term])
         raw = self.average(average_held_torque(noise))
         return float(np.var(raw) - np.var(raw - (more - taken)))
@@ -346,7 +346,7 @@ def average_held_torque(torque: Array) -> Array:
 def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list[Samples]]:
     """Trace the states of variants of one effect, one result for each recording and variant."""
     kind = type(variants[0])
-    driving = [w.driving(kind) for w in windows]
+    driving = [w.select_driving_samples(kind) for w in windows]
     if not kind.has_state():
         return [[x] * len(variants) for x in driving]
     runs, commands, periods = [], [], []  # one for each segment: the motion in a gap is unknown

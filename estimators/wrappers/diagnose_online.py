@@ -140,7 +140,7 @@ def make_diagnoser(
     """
     if model is not None and terms is not None:
         raise ValueError("model and terms are both given: give one of them")
-    plant = Plant.of(env, rate, robot)
+    plant = Plant.from_env(env, rate, robot)
     if model is None:
         chosen, given = plant.terms(terms), None
     else:

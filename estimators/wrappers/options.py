@@ -137,7 +137,7 @@ class Plant:
     torque_unit: str
 
     @classmethod
-    def of(cls, env: AnyEnv, rate: float | None = None, robot: str | None = None) -> Plant:
+    def from_env(cls, env: AnyEnv, rate: float | None = None, robot: str | None = None) -> Plant:
         """Read the plant of an environment; an arm has an attribute `joints`, or a robot file.
 
         Raises:
@@ -184,12 +184,12 @@ def make_estimator(
     """Make the estimator of an environment or a vector environment; see `OnlineEstimator` for the options.
 
     Raises:
-        ValueError: as in `Plant.of`, or if an option is unknown.
+        ValueError: as in `Plant.from_env`, or if an option is unknown.
     """
     own = ("schemes", "terms", "rate", "in_observation", *EstimatorOptions.__annotations__)
     for name in options:
         find("argument", name, dict.fromkeys(own))
-    plant = Plant.of(env, rate, robot)
+    plant = Plant.from_env(env, rate, robot)
     known: dict[str, Any] = {"batch": plant.batch}
     noise = find_position_noise(env)
     if noise is not None and options.get("counts") is None:

@@ -237,7 +237,7 @@ class Body(Mechanism):
         columns = [self.momentum(q, np.broadcast_to(unit, q.shape)) @ theta for unit in np.eye(len(self.joints))]
         return np.stack(columns, axis=-1)
 
-    def stored(self, q: Array, v: Array) -> Array:
+    def energy(self, q: Array, v: Array) -> Array:
         """Return the regressor of the energy K + U, up to a constant (N, P)."""
         model, data, pin = self.model, self._data, import_pinocchio()
 

@@ -33,18 +33,18 @@ def test_the_reward_is_the_fall_of_the_standard_errors_and_an_episode_ends():
 
 
 def test_a_training_ends_in_a_policy_that_plays_whole_motions(tmp_path):
-    network = train(Config.of(SMALL), folder=tmp_path)
+    network = train(Config.from_settings(SMALL), folder=tmp_path)
     network.save(tmp_path / "arm.npz")
     loaded, body = Network.load(tmp_path / "arm.npz"), find_body(PlanarArm())
     motions = [plan_motion(policy, body, find_limits(body, max_torque=TORQUE), 2.0) for policy in (network, loaded)]
     np.testing.assert_allclose(motions[0].speeds, motions[1].speeds, atol=1e-6)
     assert len(motions[0].speeds) >= 21 and not motions[0].speeds[-1].any()
-    np.testing.assert_array_equal(train(Config.of(SMALL)).weights[0], network.weights[0])
+    np.testing.assert_array_equal(train(Config.from_settings(SMALL)).weights[0], network.weights[0])
 
 
 def test_nothing_is_to_be_expected_after_the_end_of_a_motion():
     """As return is not discounted, a value beyond the end, of which no reward tells, would make up what it likes."""
-    task = make_task(Config.of(SMALL))
+    task = make_task(Config.from_settings(SMALL))
     task.reset(seed=0)
     ends = False
     while not ends:

@@ -23,14 +23,14 @@ def weights(network: Network) -> np.ndarray:
 
 def test_training_repeats_itself_and_keeps_policies_on_the_way(tmp_path):
     told, settings = [], {**SMALL, "steps": 192}
-    first = train(Config.of(settings), lambda text, share: told.append(share), tmp_path)
-    np.testing.assert_array_equal(weights(first), weights(train(Config.of(settings))))
+    first = train(Config.from_settings(settings), lambda text, share: told.append(share), tmp_path)
+    np.testing.assert_array_equal(weights(first), weights(train(Config.from_settings(settings))))
     assert told[-1] == 1.0 and told == sorted(told)
     policies = sorted(path.name for path in tmp_path.glob("*.npz"))
     assert policies == ["steps-192.npz", "steps-96.npz"]
     assert list(tmp_path.glob("tensorboard/*/events*"))
     np.testing.assert_allclose(weights(load(str(tmp_path / "steps-192.npz"))), weights(first), rtol=1e-6)
-    other = train(Config.of({**settings, "steps": 96, "seed": 1}))
+    other = train(Config.from_settings({**settings, "steps": 96, "seed": 1}))
     assert (weights(other) != weights(first)).any()
 
 
@@ -40,19 +40,19 @@ def test_an_interrupted_training_goes_on_from_its_last_policy(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(Config.of(SMALL), interrupt, tmp_path)
+        train(Config.from_settings(SMALL), interrupt, tmp_path)
     kept = {int(path.stem.split("-")[1]) for path in tmp_path.glob("steps-*.npz")}
     shares = []
-    train(Config.of(SMALL), lambda text, share: shares.append(share), tmp_path)
+    train(Config.from_settings(SMALL), lambda text, share: shares.append(share), tmp_path)
     assert shares[0] > max(kept) / SMALL["steps"] > 0
     assert (tmp_path / "steps-288.npz").exists()
     with pytest.raises(UserError, match="other settings"):
-        train(Config.of({**SMALL, "constraint": "rms"}), folder=tmp_path)
+        train(Config.from_settings({**SMALL, "constraint": "rms"}), folder=tmp_path)
 
 
 def test_a_policy_acts_as_the_one_that_was_trained():
     """The network in NumPy answers as torch does."""
-    config = Config.of(SMALL)
+    config = Config.from_settings(SMALL)
     model = make_model(config)
     network = export_network(model, config)
     observation = np.random.default_rng(0).uniform(-1, 1, (50, 20)).astype(np.float32)
@@ -73,7 +73,7 @@ def test_policies_ship_small_and_see_no_difference_in_a_mirror(constraint):
 
 
 def test_the_price_of_torque_rises_while_too_much_is_commanded():
-    config = Config.of({"constraint": "rms", "price_rate": 0.01, "levels": (0.0, 1.0)})
+    config = Config.from_settings({"constraint": "rms", "price_rate": 0.01, "levels": (0.0, 1.0)})
     env = TrainingTask(ExcitationDesignVector(4, constraint="rms"), config)
     env.reset(seed=0)
     for _ in range(3):

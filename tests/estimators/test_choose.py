@@ -66,7 +66,7 @@ def test_add_takes_limits_too(days):
 
 
 def test_fit_in_percent_is_relative_to_what_there_was_to_explain():
-    prepared = RegressionData.of([run()])
+    prepared = RegressionData.from_recordings([run()])
     errors = prepared.errors(paper_plant({"gravity": 1.0}))
     assert errors.torque_fit == pytest.approx(100 * (1 - errors.torque_rms / np.std(prepared.data.torque())))
     assert errors.position_fit == pytest.approx(100 * (1 - errors.position_rms / compute_deviation(prepared.segments)))
@@ -74,7 +74,7 @@ def test_fit_in_percent_is_relative_to_what_there_was_to_explain():
 
 def test_correlations_are_those_of_repeated_fits():
     runs = [run(k, 4.0, torque_noise=0.1) for k in range(40)]
-    models = [fit_terms(RegressionData.of([one]), BASE)[0] for one in runs]
+    models = [fit_terms(RegressionData.from_recordings([one]), BASE)[0] for one in runs]
     seen = np.corrcoef(np.array([model.theta for model in models]).T)
     told = np.mean([model.correlation for model in models], axis=0)
     assert seen[2, 3] < -0.5
@@ -82,7 +82,7 @@ def test_correlations_are_those_of_repeated_fits():
 
 
 def test_growth_of_an_error_upright_is_that_of_the_linear_equation():
-    (segments,) = RegressionData.of([run()]).segments
+    (segments,) = RegressionData.from_recordings([run()]).segments
     rest = {name: np.zeros_like(getattr(segments, name)) for name in ("position", "velocity", "torque")}
     upright = replace(segments, **rest | {"position": rest["position"] + np.pi})
     theta = np.array([0.0895, 2.01, 0.0, 0.0])
@@ -105,7 +105,7 @@ def test_windows_with_the_arm_upright_are_not_counted():
     torque = 0.0895 * acceleration + 2.01 * np.sin(position) + 0.05 * velocity
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(time))
     recording = Recording(time, position, torque + noise, name="lifted")
-    held, lifted = compare(model, recording), RegressionData.of([recording])
+    held, lifted = compare(model, recording), RegressionData.from_recordings([recording])
     assert 0.3 < held.joint.unstable < 0.6 and "small error grows tenfold" in str(describe_unstable(held))
     assert held.json()["joint"]["unstable"] == held.joint.unstable
     assert held.joint.errors.position_rms < 0.5 * lifted.errors(model).position_rms

@@ -98,7 +98,7 @@ def test_lost_rows_gaps_and_a_jittering_clock_change_no_verdict_and_no_parameter
 def test_seconds_that_were_glued_together_are_simulated_in_segments_that_fit_in(whole):
     """Steps of a second with gaps between them, as some benches log them."""
     glued = with_gaps(whole, [(first - 6, first) for first in range(500, len(whole), 500)])
-    data = RegressionData.of([glued])
+    data = RegressionData.from_recordings([glued])
     model, _ = fit_terms(data, BASE)
     assert len(data.segments[0].first) >= 9
     assert np.isfinite(data.errors(model).position_rms)

@@ -76,7 +76,9 @@ class Counted:
 def run(folder, output, *task, options=(), start=ThreadPoolExecutor, workers=1):
     asked = arguments(folder, *options)
     found = find_recordings(folder, asked)
-    return run_survey(found, Settings.of(asked), output, start, workers, **({"task": task[0]} if task else {}))
+    return run_survey(
+        found, Settings.from_arguments(asked), output, start, workers, **({"task": task[0]} if task else {})
+    )
 
 
 @pytest.fixture

@@ -42,7 +42,7 @@ class ColumnChoice:
         return f"{header}{f':{unit}' if unit else ''}{gain}{then}"
 
     @classmethod
-    def of(cls, role: str, told: Expression) -> ColumnChoice:
+    def parse(cls, role: str, told: Expression) -> ColumnChoice:
         """Parse an expression into a choice."""
         gain = "".join([*(["*-1"] if told.negative else []), *told.factors])
         offset = (told.offset or "") + ("" if told.offset_unit is None else f":{told.offset_unit}")
@@ -88,7 +88,7 @@ class ColumnCard:
     is_free: bool = False  # whether nothing drives the joint, so that a missing torque is zero
 
     @classmethod
-    def of(cls, source: Source, known: str = "", why: str = "", joints: tuple[str, ...] = ()) -> ColumnCard:
+    def from_source(cls, source: Source, known: str = "", why: str = "", joints: tuple[str, ...] = ()) -> ColumnCard:
         """Look at a file, beginning with what is said of it or what the names of its columns tell.
 
         Raises RecordingError if it cannot be read, or has too few columns to choose from.
@@ -111,7 +111,7 @@ class ColumnCard:
                 )
             except RecordingError:
                 continue  # `none`, or a mistake that reading has told of
-            said[told.name] = ColumnChoice.of(role, told)
+            said[told.name] = ColumnChoice.parse(role, told)
         return replace(card, choices=tuple(said.get(header, ColumnChoice()) for header in shown.headers))
 
     @property

@@ -24,7 +24,7 @@ class SearchChoices:
     bound: str = ""  # `viscous=0:0.5,...`
 
     @classmethod
-    def of(cls, form: Mapping[str, Any]) -> SearchChoices:
+    def from_form(cls, form: Mapping[str, Any]) -> SearchChoices:
         """Return the values of the form fields `ask-only` and so on: ids in a list, or text."""
         values = (form.get(f"ask-{field.name}") or "" for field in fields(cls))
         return cls(*(",".join(map(str, value)) if isinstance(value, list) else str(value).strip() for value in values))

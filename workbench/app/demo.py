@@ -30,7 +30,7 @@ def _record_once(source: Source, seconds: int, seed: int) -> LoadedRecording:
     signal = excitation("paper", rng, seconds)
     write_recording(record(hide(paper_plant(), HIDDEN), signal, seconds, rng=rng), source.file)
     options = (f"--seconds={seconds}", f"--effect={HIDDEN}", f"--seed={seed}")
-    return LoadedRecording.of(source, origin=options)
+    return LoadedRecording.read(source, origin=options)
 
 
 def start(session: Session) -> None:

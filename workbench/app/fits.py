@@ -48,7 +48,7 @@ def fit_pendulum(
     Raises InputError if no known load determines a gain, and IdentificationError if there is too little motion.
     """
     terms = apply_limits(terms, {}, **limits)[0]
-    given = FitData.of(recordings, holdout, terms)
+    given = FitData.from_recordings(recordings, holdout, terms)
     if given.doubt is not None and given.unit != PER_INERTIA:
         raise InputError(f"{describe(given.doubt)} Or give the gain itself.")
     timed = given.with_timing()
@@ -74,7 +74,7 @@ def fit_arm(
     """Fit the base model of an arm; raises IdentificationError if there is too little motion."""
     found = identify(split_arm(recordings, holdout)[0], terms, SCHEMES_OF_ARM)
     model = found[SAVED].model
-    data = FitData.of(recordings, holdout, model.terms)
+    data = FitData.from_recordings(recordings, holdout, model.terms)
     errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
     return BaseFit(data, Step(None, model, errors), found)
 

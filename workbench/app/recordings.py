@@ -25,7 +25,7 @@ class LoadedRecording:
     origin: tuple[str, ...] = ()  # arguments of `pendulum-ident record` that made it; empty if it was uploaded
 
     @classmethod
-    def of(
+    def read(
         cls,
         source: Source,
         known: Sequence[LoadedRecording] = (),

@@ -206,12 +206,12 @@ class Session:
         loaded, refused = list[LoadedRecording](), list[str]()
         for source in sources:
             try:
-                loaded.append(LoadedRecording.of(source, [*self.state.loaded, *loaded], read=self.state.read))
+                loaded.append(LoadedRecording.read(source, [*self.state.loaded, *loaded], read=self.state.read))
             except ColumnError as error:
                 try:
                     self.cards = (
                         *self.cards,
-                        ColumnCard.of(source, why=self.describe_mistake(error), joints=self.state.moving),
+                        ColumnCard.from_source(source, why=self.describe_mistake(error), joints=self.state.moving),
                     )
                 except RecordingError:
                     refused.append(format_mistake(error))
@@ -242,7 +242,7 @@ class Session:
 
     def ask(self, id: str) -> None:
         """Ask about the columns of a recording that is loaded; raises RecordingError if there is nothing to choose."""
-        card = ColumnCard.of(self.state.find(id).source, known=id, joints=self.state.moving)
+        card = ColumnCard.from_source(self.state.find(id).source, known=id, joints=self.state.moving)
         self.cards = (card, *(other for other in self.cards if other.known != id))
 
     def answer(self, card: ColumnCard) -> None:
@@ -254,7 +254,7 @@ class Session:
         self.cards = rest
         others = [one for one in self.state.loaded if one.id != card.known]
         try:
-            first = LoadedRecording.of(card.make_source(), others, read=self.state.read)
+            first = LoadedRecording.read(card.make_source(), others, read=self.state.read)
         except USER_ERRORS as mistake:
             self.cards = (replace(card, why=self.describe_mistake(mistake)), *rest)
             return

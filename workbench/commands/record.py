@@ -122,7 +122,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         seconds = arguments.seconds or SECONDS
         record_arm(arguments, seconds, _count_samples(seconds, arguments.rate), rng, terminal)
         return
-    plan = Plan.of(arguments, rng)
+    plan = Plan.from_arguments(arguments, rng)
     samples = _count_samples(plan.seconds, plan.rate)
     if plan.rig is not None:
         record_rig(plan, samples, terminal)

@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file: name a folder for the table")
     _check_options(arguments)
-    settings, found = Settings.of(arguments), find_recordings(folder, arguments)
+    settings, found = Settings.from_arguments(arguments), find_recordings(folder, arguments)
     start = open_local_workers if arguments.scheduler is None else lambda _: open_cluster(arguments.scheduler)
     counts = []
     with terminal.progress("diagnosing", timed=True) as progress:

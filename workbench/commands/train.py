@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError("training needs the extra rl: pip install 'pendulum-ident[rl]'")
     config = _read_config(arguments)
     folder = None if arguments.checkpoints is None else Path(arguments.checkpoints)
-    if config.steps < (needed := Config.of({"constraint": config.constraint}).steps):
+    if config.steps < (needed := Config.from_settings({"constraint": config.constraint}).steps):
         steps = f"{config.steps:,} steps are too few to learn the task"
         terminal.say(f"{steps}: under the constraint {config.constraint} it takes {needed:,} (`steps` in --config)")
     training = import_module("agents.training")  # imports torch
@@ -69,6 +69,6 @@ def _read_config(arguments: argparse.Namespace) -> Config:
     given = {name: value for name, value in given.items() if value is not None}
     settings = {} if arguments.config is None else read_toml(arguments.config)
     try:
-        return Config.of(settings | given)
+        return Config.from_settings(settings | given)
     except ValueError as error:
         raise InputError(str(error) if arguments.config is None else f"{arguments.config}: {error}") from None

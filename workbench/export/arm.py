@@ -46,7 +46,7 @@ class RigidBody:
         return self.inertia, self.inertia, 0.01 * self.inertia  # inertia about its length, in that about the axis
 
     @classmethod
-    def of(cls, inertia: float, gravity: float, tilted: float = 0.0, mass: float | None = None) -> RigidBody:
+    def from_pendulum(cls, inertia: float, gravity: float, tilted: float = 0.0, mass: float | None = None) -> RigidBody:
         """Return the body with an inertia about the axis [kg m^2] and the torque gravity sin q + tilted cos q.
 
         Raises ExportError if a body of the mass that was given cannot be so, or an armature leaves it no inertia.
@@ -79,7 +79,7 @@ def is_spring_linear(model: Model) -> bool:
 def make_body(model: Model, request: Request) -> RigidBody:
     """Make the arm of a model, without the armature that is asked for; raises ExportError as `Body.of`."""
     inertia = get_value(model, "inertia") - request.armature
-    return RigidBody.of(inertia, get_value(model, "gravity"), get_value(model, "gravity_tilt"), request.mass)
+    return RigidBody.from_pendulum(inertia, get_value(model, "gravity"), get_value(model, "gravity_tilt"), request.mass)
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Friction:
     missing: tuple[str, ...]  # what the model has beyond, and what is in its place
 
     @classmethod
-    def of(cls, model: Model, held: Collection[str]) -> Friction:
+    def from_model(cls, model: Model, held: Collection[str]) -> Friction:
         """Return the friction of a model where the terms of these ids are held beside those of `EVERY`.
 
         Where that is not all, viscous and dry friction come as close to the sum as they can, in both directions alike.
@@ -138,7 +138,7 @@ class Stop:
         return max(self.lower, -FAR), min(self.upper, FAR)
 
     @classmethod
-    def of(cls, model: Model, speed: float = 1.0) -> Stop:
+    def from_model(cls, model: Model, speed: float = 1.0) -> Stop:
         """Return the stop of a model.
 
         A hysteresis becomes the damper that gives back as much of an impact at that speed [rad/s]: of a spring and a

@@ -47,7 +47,7 @@ def check(model: Model, exported: Exported, request: Request, recordings: Sequen
 
 def _check_free_runs(model: Model, exported: Exported, recordings: Sequence[Recording]) -> CheckResult:
     """Run the exported XML against recordings, over windows that each start from the measured state."""
-    segments = RegressionData.of(recordings).with_link_states(model).segments
+    segments = RegressionData.from_recordings(recordings).with_link_states(model).segments
     own = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
     theirs = [_simulate(model, exported, segment) for segment in segments]
     measured = [segment.position for segment in segments]

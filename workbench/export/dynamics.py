@@ -81,7 +81,7 @@ def write_step(model: Model, request: Request) -> Dynamics:
     Raises ExportError if a law of the model is not made of what can be written down.
     """
     with _report_faults():
-        parts = _Parts.of(model, model.terms, request)
+        parts = _Parts.from_model(model, model.terms, request)
         x = step(parts.balance, parts.x, request.step)
     return parts.dynamics({"time": x.time, "position": x.position, "velocity": x.velocity} | parts.memory(x.memory))
 
@@ -94,7 +94,7 @@ def write_contribution(model: Model, terms: Sequence[Term], request: Request) ->
     Raises ExportError if a law of the model is not made of what can be written down, or adds inertia that varies.
     """
     with _report_faults():
-        parts, seconds = _Parts.of(model, terms, request), request.step
+        parts, seconds = _Parts.from_model(model, terms, request), request.step
         balance, x = parts.balance, parts.x
         results = {
             StepQuantity("applied", model.units().unit("N m")): _convert_operand(balance.net(x)),
@@ -128,7 +128,7 @@ class _Parts:
     delay: float = 0.0  # of a torque that is given [s]
 
     @classmethod
-    def of(cls, model: Model, terms: Sequence[Term], request: Request) -> Self:
+    def from_model(cls, model: Model, terms: Sequence[Term], request: Request) -> Self:
         """Return the terms of a model, under the torque of a drive if there is one."""
         balance, x, _ = write_balance(terms)
         named: list[tuple[str, str, Any, float]] = [

@@ -77,6 +77,6 @@ def _find_friction(model: ArmModel, off: list[str], request: Request) -> tuple[d
     joints, missing = {}, list(off)
     for joint in model.body.joints:
         own, tables = select_joint(model, joint)
-        joints[joint] = Friction.of(own, ("spring",) if is_spring_linear(own) else ())
+        joints[joint] = Friction.from_model(own, ("spring",) if is_spring_linear(own) else ())
         missing += [f"{text} (at {joint})" for text in (*joints[joint].missing, *tables)]
     return joints, note_missing(missing, request, others="")

@@ -54,7 +54,7 @@ def export(model: Model, request: Request) -> Exported:
         return _export_with_callback(model, held, request, request.callback)
     kind = choose_actuator(request)
     held |= set(kind.held)
-    friction, stop = Friction.of(model, held), Stop.of(model)
+    friction, stop = Friction.from_model(model, held), Stop.from_model(model)
     missing = (*friction.missing, *stop.missing, *kind.missing)
     notes = note_missing(missing, request)
     spec = mujoco.MjSpec()
@@ -65,13 +65,13 @@ def export(model: Model, request: Request) -> Exported:
         body = _add(spec.worldbody, "arm", make_body(model, request))
     else:
         inertia = get_value(model, link.id)  # [kg m^2], J of the link
-        motor = RigidBody.of(
+        motor = RigidBody.from_pendulum(
             get_value(model, "inertia") - inertia - request.armature,
             get_value(model, "gravity") - inertia * link.gravity,
             get_value(model, "gravity_tilt"),
         )
         body = _add(spec.worldbody, "motor", motor)
-        behind = _add(body, "link", RigidBody.of(inertia, inertia * link.gravity, mass=request.mass))
+        behind = _add(body, "link", RigidBody.from_pendulum(inertia, inertia * link.gravity, mass=request.mass))
         spring = behind.add_joint(name="transmission", axis=(1, 0, 0))
         spring.stiffness = inertia * link.resonance**2, 0.0, 0.0
         spring.damping = inertia * link.damping, 0.0, 0.0
@@ -104,7 +104,7 @@ def _add(parent: Any, name: str, body: RigidBody) -> Any:
 
 def _export_with_callback(model: Model, held: Collection[str], request: Request, language: Language) -> Exported:
     """Write the driven body in XML, and a program with the rest: dry friction, actuation, and the drive."""
-    stop = Stop.of(model)
+    stop = Stop.from_model(model)
     # a motor that is off does not brake
     bodily = ({*EVERY, *held} - {"back_emf"}) - ({"hard_stop"} if stop.missing else set())
     terms = tuple(term for term in model.terms if term.id in bodily)

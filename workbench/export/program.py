@@ -61,8 +61,8 @@ def export(model: Model, request: Request, language: Language) -> Exported:
 def write_program(language: Language, model: Model, dynamics: Dynamics, prefix: str = "pendulum") -> str:
     """Write a program; in C, names begin with the prefix. A step with results is called before MuJoCo's own step."""
     results, count = list(dynamics.results), len(dynamics.state)
-    start = ProgramText.of(dynamics.start, language)
-    step = ProgramText.of([*dynamics.after, *dynamics.results.values()], language)
+    start = ProgramText.write(dynamics.start, language)
+    step = ProgramText.write([*dynamics.after, *dynamics.results.values()], language)
     call = ", ".join(("state", *(quantity.name for quantity in dynamics.given)))
     return (
         _load_environment()
@@ -125,7 +125,7 @@ class ProgramText:
     names: set[str] = field(default_factory=set)  # given names that occur
 
     @classmethod
-    def of(cls, results: Sequence[Operand], language: Language) -> ProgramText:
+    def write(cls, results: Sequence[Operand], language: Language) -> ProgramText:
         """Write the results down."""
         source = cls(language)
         order, same = merge_equal(results)

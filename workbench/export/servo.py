@@ -48,7 +48,7 @@ class Servo:
     held: tuple[str, ...] = ("torque_offset", "coulomb_asymmetry")  # effects that it has
 
     @classmethod
-    def of(cls, drive: ServoDrive) -> Self:
+    def from_drive(cls, drive: ServoDrive) -> Self:
         """Return the gains of a drive under its supply; raises ExportError if it needs an unknown supply."""
         scale = float(drive.scale(np.array(get_supply(drive))))
         missing = []
@@ -76,7 +76,7 @@ class Servo:
 
 def choose_actuator(request: Request) -> Motor | Servo:
     """Return the actuator of a request; raises ExportError as `Servo.of`."""
-    return Motor(request.step) if request.drive is None else Servo.of(request.drive)
+    return Motor(request.step) if request.drive is None else Servo.from_drive(request.drive)
 
 
 def convert_request(model: Model, request: Request) -> Request:

@@ -28,7 +28,7 @@ def describe_addition(found: Addition) -> str:
     old, new = found.before.errors["holdout"], found.after.errors["holdout"]
     joint = next(iter(list_loads((found.after.added or "").partition("@")[2])))
     shares = {kind: getattr(new, kind) / getattr(old, kind) for kind in new.kinds if kind in old.kinds}
-    shares[next(iter(shares))] = new.at(joint) / old.at(joint)
+    shares[next(iter(shares))] = new.get_joint_error(joint) / old.get_joint_error(joint)
     falls = [f"{ERRORS[kind]}{f' at {joint}' if joint else ''} to {share:.1%}" for kind, share in shares.items()]
     return f"{found.after.added} lowers the held-out errors: {', '.join(falls)} of before."
 

@@ -117,10 +117,8 @@ def describe_errors(found: Diagnosis) -> str:
         return measure_change(old, new, 4) if is_new else measure(new, 4)
 
     floors = {at: to_shown_unit(floor, found.unit_at(at))[0] for at, floor in found.floors.items()}
-    falls = [
-        f"{at or what} {fall(first.at(at), last.at(at), found.unit_at(at))} ({source} {floor:.3g})"
-        for at, floor in floors.items()
-    ]
+    changes = {at: fall(first.get_joint_error(at), last.get_joint_error(at), found.unit_at(at)) for at in floors}
+    falls = [f"{at or what} {changes[at]} ({source} {floor:.3g})" for at, floor in floors.items()]
     if found.body.can_simulate and not last.is_in_loop:
         angle = found.model.units().unit("rad")
         falls.append(f"free-running position {fall(first.position_rms, last.position_rms, angle)}")

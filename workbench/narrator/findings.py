@@ -296,7 +296,7 @@ def describe_nearest_body(found: Nearest) -> str:
     return f"no body has these parameters: the nearest is {found.distance:.1f} standard errors off, in {found.farthest}"
 
 
-CORRECT_IT = "Correct it with --align (`FitData.of(recordings).with_timing()` in Python)."
+CORRECT_IT = "Correct it with --align (`FitData.from_recordings(recordings).with_timing()` in Python)."
 CORRECTED = "It is corrected here; other commands correct it with --align."
 ANSWERS = (
     "{begin} torque answers the motion ({gain:2} between samples). Reactions of a controller may be taken for physics. "

@@ -92,7 +92,7 @@ def make_loop(case: ReportData, headline: str) -> Section:
     rows, figures = [], list[Figure]()
     for k, recording in sorted(enumerate(case.data.every), key=lambda one: one[0] < fitted):
         name = recording.name if k < fitted else f"{recording.name} (held out)"
-        motions = [loop.of(k) for loop in loops]
+        motions = [loop.select_recording(k) for loop in loops]
         errors = [factor * float(np.mean(np.abs(own.error))) for own in motions]
         rows.append((name, *(format_number(error, padded=True) for error in errors)))
         if len(figures) >= DRAWING.loops:

@@ -44,7 +44,7 @@ class Settings:
     mark: str  # hash of all of it, of the content of its files, and of the version
 
     @classmethod
-    def of(cls, arguments: Namespace) -> "Settings":
+    def from_arguments(cls, arguments: Namespace) -> "Settings":
         """Take over the options of a command."""
         options = {name: getattr(arguments, name) for name in (*ASKED, *READING)}
         files = {name: os.path.abspath(path) if (path := getattr(arguments, name)) else None for name in NAMED}
@@ -143,8 +143,8 @@ def make_rows(found: Diagnosis) -> list[JSON]:
             "small_effects": ", ".join(small[joint]),
             "unexplained": any(region.at == joint for region in found.unexplained),
             "biased": joint in biased,
-            "error_before": _get_finite(first.at(joint)),
-            "error_after": _get_finite(last.at(joint)),
+            "error_before": _get_finite(first.get_joint_error(joint)),
+            "error_after": _get_finite(last.get_joint_error(joint)),
             "noise_floor": _get_finite(found.floors[joint]),
             "error_unit": found.unit_at(joint),
             "position_rms_before": _get_finite(first.position_rms),

@@ -33,12 +33,12 @@ def base(body):
 
 @pytest.fixture(scope="module")
 def prepared(run, base):
-    return RegressionData.of_arm([run], base)
+    return RegressionData.from_arm([run], base)
 
 
 @pytest.mark.parametrize("counts", [4096, 65_536])
 def test_a_whole_model_leaves_what_the_sensors_of_all_joints_give(body, base, counts):
-    coarse = RegressionData.of_arm([recorded(seconds=8.0, noise=1e-3, counts=counts)], base)
+    coarse = RegressionData.from_arm([recorded(seconds=8.0, noise=1e-3, counts=counts)], base)
     left = coarse.joint_errors(coarse.residual(base))
     assert left == pytest.approx(coarse.floors, rel=0.25)
 

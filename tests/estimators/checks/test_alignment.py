@@ -162,7 +162,9 @@ def test_a_log_of_every_few_samples_of_a_controller_holds_torque_that_was_sample
     assert not align([fast]).is_late
     rubs = run("pd_loop", 500.0, load_dependent_friction={"load_out": 0.5})  # gears that rub under load
     assert align([every_few(rubs, every)]).delay == pytest.approx(0.009, abs=3e-4)
-    theta, plain = (fit_terms(RegressionData.of([one]), BASE)[0].theta for one in (found.apply(slow_log), slow_log))
+    theta, plain = (
+        fit_terms(RegressionData.from_recordings([one]), BASE)[0].theta for one in (found.apply(slow_log), slow_log)
+    )
     np.testing.assert_allclose(theta, TRUTH, rtol=0.005)
     assert abs(plain[0] / TRUTH[0] - 1) > 0.015  # taken for held
 

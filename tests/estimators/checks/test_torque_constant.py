@@ -169,7 +169,7 @@ def test_errors_of_parameters_include_that_of_the_torque_constant():
     found, known = identify(runs, schemes="dynamic"), identify(in_newton_metres(runs), schemes="dynamic")
     own, given = found["dynamic"].model.estimates, known["dynamic"].model.estimates
     assert all(own[name].std >= 0.99 * given[name].std for name in own)
-    wide = FitData.of(runs)
+    wide = FitData.from_recordings(runs)
     loose = replace(wide.constant, std=0.05 * K)
     widened = identify([replace(r, torque_constant=loose) for r in wide.recordings], schemes="dynamic")["dynamic"]
     # I = K phi - dI: of a fit to a light and a heavy recording, an error of K moves inertia by more than its share

@@ -28,7 +28,7 @@ def late(good: Recording) -> Recording:
 def mixed() -> FitData:
     """A recording in time, and one whose torque was logged late."""
     good = recording("moving")
-    return FitData.of([good, late(good)]).with_timing()
+    return FitData.from_recordings([good, late(good)]).with_timing()
 
 
 def test_each_recording_is_timed_by_itself_where_they_differ():
@@ -41,20 +41,20 @@ def test_each_recording_is_timed_by_itself_where_they_differ():
 def test_held_out_recordings_tell_the_timing_of_the_log_too():
     good = recording("moving")
     still = late(good).slice(0, 400)  # too short to tell
-    assert not FitData.of([still]).with_timing().has_moved
-    assert all(one.is_late for one in FitData.of([still], [late(good)]).with_timing().alignments)
+    assert not FitData.from_recordings([still]).with_timing().has_moved
+    assert all(one.is_late for one in FitData.from_recordings([still], [late(good)]).with_timing().alignments)
 
 
 def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
-    assert mixed().without([]) is mixed()
+    assert mixed().without_outliers([]) is mixed()
     first, second = (Disagreement(number, "", (), ()) for number in (1, 2))
-    left = mixed().without([second])
+    left = mixed().without_outliers([second])
     assert left.find_timing(True) == () and not left.has_moved
-    assert mixed().without([first]).find_timing(True)[0].recordings == ()
+    assert mixed().without_outliers([first]).find_timing(True)[0].recordings == ()
 
 
 def test_data_that_come_from_another_process_are_prepared_again_alike():
-    data = FitData.of([recording("bouncing")]).with_contacts(BASE)
+    data = FitData.from_recordings([recording("bouncing")]).with_contacts(BASE)
     again = pickle.loads(pickle.dumps(data))
     assert data.parts[0].data.contacts >= 2
     for one, other in zip(data.parts, again.parts, strict=True):
@@ -64,8 +64,8 @@ def test_data_that_come_from_another_process_are_prepared_again_alike():
 
 def test_a_torque_constant_that_is_known_is_not_asked_of_loads():
     current = replace(recording("moving"), torque_unit="A")
-    assert FitData.of([current]).doubt.kind is Kind.LOADS_UNKNOWN
-    known = FitData.of([current], [current], constant=TorqueConstant(2.0, 0.1, "A"))
+    assert FitData.from_recordings([current]).doubt.kind is Kind.LOADS_UNKNOWN
+    known = FitData.from_recordings([current], [current], constant=TorqueConstant(2.0, 0.1, "A"))
     assert known.doubt is None and known.unit == "N m" and known.constant.value == 2.0
     for one in (*known.recordings, *known.holdout):
         np.testing.assert_array_equal(one.torque, 2.0 * current.torque)
@@ -74,4 +74,4 @@ def test_a_torque_constant_that_is_known_is_not_asked_of_loads():
 def test_a_constant_of_another_unit_is_refused():
     volts = replace(recording("moving"), torque_unit="V")
     with pytest.raises(IdentificationError, match="torque is in V, but the torque constant is of A"):
-        FitData.of([volts], constant=TorqueConstant(2.0, 0.1, "A"))
+        FitData.from_recordings([volts], constant=TorqueConstant(2.0, 0.1, "A"))

@@ -86,13 +86,16 @@ def prescribed(inertia=0.05, viscous=0.2, coulomb=0.1, extra=lambda q, v: 0.0, s
 
 
 def test_a_parameter_is_kept_at_zero_with_an_error_if_noise_put_it_there_and_without_if_the_data_ask_for_less():
-    free = fit_within_laws(RegressionData.of([prescribed(coulomb=0.0)]), BASE)["coulomb"]
+    free = fit_within_laws(RegressionData.from_recordings([prescribed(coulomb=0.0)]), BASE)["coulomb"]
     little = prescribed(coulomb=-free.value - free.std)
-    (noise, _), alone = fit_terms(data := RegressionData.of([little]), BASE), fit_within_laws(data, BASE)["coulomb"]
+    (noise, _), alone = (
+        fit_terms(data := RegressionData.from_recordings([little]), BASE),
+        fit_within_laws(data, BASE)["coulomb"],
+    )
     assert alone.value == pytest.approx(-free.std, rel=0.2)
     assert noise["coulomb"].value == 0 and not noise["coulomb"].at_bound
     assert noise["coulomb"].std == pytest.approx(alone.std, rel=0.05)
-    data = RegressionData.of([prescribed(coulomb=-0.1)])
+    data = RegressionData.from_recordings([prescribed(coulomb=-0.1)])
     assert fit_within_laws(data, BASE)["coulomb"].value == pytest.approx(-0.1, abs=0.01)
     bounded = fit_terms(data, BASE)[0]
     assert bounded["coulomb"].value == 0 and bounded["coulomb"].at_bound

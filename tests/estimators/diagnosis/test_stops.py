@@ -58,7 +58,7 @@ def test_an_arm_that_stands_on_its_stop_has_one_where_it_rests(stiffness):
 def test_an_arm_at_rest_within_its_friction_has_no_stop(moving, resting, coulomb):
     held = then_at_rest(moving, 3, resting, coulomb)
     assert np.ptp(held.position[-3000:]) < 0.01
-    prepared = RegressionData.of([held])
+    prepared = RegressionData.from_recordings([held])
     assert with_contacts((prepared, prepared), BASE, repeated=1)[0] is prepared
     found = diagnosed([held], only=FEW)
     assert found.selected == () and found.unexplained == ()

@@ -43,7 +43,7 @@ def record_play(gap: float, stiffness: float, damping: float, link: float, rate:
 @pytest.mark.parametrize("case", slow.but_first(CASES))
 def test_gap_comes_back_within_its_profile_interval(case):
     recordings = record_play(**case)
-    rows = RolloutRows(Rollouts(recordings), RegressionData.of(recordings).torque)
+    rows = RolloutRows(Rollouts(recordings), RegressionData.from_recordings(recordings).torque)
     x = rows.torque.data.samples
     found = rows.search_basins(TERMS, make_grid(Backlash, x, x.torque)[::3])
     profile = rows.scan(found.terms)
@@ -56,7 +56,7 @@ def test_gap_comes_back_within_its_profile_interval(case):
 
 def test_terms_without_local_minima_have_no_profile():
     recordings = record_play(**CASES[0])
-    rows = RolloutRows(Rollouts(recordings), RegressionData.of(recordings).torque)
+    rows = RolloutRows(Rollouts(recordings), RegressionData.from_recordings(recordings).torque)
     assert rows.scan(BASE) is None
 
 
@@ -121,7 +121,7 @@ def record_link_friction(share: float, friction: float, viscous: float) -> tuple
 @pytest.mark.parametrize("viscous", [0.0, 0.05])
 def test_friction_of_the_link_is_told_from_friction_of_the_motor_and_leaves_the_gap_right(viscous):
     recordings = record_link_friction(share=0.12, friction=0.09, viscous=viscous)
-    rows = RolloutRows(Rollouts(recordings), RegressionData.of(recordings).torque)
+    rows = RolloutRows(Rollouts(recordings), RegressionData.from_recordings(recordings).torque)
     x = rows.torque.data.samples
     profile = rows.scan(rows.search_basins(TERMS, make_grid(Backlash, x, x.torque)[::3]).terms)
     assert profile is not None

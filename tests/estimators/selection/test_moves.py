@@ -45,7 +45,7 @@ def test_a_straight_spring_that_turns_gravity_round_gives_way_to_one_that_harden
     """Where the swing is small both fit alike, and only one of them leaves the weight what it is."""
     run = moved(lambda q, v: 0.1 * v + 0.5 * q**3, size=0.8)
     evaluator = ModelEvaluator(*split_recordings([run]), library={"spring": effect("spring")})
-    straight, hardening = (trial.terms for trial in evaluator.train.variants(BASE, effect("spring")))
+    straight, hardening = (trial.terms for trial in evaluator.train.refine_variants(BASE, effect("spring")))
     assert evaluator.model(straight).estimates["gravity"].value < 0 and not evaluator.is_significant(
         hardening, straight
     )

@@ -17,7 +17,7 @@ from tests.cases import TRUTH, recorded
 def prepared(*rates: float) -> RegressionData:
     """One recording at each rate."""
     experiments = (Experiment(rate=rate, seconds=5.0, seed=k) for k, rate in enumerate(rates))
-    return RegressionData.of(recorded(Plant(), *experiments))
+    return RegressionData.from_recordings(recorded(Plant(), *experiments))
 
 
 def test_recordings_fly_together_as_they_fly_alone():

@@ -18,7 +18,7 @@ AT = Point(BASE, TRUTH)
 def each(seeds: range, counts: int = 1_024_000) -> list[RegressionData]:
     of_all = {"rate": 500.0, "seconds": 10.0, "counts": counts, "torque_noise": 0.05}
     runs = recorded(PLANT, *(Experiment(seed=seed, **of_all) for seed in seeds))
-    return [RegressionData.of([run]) for run in runs]
+    return [RegressionData.from_recordings([run]) for run in runs]
 
 
 @pytest.mark.parametrize("counts", [8192, 1_024_000])

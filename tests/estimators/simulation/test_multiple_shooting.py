@@ -30,7 +30,7 @@ def model(theta: np.ndarray, **shape: float) -> Model:
 def loose() -> RegressionData:
     play = {"Jm": MOTOR, "bl_gap": GAP, "bl_k": STIFFNESS, "bl_d": DAMPING}
     experiment = Experiment(rate=1000.0, seconds=6.0, seed=4, torque_noise=0.02, excitation="multisine")
-    return RegressionData.of(recorded(Plant(**BASIC, effects={"backlash": play}), experiment))
+    return RegressionData.from_recordings(recorded(Plant(**BASIC, effects={"backlash": play}), experiment))
 
 
 def test_a_wrong_start_leads_to_the_link_and_its_play(loose: RegressionData):
@@ -60,7 +60,7 @@ def test_a_link_is_watched_behind_a_command_that_is_late_and_in_a_short_part(loo
     short = Recording(
         *(series[:900] for series in (recording.time, recording.position, recording.torque)), name="short"
     )
-    part = RegressionData.of([short], part=(0.7, 1.0)).with_link_states(true)
+    part = RegressionData.from_recordings([short], part=(0.7, 1.0)).with_link_states(true)
     assert np.isfinite(part.errors(true).torque_rms)
 
 
@@ -103,7 +103,7 @@ def test_what_tells_of_a_link_tells_its_standard_errors(elastic: SearchResult):
 
 def test_where_the_link_meets_no_contact_slopes_by_states_are_tangents(elastic: SearchResult):
     """Parameters tell little that other states would not: a secant's error of a percent passes for news of them."""
-    point = Point.of(elastic.steps[-1].model)
+    point = Point.from_model(elastic.steps[-1].model)
     (shooting,) = prepare_segments(elastic.evaluator.train.data.windows, point)
     _, (slopes,) = compute_state_slopes(shooting, [point], shooting.states[None])
     step = 1e-8 * np.eye(4)[:, :, None]

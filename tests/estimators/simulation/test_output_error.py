@@ -17,7 +17,7 @@ TRUTH = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.9}
 
 def prepared_of(effects: dict[str, dict[str, float]], **experiment: float) -> RegressionData:
     plant = Plant(**TRUTH, effects=effects)
-    return RegressionData.of(recorded(plant, Experiment(rate=1000.0, seconds=8.0, seed=3, **experiment)))
+    return RegressionData.from_recordings(recorded(plant, Experiment(rate=1000.0, seconds=8.0, seed=3, **experiment)))
 
 
 def test_a_wrong_start_leads_to_the_true_parameters():

@@ -73,7 +73,7 @@ def test_friction_that_ends_at_a_speed_is_found_with_its_edge(seed):
 
 
 def test_only_parameters_at_which_a_law_jumps_are_edges():
-    data = RegressionData.of([run(1)])
+    data = RegressionData.from_recordings([run(1)])
     x, residual = data.samples, data.residual(BASE)
     assert [own.name for end in (0.2, 0.5, 2.0) for own in find_edges(Ending(end), x)] == ["end"] * 3
     assert find_edges(limit_kind(Ending, {"ending.end": (0.1, 1.0)})(0.5), x)
@@ -84,12 +84,12 @@ def test_only_parameters_at_which_a_law_jumps_are_edges():
 
 
 def test_an_edge_beyond_the_motion_is_none():
-    x = RegressionData.of([run(1)]).samples
+    x = RegressionData.from_recordings([run(1)]).samples
     assert not find_edges(Ending(4 * float(np.max(np.abs(x.velocity)))), x)
 
 
 def test_an_edge_counts_as_given_in_the_covariance_of_the_others():
-    data = RegressionData.of([run(1)])
+    data = RegressionData.from_recordings([run(1)])
     terms = (*BASE, effects()["payload_change"](5.0), effects()["stribeck"](0.3))
     model, fit = fit_terms(data, terms)
     names = [*model.estimates]

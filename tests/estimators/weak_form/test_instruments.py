@@ -28,7 +28,7 @@ def disturbed() -> list[Recording]:
 
 
 def test_instruments_are_unbiased_where_least_squares_finds_the_controller(disturbed):
-    least_squares = fit_terms(RegressionData.of(disturbed), BASE)[0].theta
+    least_squares = fit_terms(RegressionData.from_recordings(disturbed), BASE)[0].theta
     model = fit_by_reference(prepare(disturbed), BASE)
     off = np.abs(model.theta - TRUTH)
     std = np.array([estimate.std for estimate in model.estimates.values()])

@@ -141,7 +141,7 @@ def test_beside_a_linear_model_variants_compare_by_their_exact_errors(regression
 def test_fits_without_a_fold_are_least_squares_without_its_rows(last: Term, count: int):
     plant = Plant(effects={"stribeck": {"strib_d": 0.4, "strib_v": 0.4}})
     runs = recorded(plant, *[Experiment(seed=k, seconds=12.0, rate=500.0) for k in range(count)])
-    rows = RegressionData.of(runs).torque
+    rows = RegressionData.from_recordings(runs).torque
     terms = (*BASE, last)
     fits, equations = rows.fit_folds(terms), rows.equations(terms)
     weighted = equations.slopes(fits.theta) * equations.weights[:, None]

@@ -45,7 +45,7 @@ def test_windows_never_touch_stick_or_a_reversal_and_a_turn_by_friction_is_no_kn
         assert abs(np.sign(run.velocity[window]).sum()) == 2 * reach + 3
         assert np.all(np.sign(windows.samples.velocity[window]) == np.sign(run.velocity[window]))
     assert len(windows.turning) > 0
-    assert knocked(RegressionData.of([told(run)])).contacts == 0
+    assert knocked(RegressionData.from_recordings([told(run)])).contacts == 0
 
 
 def drifting(rate: float, seconds: float, inertia: float, seed: int = 0) -> Recording:
@@ -145,7 +145,7 @@ def test_averages_of_joined_recordings_are_those_of_each_however_dense_its_windo
     one, other = prepare([told(run) for run in sticky_runs[:2]]).windows
     for parts in ((one, other), (one.at_every_sample(), other), (one.at_every_sample(), other.at_every_sample())):
         series = [np.sin(3 * w.recording.time) for w in parts]
-        joined = WindowAverages.joined([w.averages for w in parts])
+        joined = WindowAverages.join([w.averages for w in parts])
         apart = [w.average(own) for w, own in zip(parts, series, strict=True)]
         np.testing.assert_allclose(joined.narrow @ np.concatenate(series), np.concatenate(apart), atol=1e-12)
 
@@ -172,7 +172,7 @@ def test_a_moment_while_the_joint_rests_is_not_known_better_than_the_rest_lasts(
     plant = Plant(effects={"payload_change": {"pay_t": 4.0, "pay_I": 0.04, "pay_mgl": 0.0}})
     runs = recorded(plant, *[Experiment(seed=1, seconds=10.0, rate=500.0)] * 2, commands=[command, paused])
     terms = (*BASE, effect("payload_change")(moment=4.0))
-    moving, resting = (fit_terms(RegressionData.of([run]), terms)[0] for run in runs)
+    moving, resting = (fit_terms(RegressionData.from_recordings([run]), terms)[0] for run in runs)
     assert moving.estimates["payload_change.moment"].std < 0.05
     assert 0.5 < resting.estimates["payload_change.moment"].std < 2.0
 
@@ -183,7 +183,7 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
     """Encoder noise turns the sign from window to window, torque noise keeps it: neither is told as something there."""
     experiments, shared = (Experiment(rate=500, seconds=10, seed=seed, **coarse) for seed in range(6)), []
     for run in recorded(Plant(coulomb=0.1), *experiments):
-        prepared = RegressionData.of([run])
+        prepared = RegressionData.from_recordings([run])
         model, fit = fit_terms(prepared, BASE)
         shared.append(prepared.data.structure(fit.residual, model.estimates["inertia"].value)[1])
         without = prepared.data.structure(
@@ -199,7 +199,7 @@ def knocked(prepared: RegressionData, terms: Sequence[Term] = BASE) -> TorqueWin
 
 def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met():
     bouncing = recording("bouncing")
-    prepared = RegressionData.of([bouncing])
+    prepared = RegressionData.from_recordings([bouncing])
     (before,), (after,) = prepared.data.windows, (data := knocked(prepared)).windows
     added = bouncing.position[np.setdiff1d(after.centers, before.centers)]
     assert data.contacts >= 3
@@ -217,7 +217,7 @@ def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met():
 )
 def test_a_turn_that_friction_of_another_law_makes_is_no_knock(hidden, terms):
     runs = recorded(Plant(effects=hidden), Experiment(rate=500, seconds=8, seed=3))
-    assert knocked(RegressionData.of(runs), (*BASE, *terms)).contacts == 0
+    assert knocked(RegressionData.from_recordings(runs), (*BASE, *terms)).contacts == 0
 
 
 def test_noise_of_the_rate_of_a_torque_is_that_of_white_encoder_noise():

@@ -46,7 +46,7 @@ def test_energy_grows_by_what_the_torque_supplies_where_joints_follow_and_slide(
     followers = {own.name for own in joints if own.mimics is not None}
     assert set(body.links) - set(body.joints) == followers and body.held == {}
     q, v, a = np.random.default_rng(0).uniform(-2, 2, (3, 50, len(body.joints)))
-    power = (body.stored(q + h * v, v + h * a) - body.stored(q - h * v, v - h * a)) / (2 * h)
+    power = (body.energy(q + h * v, v + h * a) - body.energy(q - h * v, v - h * a)) / (2 * h)
     supplied = np.einsum("ni,nip->np", v, body.torque(q, v, a))
     assert np.abs(power - supplied).max() < 1e-5
     p_dot = (body.momentum(q + h * v, v + h * a) - body.momentum(q - h * v, v - h * a)) / (2 * h)

@@ -409,7 +409,7 @@ def test_a_card_begins_with_what_is_said_of_its_columns_and_reads_as_they_do(tmp
     rows = np.column_stack([time, -6 * np.degrees(np.sin(time)) + 180, np.cos(time), np.cos(time)])
     np.savetxt(file, rows, delimiter=",", header="t,motor,i,speed", comments="")
     said = {"position": "-motor:deg/6+30:deg", "torque": "i:A*0.1", "velocity": "none"}
-    card = ColumnCard.of(Source(file, columns=said))
+    card = ColumnCard.from_source(Source(file, columns=said))
     first, again = Source(file, columns=said).read(), card.make_source().read()
     np.testing.assert_allclose(again.position, first.position, rtol=1e-12)
     np.testing.assert_allclose(again.torque, first.torque, rtol=1e-12)
@@ -508,4 +508,4 @@ def test_a_mistake_is_told_in_the_words_of_the_command_line(asked, field, wrong,
 
 def test_fields_of_the_form_become_options():
     form = {"ask-only": ["stribeck", "cogging"], "ask-without": None, "ask-fix": " gravity=2 ", "ask-bound": ""}
-    assert SearchChoices.of(form) == SearchChoices("stribeck,cogging", "", "gravity=2")
+    assert SearchChoices.from_form(form) == SearchChoices("stribeck,cogging", "", "gravity=2")

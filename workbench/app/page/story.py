@@ -53,7 +53,7 @@ def describe_state(state: State) -> tuple[str, str, str]:
     if state.found or not state.added:
         return kicker, describe_result(state.result), lead
     (first, last), names = get_end_errors(state.ladder), join_words([name_effect(effect) for effect in state.added])
-    smaller, joint = max((first.at(at) / last.at(at), at) for at in state.result.floors)
+    smaller, joint = max((first.get_joint_error(at) / last.get_joint_error(at), at) for at in state.result.floors)
     error = f"torque error of {joint}" if joint else "torque error"
     return kicker, f"With {names} the {error} is {format_number(smaller, 2)} times smaller", lead
 

@@ -119,5 +119,5 @@ STAGE = Stage(
     "diagnose",
     "Diagnose",
     show,
-    {"diagnose": lambda session, _, form: start(session, SearchChoices.of(form))},
+    {"diagnose": lambda session, _, form: start(session, SearchChoices.from_form(form))},
 )
