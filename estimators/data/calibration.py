@@ -20,7 +20,7 @@ def calibrate(
     constant: TorqueConstant | None,
     known: Mapping[str, float],
 ) -> tuple[Recordings, Recordings, Finding | None]:
-    """Return recordings in N m, and a finding if the torque constant is unknown; `FitData.from_recordings` says what it raises.
+    """Return recordings in N m, and a finding if the torque constant is unknown; see `FitData.from_recordings`.
 
     Torque of a controller with an integral part stays in the unit of the log: the state of the integral is unknown.
     """

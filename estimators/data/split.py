@@ -46,7 +46,7 @@ def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recordin
     if not any(recording.has_torque or recording.known_inertia for recording in recordings):
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
-            f"{names}: torque is never applied, so that only ratios of parameters are known: take `FitData.from_recordings`"
+            f"{names}: torque is never applied, only ratios of parameters are known: take `FitData.from_recordings`"
         )
     try:
         return _split_segments(recordings, holdout, shorter)
