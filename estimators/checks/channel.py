@@ -93,11 +93,11 @@ class ChannelFits:
         is_arm = isinstance(find_body(beside), Body)
         data = _make_arm_windows(recordings, beside) if is_arm else _make_pendulum_windows(recordings)
         rows = np.flatnonzero(np.concatenate([_find_clear_windows(w) for w in data.windows]))
-        joints = [(data.where(at), data.part(at)) for at in data.joints]
+        joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
         laws = [(here, own.columns([law])[0][0]) for here, own in joints for law in _smooth_laws(own)]
         beside = [term for term in beside if not term.fixed]
         of_torque = [term for term in beside if any(column.of_torque for column in term.columns)]
-        known = [(data.where(term.at), data.columns([term])[0][0]) for term in beside if term not in of_torque]
+        known = [(data.locate_rows(term.at), data.columns([term])[0][0]) for term in beside if term not in of_torque]
         load, *friction = (data.averages.column(column, data.averages.samples) for column in (LOAD, OWN, HUNG))
         carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
         has_several = len({r.load for r in recordings}) > 1
@@ -132,7 +132,7 @@ class ChannelFits:
             acting = np.interp(instants, centers, torque[known]) if len(centers) else 0.0 * instants
             windows.append(w.with_torque(w.recording.torque, acting))
         moved = replace(self.data, windows=tuple(windows))
-        parts = [(moved.where(term.at), moved.columns([term])[0][0]) for term in terms]
+        parts = [(moved.locate_rows(term.at), moved.columns([term])[0][0]) for term in terms]
         return place_columns(len(self.data.weights), parts)[self.rows]
 
     def with_motor_friction(self) -> Self:

@@ -195,7 +195,7 @@ class RegressionData:
     def _unexplained_torque(self, terms: Terms, effect: type[Term]) -> tuple[Samples, Array]:
         """Return samples at the joint of an effect, and the residual of some terms there (R,) [N m]."""
         residual = self.torque.equations(terms).error(self.torque.solve(terms))
-        return self.data.part(effect.at).samples, residual[self.data.where(effect.at)]
+        return self.data.part(effect.at).samples, residual[self.data.locate_rows(effect.at)]
 
     @memoized
     def rank_variants(self, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:

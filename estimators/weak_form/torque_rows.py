@@ -74,7 +74,7 @@ class TorqueRows:
         data = self.data
         precision = {at: data.part(at).precision() for at in data.joints}
         return RowLayout(
-            joints={at: data.where(at) for at in data.joints},
+            joints={at: data.locate_rows(at) for at in data.joints},
             clusters=data.clusters,
             precision=precision,
             blocks=data.blocks,
@@ -177,7 +177,7 @@ class TorqueRows:
 
     def assemble(self, terms: Terms, parts: Sequence[Columns], weights: Array) -> Balance:
         """Return the rows of some terms from the columns of each and weights (R,)."""
-        rows = [self.data.where(term.at) for term in terms]
+        rows = [self.data.locate_rows(term.at) for term in terms]
         balance = Balance.from_target(self._torque, weights).with_columns(
             list(zip(rows, parts, strict=True)), *list_bounds(terms), self.perturbations
         )
@@ -275,7 +275,7 @@ class TorqueRows:
             """Return Gram matrices of the terms, parameters (P,) around which they are, and bounds of a step."""
             known, (part,), (least, most) = self._fold_grams(others, by_noise), self.columns([last]), list_bounds(terms)
             start = np.append(known.near.theta, np.zeros(len(last.columns)))
-            return known.with_term(part, self.data.where(last.at)), start, least - start, most - start
+            return known.with_term(part, self.data.locate_rows(last.at)), start, least - start, most - start
 
         weights, owner = self._noise_of_each, self.data.recording_of_window
         if len(weights) > 1:
@@ -349,7 +349,7 @@ class TorqueRows:
         its likelihood.
         """
         filters = [term for term in terms if term.fixed and term.has_state()]
-        return [(self.data.where(term.at), self._absorbed(term)) for term in filters]
+        return [(self.data.locate_rows(term.at), self._absorbed(term)) for term in filters]
 
     @memoized
     def _absorbed(self, term: Term) -> float:
@@ -373,12 +373,12 @@ class TorqueRows:
 
             for name, slope in compute_nonlinear_slopes(term, torques).items():
                 slopes[name] = whole = np.zeros(len(self.data.weights))
-                whole[self.data.where(term.at)] = slope
+                whole[self.data.locate_rows(term.at)] = slope
         return np.column_stack([np.empty((len(self.data.weights), 0)), *slopes.values()]), list(slopes)
 
     def compare(self, terms: Terms, variants: Terms) -> list[float]:
         """Return the torque error of the fit of the terms with each of V variants of one further effect [N m]."""
-        w, here = self.weights(terms), self.data.where(variants[0].at)
+        w, here = self.weights(terms), self.data.locate_rows(variants[0].at)
         parts = self.columns(variants)
         with_variant = cache(lambda: self.with_variant(terms, here))  # most variants do not need it
 
@@ -458,7 +458,7 @@ class TorqueRows:
             return np.asarray(cleared)
 
         remaining = clear(target, slice(None))
-        with_variant = cache(lambda at: self.with_variant(terms, self.data.where(at)))
+        with_variant = cache(lambda at: self.with_variant(terms, self.data.locate_rows(at)))
 
         def exact(balance: Balance) -> Array:
             return balance.weights * balance.error(balance.solve())
@@ -466,7 +466,7 @@ class TorqueRows:
         def residual(variant: Term, own: Columns) -> Array:
             if is_known(*terms, variant) or not variant.columns:
                 return exact(self.assemble((*terms, variant), [*shared, own], w))
-            here = self.data.where(variant.at)
+            here = self.data.locate_rows(variant.at)
             columns = scale[here, None] * own.linear
             extra = clear(columns, here)
             size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)

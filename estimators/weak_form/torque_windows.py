@@ -115,7 +115,7 @@ class TorqueWindows:
             found[joint] = here, TorqueWindows(own, self.weights[here], clusters, payload=payload)
         return found
 
-    def where(self, at: str) -> slice:
+    def locate_rows(self, at: str) -> slice:
         """Return the rows of a joint; all rows for terms at no single joint."""
         return self._parts[at][0] if at in self._parts else slice(None)
 

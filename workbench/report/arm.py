@@ -64,7 +64,7 @@ def make_strips(models: Sequence[DrawnModel], prepared: RegressionData) -> Secti
     found, standing = [], [False] * len(residuals)
     for k, joint in enumerate(data.joints):
         x, noise, units = data.part(joint).samples, prepared.floors[joint], prepared.units(joint)
-        maps = [compute_profiles(x, left[data.where(joint)], noise, SHOWN, units) for left in residuals]
+        maps = [compute_profiles(x, left[data.locate_rows(joint)], noise, SHOWN, units) for left in residuals]
         regions = [find_regions_at(prepared, left, joint, SHOWN) for left in residuals]
         standing = [seen or bool(own) for seen, own in zip(standing, regions, strict=True)]
         reach = 1.08 * max(float(np.abs(item.mean).max()) for own in maps for item in own)

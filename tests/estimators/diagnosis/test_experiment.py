@@ -107,7 +107,7 @@ def test_the_suggested_motion_stays_within_what_the_rig_bears():
 def test_an_experiment_goes_where_most_is_left(evaluator):
     model = evaluator.fit_with_std(None, BASE).model
     asked = [Question(Aim("spring"), BASE, make_typical_effect(effects()["spring"]))]
-    low, high = evaluator.train.reach()
+    low, high = evaluator.train.get_range()
 
     def tried(place: float, **limits: float) -> tuple[Suggestion | None, Finding | None]:
         left = [Region("position", place - 0.1, place + 0.1, 0.1, 9.0)]

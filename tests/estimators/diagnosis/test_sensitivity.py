@@ -31,4 +31,4 @@ def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(evaluator, id, p
 def test_it_is_told_with_sizes_and_with_the_angles_that_were_reached(evaluator):
     found = {one.effect: one for one in find_detectable_effects(evaluator, BASE, effects())}
     assert found["stribeck"].above == find_detectable_size(evaluator, BASE, effects()["stribeck"])
-    assert found["stribeck"].unit == "N m" and found["hard_stop"].between == evaluator.train.reach()
+    assert found["stribeck"].unit == "N m" and found["hard_stop"].between == evaluator.train.get_range()

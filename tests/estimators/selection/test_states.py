@@ -40,8 +40,8 @@ class ScoredEvaluator(ModelEvaluator):
             data=SimpleNamespace(link_states={}),
             fit=lambda terms, exactly: FittedTerms(terms, np.empty(0)),
             trial=lambda terms: ScoredTerms(tuple(terms), 0.0),
-            ranked=lambda terms, kind: [ScoredTerms((*terms, kind()), 0.0)],
-            variants=lambda terms, kind: [ScoredTerms((*terms, kind()), 0.0)],
+            rank_variants=lambda terms, kind: [ScoredTerms((*terms, kind()), 0.0)],
+            refine_variants=lambda terms, kind: [ScoredTerms((*terms, kind()), 0.0)],
             grid=lambda terms, kind: [kind()],
             n_tried=lambda terms, kind: 1,
         )
