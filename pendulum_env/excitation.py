@@ -7,8 +7,8 @@ same torque for one instant or for N of them, in any order, and never exceeds `a
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Annotated, Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -244,7 +244,13 @@ def decode_signal(data: JSON, key: str = "") -> Excitation:
         signal: Excitation = convert({name: value for name, value in data.items() if name != "kind"}, kind, key)
     except UserError as error:
         raise FileError(f"{known}: {error}") from None
-    with suppress(IndexError, ValueError, ZeroDivisionError):  # numbers are missing
-        if np.abs(signal.signal(np.linspace(0, 60, 6001))).max() <= signal.amplitude * (1 + 1e-9):
-            return signal
+    match signal:
+        case Multisine(harmonics=harmonics, phases=phases):
+            is_whole = len(phases) == len(harmonics) > 0
+        case Levels(edges=edges, levels=levels):
+            is_whole = len(edges) == len(levels) > 0 and all(a < b for a, b in pairwise(edges))
+        case _:
+            is_whole = True
+    if is_whole and np.abs(signal.signal(np.linspace(0, 60, 6001))).max() <= signal.amplitude * (1 + 1e-9):
+        return signal
     raise FileError(known)

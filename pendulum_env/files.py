@@ -49,7 +49,9 @@ def replace_file(path: str | Path) -> Iterator[BinaryIO]:
     is_device = place.exists() and not place.is_file()
     target = place if is_device else place.with_name(f".{place.name}.{os.getpid()}.part")
     try:
-        with target.open("wb") as file:
+        if not is_device:
+            target.unlink(missing_ok=True)  # of a program that was killed, or a link that another user made
+        with target.open("wb" if is_device else "xb") as file:
             if place.is_file():
                 shutil.copymode(place, target)
             yield file

@@ -29,6 +29,11 @@ def join_words(items: Sequence[str], last: str = "and") -> str:
     return f" {last} ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
 
 
+def format_p_value(value: float) -> str:
+    """Format a p-value, `p = 0.012`; `p < 0.001` for smaller ones."""
+    return f"p = {value:.2g}" if value >= 1e-3 else "p < 0.001"
+
+
 def format_estimate(value: float, std: float) -> str:
     """Format value and standard error to two digits of the error, `0.08951 ± 0.00012`; four digits without one."""
     if not 1e-9 * abs(value) < std < math.inf:  # else rounding of a value that is known

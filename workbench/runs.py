@@ -61,7 +61,7 @@ def _choose_experiment(
 ) -> tuple[Excitation | Pilot, float, float | None]:
     """Choose the torque command, length [s] and angle of release [rad]: drawn, as a diagnosis suggests, or by a policy.
 
-    Raises as `Plan.of`.
+    Raises as `Plan.from_arguments`.
     """
     kind = arguments.excitation
     if arguments.release is not None:
@@ -92,7 +92,7 @@ def _choose_experiment(
 
 
 def _load_config(arguments: argparse.Namespace) -> config.RigConfig | None:
-    """Load the configuration of the rig, if one is to be recorded; raises as `Plan.of`."""
+    """Load the configuration of the rig, if one is to be recorded; raises as `Plan.from_arguments`."""
     if (arguments.backend == "dm1015b") != (arguments.config is not None):
         raise InputError("--backend dm1015b and --config FILE belong together: give both or neither")
     if arguments.config is None:

@@ -23,17 +23,29 @@ from estimators.in_loop.split import choose_parts, split_rollouts
 from estimators.selection.errors import get_single
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
-from pendulum_env.physics import Term
-from pendulum_env.recording import Recording
+from pendulum_env.physics import Term, has_transmission
+from pendulum_env.recording import Recording, RecordingError
 
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
-    """Calibrate the recordings; a simulation from goals shows no effect of a sensor, nor a link behind the encoder."""
+    """Calibrate the recordings, and leave out effects that simulations from goals do not show.
+
+    These are effects of a sensor. With an encoder at the output they are also play and elasticity of the gear, since
+    only links behind an encoder of the motor are simulated.
+
+    Raises:
+        RecordingError: if the base model has a transmission that is not simulated, or no effect remains.
+    """
     data = FitData.from_recordings(recordings, holdout, setting.base)
     base = make_base(data.recordings, setting.base)
     is_output = any(own.drive is not None and own.drive.encoder == "output" for own in (*recordings, *holdout))
     hidden = ("sensor", "transmission") if is_output else ("sensor",)
     library = {id: kind for id, kind in setting.library.items() if kind.kind not in hidden}
+    if is_output and (has_transmission(setting.base) or (setting.library and not library)):
+        raise RecordingError(
+            "play and elasticity are simulated behind an encoder of the motor only: leave them out, or give "
+            '`encoder = "motor"` in [drive]'
+        )
     criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
     data = with_goal_reading(data, base)
     return data, replace(setting, base=base, library=library, criterion=criterion)
@@ -44,6 +56,9 @@ def with_goal_reading(data: FitData, base: Sequence[Term]) -> FitData:
     reading = read_goals(data.recordings, base, choose_parts(data.holdout)[0])
     if reading is None and all(own.drive is None or own.drive.goal for own in data.holdout):
         return data
+    if reading is not None and any(own.drive is not None and own.drive.goal for own in data.holdout):
+        unsaid = [own.name for own in data.recordings if own.drive is None or not own.drive.goal]
+        reading = replace(reading, recordings=tuple(unsaid))  # a reading of some recordings is not reversed
     is_held = reading is None or reading.kind is Kind.GOALS_HELD
     data = replace(data, recordings=with_goals(data.recordings, is_held), holdout=with_goals(data.holdout, is_held))
     return data if reading is None else data.with_treatment(reading)

@@ -138,7 +138,7 @@ def linearise_errors(
     ]
     errors = rollouts.position_errors([point, *nearby])
     below = errors[:, :1] if len(ends) == 1 else errors[:, count + 1 :]
-    slopes = (errors[:, 1 : count + 1] - below) / steps  # zero by known parameters, which `Point.at` keeps
+    slopes = (errors[:, 1 : count + 1] - below) / steps  # zero by known parameters, which `Point.with_values` keeps
     scale = compute_error_scales(rollouts, errors[:, :1])[0]
     relative = np.maximum(np.pi / 2 * np.abs(errors[:, 0]) / scale, 1e-6)
     weights = np.pi / 2 / scale * np.sqrt(np.tanh(relative) / relative)

@@ -18,7 +18,7 @@ from estimators.data.rows import BLOCK
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import densities
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.regression.equations import IdentificationError
 from estimators.selection.score import Bootstrap
 from estimators.weak_form.windows import WHOLE, Part
@@ -110,8 +110,10 @@ def make_base(recordings: Sequence[Recording], base: Sequence[Term] = BASE) -> t
 def decide_goals(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
     """Return the recordings with goals that are held or run on, decided as a diagnosis decides it.
 
-    Goals of a joint that moves too little for the decision are held.
+    Goals of a joint that moves too little for the decision are held. Recordings without drives stay as they are.
     """
+    if not are_driven(recordings):
+        return tuple(recordings)
     try:
         reading = read_goals(recordings, make_base(recordings))
     except IdentificationError:

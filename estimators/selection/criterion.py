@@ -14,7 +14,7 @@ class Criterion:
         explained_share: least share of the residual structure that an added effect explains.
         coarse_share: least share explained on a coarse grid of nonlinear parameters; below it, they are not refined.
         needed_share: least share explained beside all other effects, while structure is left.
-        kept_inertia: least share of the inertia that a larger model keeps: a lag that keeps less is the joint's own.
+        kept_inertia: least share of the inertia that a larger model keeps; see `make_base_gates`.
         noise_ratio: ratio of correlated residual to noise floor from which a significant correlation is structure.
         z_score: standard errors from which the correlation of neighbouring windows is significant.
         tie_probability: probability from which an effect counts as a competitor of another.

@@ -136,9 +136,10 @@ def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples],
     """Return the shares of inertia and of gravity that a larger model of a pendulum keeps as gates.
 
     A model that loses what the smaller model determines imitates the joint. A lag T before inertia J and friction b
-    has the transfer function 1 / ((1 + T s) (J s + b)), in which T and J/b change places: a lag of J/b leaves T b of
-    the inertia. Without the lag, a fit finds about J + T b, so that the true lag keeps more than half of the inertia,
-    and its imitation less. A spring with negative gravity imitates a hardening spring.
+    has the transfer function 1 / ((1 + T s) (J s + b)), in which T and J/b change places: a lag of J/b leaves T b
+    of the inertia. Without the lag, a fit finds about J + T b, so that a lag shorter than J/b keeps more than half
+    of the inertia, and its imitation less; a longer lag cannot be distinguished from its imitation. A spring with
+    negative gravity imitates a hardening spring.
 
     Inertia has to keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
     It includes the inertia that effects add, as a mean over the motion. Gravity has to keep its sign where the smaller

@@ -11,7 +11,7 @@ from pendulum_env.physics.plugin import PluginError, load_plugin
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import Column, KnownLoad, NonlinearParameter, Samples, Term, list_loads
-from pendulum_env.physics.terms import has_link, list_ids
+from pendulum_env.physics.terms import has_link, has_transmission, list_ids
 
 # Names of earlier releases, kept for one more
 Shape, addable, nameable = NonlinearParameter, list_addable, list_nameable
@@ -39,6 +39,7 @@ __all__ = [
     "effect",
     "effects",
     "has_link",
+    "has_transmission",
     "list_addable",
     "list_ids",
     "list_loads",

@@ -149,7 +149,7 @@ def _build_term(id: str, data: ModelFile) -> Term:
 
 
 def refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estimate]) -> None:
-    """Refuse a link with more dry friction than the joint, as the motor would have less than none."""
+    """Refuse a link with more dry or viscous friction than the joint, as the motor would have less than none."""
     linear = {name: own.value for name, own in estimates.items() if name != "gravity"}  # the weight may be uncertain
     for term in terms:
         bound = term.bind(linear).nonlinear_values
@@ -158,7 +158,7 @@ def refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estima
                 place = f"theta.{term.get_full_name(name)}.value"
                 raise ModelError(
                     f"'{place}' is {value:g}: expected at most {bound[name]:g}, with which the link has all the "
-                    "Coulomb friction"
+                    f"{'Coulomb' if name == 'friction' else name} friction"
                 )
 
 

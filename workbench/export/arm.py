@@ -77,7 +77,7 @@ def is_spring_linear(model: Model) -> bool:
 
 
 def make_body(model: Model, request: Request) -> RigidBody:
-    """Make the arm of a model, without the armature that is asked for; raises ExportError as `Body.of`."""
+    """Make the arm of a model, without the requested armature; raises ExportError as `RigidBody.from_pendulum`."""
     inertia = get_value(model, "inertia") - request.armature
     return RigidBody.from_pendulum(inertia, get_value(model, "gravity"), get_value(model, "gravity_tilt"), request.mass)
 

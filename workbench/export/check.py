@@ -35,7 +35,7 @@ def check(model: Model, exported: Exported, request: Request, recordings: Sequen
     """Run what is exported in MuJoCo against recordings: a servo, or a joint with a callback, from their goals.
 
     Raises ExportError if a known load hung on the joint, which no exported model has, IdentificationError if a
-    recording holds too little motion, and InputError if the extra `export` is not installed.
+    recording holds too little motion, and ModuleNotFoundError if the extra `export` is not installed.
     """
     for recording in recordings:
         if load_in_newton_metres(recording):

@@ -32,8 +32,8 @@ def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
 def export_arm(model: ArmModel, request: Request) -> Exported:
     """Write an arm for MuJoCo, with a motor at each joint; springs and coupled motors are MuJoCo's own.
 
-    Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and BodyError without
-    MuJoCo.
+    Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and
+    ModuleNotFoundError without MuJoCo.
     """
     mujoco, body = import_mujoco(), model.body
     standard, off = _find_standard(model)

@@ -75,7 +75,7 @@ class Servo:
 
 
 def choose_actuator(request: Request) -> Motor | Servo:
-    """Return the actuator of a request; raises ExportError as `Servo.of`."""
+    """Return the actuator of a request; raises ExportError as `Servo.from_drive`."""
     return Motor(request.step) if request.drive is None else Servo.from_drive(request.drive)
 
 

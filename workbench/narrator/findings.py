@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.arms.standard import Nearest
 from estimators.findings import Finding, Kind, Quantity
-from pendulum_env.formatting import capitalise, format_estimate, format_quantity, join_words
+from pendulum_env.formatting import capitalise, format_estimate, format_p_value, format_quantity, join_words
 from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import to_shown_unit
 from workbench.narrator.effects import find_description, name_effect
@@ -391,9 +391,10 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         found, "running on between rows", "that are held from row to row", "held"
     ),
     Kind.SMALL_EFFECT: lambda found: (
-        f"{capitalise(name_effect(found.effects[0]))} may be missing: it predicts better (p = "
-        f"{found.numbers['p_value'].value:.2g}), but explains only {100 * found.numbers['share'].value:.2g} % of the "
-        f"residual, less than {100 * found.numbers['least'].value:.2g} %."
+        f"{capitalise(name_effect(found.effects[0]))} may be missing: it predicts better "
+        f"({format_p_value(found.numbers['p_value'].value)}), but explains only "
+        f"{100 * found.numbers['share'].value:.2g} % of the residual, less than "
+        f"{100 * found.numbers['least'].value:.2g} %."
     ),
     Kind.FEEDBACK: (
         ANSWERS + "Record the reference of the controller as well (column `reference`), or a torque that is planned."
@@ -457,7 +458,10 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.SERVO_OFF: _describe_servo,
     Kind.TABLE_HELPS: _describe_table,
     Kind.NO_EFFECT_OPEN: "No library effect explains the rest of the residual. Write your own effect, or keep a table.",
-    Kind.FIT_HELD_OUT: "The model explains the fitted data, but not the held-out data ({recordings}): fit both.",
+    Kind.FIT_HELD_OUT: (
+        "The model explains the fitted data, but not the held-out data ({recordings}). If both are of one machine, "
+        "fit both."
+    ),
     Kind.INERTIA_UNKNOWN: lambda found: (
         f"The motion of an experiment cannot be predicted without the inertia. {advise_inertia()}"
     ),

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
-from pendulum_env.formatting import join_words
+from pendulum_env.formatting import format_p_value, join_words
 from workbench.narrator.effects import find_description
 from workbench.narrator.findings import describe_law, describe_untested, describe_violations, measure_change
 
@@ -90,12 +90,12 @@ def _describe_gate(found: Finding) -> str:
         std = f" ± {gain.std:.2g}" if gain.std else ""
         penalty, most = (found.numbers[f"limit.{own}"].value for own in ("gain", "p_value"))
         compared = "the selected effects" if found.effects else "the base model"
-        limits = f"p = {p_value.value:.2g} with a penalty of {penalty:.2g} nat, limit {most:.2g}"
+        limits = f"{format_p_value(p_value.value)} with a penalty of {penalty:.2g} nat, limit {most:.2g}"
         return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"
     if name == "explained_share":
         return f"explains {value.value:.0%} of the residual, less than {limit.value:.0%}"
     if name == "known_parameters":
-        return f"predicts no better than other values of the parameters that were given: p = {value.value:.2g}"
+        return f"predicts no better than other values of the parameters that were given: {format_p_value(value.value)}"
     if name == "kept_gravity":
         return f"fits only with {value.value:.2g} times the gravity: both terms cancel and imitate a third law"
     if name == "kept_inertia":

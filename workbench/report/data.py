@@ -59,7 +59,7 @@ class ReportData:
 
     @property
     def models(self) -> list[tuple[str, str, Model]]:
-        """Label, colour and model of what is drawn, see `ends`."""
+        """Label, colour and model of each drawn curve."""
         return [(label, color, step.model) for label, color, step in list_ends(self.diagnosis.steps, self.first)]
 
     @property

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
+from estimators import diagnose
 from estimators.data.split import split_recordings
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_parameters, screen_effects
 from estimators.selection.evaluator import ModelEvaluator
@@ -163,3 +164,12 @@ def test_a_law_that_imitates_another_does_not_fit_where_the_joint_moves_otherwis
         evaluator = ModelEvaluator(*split_recordings([train], [test]))
         assert evaluator.residuals.is_noise(model) == right
         assert evaluator.residuals.is_noise_in(evaluator.train, evaluator.train.residual(model))
+
+
+def test_a_short_lag_is_not_exchanged_with_the_time_constant_of_the_joint():
+    """A lag of 20 ms before J = 0.02 kg m^2 and b = 0.4 N m s/rad: 50 ms and less inertia fit nearly as well."""
+    plant = Plant(0.02, 0.3, 0.4, 0.05, {"actuator_lag": {"lag_T": 0.02}})
+    fitted, held_out = recorded(plant, *(Experiment(1000.0, 15.0, "multisine", seed=seed) for seed in (2, 3)))
+    model = diagnose(fitted, held_out, only=["actuator_lag"]).model
+    assert model["actuator_lag.time_constant"].value == pytest.approx(0.02, rel=0.05)
+    assert model["inertia"].value == pytest.approx(0.02, rel=0.05)
