@@ -93,7 +93,7 @@ class Recurrence:
         shape, cycle, lanes = states.shape, states.shape[2], states.shape[1] * states.shape[2]
         rows = np.arange(len(states)) if kept is None else np.array(kept)
         if cycle % self.width:  # lanes that are computed at once may belong to two variants
-            inputs = inputs[..., np.arange(cycle + self.width) % cycle]
+            inputs = np.take(inputs, np.arange(cycle + self.width) % cycle, axis=-1)
         given = np.ascontiguousarray(inputs, dtype=float)
         padded = -(-lanes // self.width) * self.width
         own, now = np.empty((len(constants) + self.derived, padded)), np.empty((len(states), padded))
@@ -379,7 +379,8 @@ class _Instructions:
 
     def number(self, value: Any) -> Any:
         """Write a truth value as a number."""
-        return value if value.type == self.kind else self.builder.uitofp(value, self.kind)
+        is_number = value.type == self.kind
+        return value if is_number else self.builder.select(value, self.kind(1.0), self.kind(0.0))
 
     def _truth(self, value: Any) -> Any:
         is_number = value.type == self.kind
