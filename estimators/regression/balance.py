@@ -130,6 +130,12 @@ class Balance:
         bent = np.flatnonzero(np.abs(slopes - 1.0).max(axis=1) >= SOLVER.linear_response)
         return bent, steps[bent], slopes[bent]
 
+    @cached_property
+    def _steady_changes(self) -> tuple[Array, Array]:
+        """Slopes and changes of these equations where no column depends on the torque, see `_bend`."""
+        bent, steps, bends = self._response_slopes
+        return _bend(steps, bends, np.zeros(len(bent)))
+
     def _error(self, theta: Array) -> tuple[Array, Array]:
         """Return the errors (R,) and the slopes of the equations by the torque (R,)."""
         left = (self.y - self.phi @ theta) / self.torque_share
@@ -140,12 +146,13 @@ class Balance:
         error, (bent, steps, bends) = left / slope, self._response_slopes
         if self.perturbations is None or not len(bent):
             return error, slope
-        slopes = np.maximum(bends - response_slope[bent, None], LEAST_SLOPE)  # (B, J - 1)
-        balance = np.cumsum(np.column_stack([left[bent], slopes * steps]), axis=1)  # at each perturbation (B, J)
-        balance += (left[bent] - balance[:, steps.shape[1] // 2])[:, None]
-        rows, place = np.arange(len(bent)), np.clip(np.sum(balance < 0, axis=1) - 1, 0, steps.shape[1] - 1)
+        slopes, changes = (
+            self._steady_changes if not self.of_torque.any() else _bend(steps, bends, response_slope[bent])
+        )
+        place = np.clip(np.count_nonzero(changes < -left[bent, None], axis=1) - 1, 0, steps.shape[1] - 1)
+        rows = np.arange(len(bent))
         slope[bent] = slopes[rows, place]
-        error[bent] = balance[rows, place] / slope[bent] - self.perturbations[bent, place]
+        error[bent] = (left[bent] + changes[rows, place]) / slope[bent] - self.perturbations[bent, place]
         return error, slope
 
     def solve(self, start: Array | None = None) -> Array:
@@ -301,6 +308,19 @@ class Balance:
             return found, cost
 
         return gauss_newton(theta, near, best, Rule(SOLVER.turns, of_cost=SOLVER.enough))
+
+
+def _bend(steps: Array, bends: Array, response_slope: Array) -> tuple[Array, Array]:
+    """Return the slopes of equations between perturbations (B, J - 1), and their changes up to each of these (B, J).
+
+    Args:
+        steps: of the perturbations (B, J - 1).
+        bends: slopes of the responses there (B, J - 1).
+        response_slope: slopes of the columns by the torque (B,), times their parameters.
+    """
+    slopes = np.maximum(bends - response_slope[:, None], LEAST_SLOPE)
+    changes = np.cumsum(np.column_stack([np.zeros(len(steps)), slopes * steps]), axis=1)
+    return slopes, changes - changes[:, [steps.shape[1] // 2]]
 
 
 def find_linear_rows(balance: Balance) -> Mask:
