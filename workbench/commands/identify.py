@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="all|ID,...",
         type=options.keep_message(_parse_schemes),
         default=SCHEMES,
-        help=f"{', '.join(item.id for item in SCHEMES)}; all (default), or paper: all with the paper's own choices",
+        help=f"{', '.join(item.id for item in SCHEMES)}; all (default), or paper: all six, set up as in the paper",
     )
     parser.add_argument("--json", metavar="FILE", help="write estimates, warnings and how the estimates converge")
     parser.add_argument(
