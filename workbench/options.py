@@ -35,7 +35,7 @@ def add_model(parser: argparse.ArgumentParser) -> None:
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, and how they are read."""
-    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help=f"{KINDS}; fitted jointly")
+    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help=f"{KINDS}; several are of one machine")
     add_reading(parser)
 
 
