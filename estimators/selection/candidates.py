@@ -98,11 +98,6 @@ def find_best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term
             and evaluator.keeps_base(trial.terms, terms)
         ):
             simplest = trial
-    if find_hints(effect).multimodal or evaluator.keeps_base(simplest.terms, terms):
-        return simplest
-    for trial in evaluator.train.rank_variants(terms, effect):  # another local minimum
-        if evaluator.keeps_base(trial.terms, terms):
-            return evaluator.train.trial(refit_nonlinear(evaluator, trial.terms))
     return simplest
 
 
