@@ -98,7 +98,8 @@ def _std_of_edge(
         squares[k] = np.sum((left - columns @ np.linalg.lstsq(columns, left)[0]) ** 2)
     variance = squares[0] / max(len(slopes) - slopes.shape[1], 1)
     alone = balance.fit(np.arange(len(slopes)), theta=fit.theta).std[own]
-    correlated = np.max((fit.std[own] / np.maximum(alone, 1e-300)) ** 2, initial=1.0)
+    ratio = np.divide(fit.std[own], alone, out=np.ones(len(alone)), where=alone > 0)
+    correlated = np.max(ratio**2, initial=1.0)
     is_likely = squares - squares[0] < -2 * np.log(1 - np.sqrt(ONE_SIGMA)) * variance * correlated
     sides = is_likely[len(steps) :].reshape(2, -1)
     last = [int(np.max(np.flatnonzero(side), initial=-1)) for side in sides]

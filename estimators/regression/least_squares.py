@@ -51,8 +51,8 @@ class Fit:
 
     @property
     def std(self) -> Array:
-        """Standard errors (P,)."""
-        return np.sqrt(np.diag(self.covariance))
+        """Standard errors (P,); a variance that rounding makes negative counts as zero."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
     def rms(self) -> float:
