@@ -29,7 +29,7 @@ BINARY = (
     np.minimum,
     lambda x, y: x / (1.0 + y**2),
     lambda x, y: np.abs(x) ** np.clip(y, 0.0, 3.0),
-    lambda x, y: np.where((x < y) & (x != 0) | (y >= 1), x, y),
+    lambda x, y: np.where((x < y) & (x != 0) | (y >= 1.0371), x, y),  # no function rounds to this threshold
     lambda x, y: x * (x > y),
 )
 numbers = st.floats(-20.0, 20.0)
