@@ -74,8 +74,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         used = commands.choices.get(named or "", program)
         wrong = next((word for word in unknown if word.startswith("-")), "").partition("=")[0]
         near = difflib.get_close_matches(wrong, used._option_string_actions, n=1, cutoff=0.75)
-        hint = f"did you mean {near[0]}?" if near else f"see {used.prog} --help"
-        used.error(f"unrecognized arguments: {' '.join(unknown)}: {hint}")
+        hint = f": did you mean {near[0]}?" if near else ""
+        used.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
     _refuse_other_kind(arguments)
     return arguments
 

@@ -58,7 +58,7 @@ WORDS = [  # with files of `folder`
     ("identify run.csv --shceme all", "did you mean --scheme? (see pendulum-ident identify --help)"),
     ("identify run.csv --hold run.csv", "--hold"),
     ("identify run.csv --sche all", "did you mean --scheme? (see pendulum-ident identify --help)"),
-    ("record --until diagnosed -o x.csv", "CHANGELOG.md lists the options that have left"),
+    ("record --until diagnosed -o x.csv", "unrecognized arguments: --until diagnosed"),
     ("identify run.csv --columns time", "'time' should be QUANTITY=NAME"),
     ("compare m.json run.csv --columns time=t,time=ms:ms", "time is named twice"),
     ("add spring model.json run.csv", "model.json is a file: the order is MODEL.json EFFECT RECORDING"),
