@@ -17,7 +17,7 @@ from agents.task import Task, TaskState, TaskVector
 from estimators.arms.excitation import INFORMATION_PRIOR, MotionBatch, find_problem, stop_motion
 from estimators.arms.limits import DEFAULT_LIMITS, Limits, find_limits
 from estimators.arms.reference import KNOT_PERIOD, Reference
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.wrappers.options import find_body
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body

@@ -30,8 +30,7 @@ from agents.observer import (
 from pendulum_env._typing import Array, Mask
 from pendulum_env.excitation import excitation
 from pendulum_env.lookup import find
-from pendulum_env.physics import BASE
-from pendulum_env.physics.simulation import Trajectory, simulate
+from pendulum_env.physics import BASE, Trajectory, simulate
 from pendulum_env.policy import Policy, State
 
 WEIGHTS_FILE = Path(__file__).parent / "policies" / "multisine.json"

@@ -22,8 +22,7 @@ from estimators.schemes.six import scheme
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
-from pendulum_env.physics import BASE
-from pendulum_env.physics.simulation import simulate
+from pendulum_env.physics import BASE, simulate
 from pendulum_env.plant import PAPER
 from pendulum_env.policy import State
 

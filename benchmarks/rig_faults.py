@@ -16,8 +16,7 @@ from pendulum_env.backends.hardware.config import PlantRanges
 from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.excitation import EXCITATIONS, excitation
-from pendulum_env.physics import BASE
-from pendulum_env.physics.simulation import simulate
+from pendulum_env.physics import BASE, simulate
 from pendulum_env.plant import PAPER
 from pendulum_env.registration import PENDULUM
 from workbench.terminal import Terminal

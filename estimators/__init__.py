@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.run import diagnose
     from estimators.diagnosis.torque_search import fit
     from estimators.prediction import Prediction
-    from estimators.regression.equations import IdentificationError
+    from estimators.regression.least_squares import IdentificationError
     from estimators.results import Comparison
     from estimators.schemes.identification import identify
     from estimators.schemes.result import Identification

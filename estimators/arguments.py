@@ -8,7 +8,7 @@ from dataclasses import is_dataclass, replace
 from typing import Any, Protocol
 
 from estimators.free_swings import is_torque_needed
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.joints import (
     OF_A_TURN,
     check_places,
@@ -20,10 +20,18 @@ from pendulum_env.arms.joints import (
 )
 from pendulum_env.arms.reading import read_logged
 from pendulum_env.errors import ColumnError, UserError
-from pendulum_env.physics import BASE, Mechanism, Model, ModelError, Term, list_nameable
-from pendulum_env.physics.library import find_term
+from pendulum_env.physics import (
+    BASE,
+    PENDULUM,
+    Mechanism,
+    Model,
+    ModelError,
+    Term,
+    describe_joints,
+    find_term,
+    list_nameable,
+)
 from pendulum_env.physics.limits import Bounds, check_names, collect_limits, limit_kind, limit_term, make_limits
-from pendulum_env.physics.mechanism import PENDULUM, describe_joints
 from pendulum_env.physics.model import NO_INERTIA
 from pendulum_env.reading import quote_value
 from pendulum_env.recording import Recording, Source

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.columns import is_torque_dependent
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import prepare

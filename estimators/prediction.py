@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.simulation.free_running import Segments, follow
 from estimators.weak_form import links
 from estimators.weak_form.torque_rows import TorqueRows

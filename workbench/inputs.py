@@ -10,9 +10,8 @@ from estimators.data.fit_data import FitData
 from estimators.free_swings import find_known_values
 from pendulum_env.arms.joints import Links, arm_base
 from pendulum_env.arms.model import ArmModel, ModelOptions, load_model
-from pendulum_env.physics import Mechanism, Model, ModelError, Term
+from pendulum_env.physics import PENDULUM, Mechanism, Model, ModelError, Term
 from pendulum_env.physics.limits import collect_limits
-from pendulum_env.physics.mechanism import PENDULUM
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import apply_log_format
 from workbench.narrator.findings import describe_late

@@ -13,7 +13,7 @@ import numpy as np
 
 from estimators.arms.limits import Limits, find_limits
 from estimators.arms.reference import KNOT_PERIOD, TICK, Reference, average_motion, limit_speeds, torque_rows
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.plane import get_friction

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.excitation import USUAL_SPEED

@@ -17,8 +17,14 @@ import numpy as np
 import scipy
 
 from estimators.arms.standard import nearest_link, pseudo_inertia
-from estimators.regression.equations import Equations, IdentificationError
-from estimators.regression.least_squares import Fit, project_out, solve, solve_least_squares
+from estimators.regression.least_squares import (
+    Equations,
+    Fit,
+    IdentificationError,
+    project_out,
+    solve,
+    solve_least_squares,
+)
 from estimators.schemes.fitting import weigh_joints
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.torque_rows import TorqueRows

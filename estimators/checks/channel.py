@@ -25,9 +25,8 @@ import numpy as np
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
 from estimators.data.rows import BLOCK
 from estimators.regression.balance import Balance, place_columns
-from estimators.regression.equations import IdentificationError
 from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
-from estimators.regression.least_squares import project_out
+from estimators.regression.least_squares import IdentificationError, project_out
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import Blocks, cross_validated
 from estimators.signals.channel import Channel
@@ -39,9 +38,8 @@ from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import arm_base, find_body
-from pendulum_env.physics import BASE, Column, Term
+from pendulum_env.physics import BASE, LOAD, Column, Term
 from pendulum_env.physics.friction import Stribeck
-from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import NEWTON_METRE, Load, Recording
 
 NONE = Load(0.0, 0.0)

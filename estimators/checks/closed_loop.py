@@ -12,8 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from estimators.findings import Finding, Kind, Quantity
-from estimators.regression.equations import Equations
-from estimators.regression.least_squares import solve, solve_least_squares
+from estimators.regression.least_squares import Equations, solve, solve_least_squares
 from pendulum_env.recording import Recording
 
 

@@ -15,7 +15,7 @@ from estimators.checks.remedies import find_wrong_columns
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.selection.physical import find_driving_friction
 from estimators.weak_form.torque_windows import TorqueWindows, prepare

@@ -17,8 +17,7 @@ import numpy as np
 import scipy
 
 from estimators.findings import Finding, Kind, Quantity
-from estimators.regression.equations import Equations
-from estimators.regression.least_squares import invert_covariance, solve
+from estimators.regression.least_squares import Equations, invert_covariance, solve
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON, Array

@@ -5,8 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity, Remedy
-from estimators.regression.equations import Equations, IdentificationError
-from estimators.regression.least_squares import solve
+from estimators.regression.least_squares import Equations, IdentificationError, solve
 from estimators.selection.physical import compute_significant_sign, find_driving_friction, is_significantly_negative
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, Column, Model

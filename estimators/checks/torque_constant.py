@@ -22,7 +22,7 @@ from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import remove_unit_inertia
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.recording import NEWTON_METRE, Recording, TorqueConstant

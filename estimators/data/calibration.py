@@ -6,7 +6,7 @@ from estimators import in_loop
 from estimators.checks.torque_constant import estimate_torque_constant, explain_unknown_constant, find_torque_unit
 from estimators.findings import Finding, Kind
 from estimators.free_swings import fit_inertia, scale_swing, scale_swings
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.recording import NEWTON_METRE, PER_INERTIA, Recording, TorqueConstant
 from pendulum_env.settings import Blank, format_setting

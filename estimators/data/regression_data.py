@@ -11,8 +11,7 @@ import numpy as np
 from estimators.data.rows import FittedTerms, FoldFits, RowLayout, RowMaker, ScoredTerms, Terms
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, place_columns
-from estimators.regression.equations import IdentificationError
-from estimators.regression.least_squares import project_out
+from estimators.regression.least_squares import IdentificationError, project_out
 from estimators.search_hints import count_variants, find_hints, make_grid
 from estimators.selection.errors import Errors
 from estimators.simulation.free_running import (
@@ -31,8 +30,17 @@ from estimators.weak_form.torque_windows import TorqueWindows, join_windows, pre
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import arm_base, find_body
-from pendulum_env.physics import BASE, Model, Samples, Table, Term, has_link, list_loads
-from pendulum_env.physics.terms import count_term_parameters, find_link
+from pendulum_env.physics import (
+    BASE,
+    Model,
+    Samples,
+    Table,
+    Term,
+    count_term_parameters,
+    find_link,
+    has_link,
+    list_loads,
+)
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 

@@ -9,7 +9,7 @@ from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_parameters
 from estimators.selection.errors import Step, explain_rejection
 from estimators.selection.evaluator import ModelEvaluator

@@ -19,7 +19,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import densities
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.selection.score import Bootstrap
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array

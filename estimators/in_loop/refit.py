@@ -15,8 +15,7 @@ from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
 from estimators.simulation.output_error import Point
-from pendulum_env.physics import Model, Term, list_ids
-from pendulum_env.physics.estimate import SIGNIFICANT
+from pendulum_env.physics import SIGNIFICANT, Model, Term, list_ids
 from pendulum_env.recording import Recording
 from pendulum_env.units import is_of_torque
 

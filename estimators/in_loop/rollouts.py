@@ -15,8 +15,7 @@ from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.motion import get_known_load, get_temperature
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.physics import KnownLoad, has_link
-from pendulum_env.physics.estimate import SIGNIFICANT
+from pendulum_env.physics import SIGNIFICANT, KnownLoad, has_link
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.servo.drive import LONGEST
 from pendulum_env.servo.loop import Servos, follow

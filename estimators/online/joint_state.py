@@ -28,8 +28,8 @@ import numpy as np
 from estimators.online.estimates import Estimates
 from estimators.signals.motion import SLOWEST
 from pendulum_env._typing import Array, Mask
-from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.simulation import PreparedStep, TorqueBalance, prepare_step, simulate
+from pendulum_env.physics import Samples, Term, simulate
+from pendulum_env.physics.simulation import PreparedStep, TorqueBalance, prepare_step
 from pendulum_env.physics.term import Memory, zero
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from estimators.regression.equations import Equations
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.errors import UserError
 
 RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
 
@@ -29,6 +29,26 @@ class SolverSettings:
 
 
 SOLVER = SolverSettings()
+
+
+class IdentificationError(UserError):
+    """Data from which nothing can be identified; the message says why and what to record instead.
+
+    Attributes:
+        effect: id of the effect that the data do not show, if that is the reason.
+    """
+
+    def __init__(self, message: str, effect: str = "") -> None:
+        super().__init__(message)
+        self.effect = effect
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Linear regression y = phi theta + error in N m: phi (R, P), y (R,)."""
+
+    phi: Array
+    y: Array
 
 
 @dataclass(frozen=True)

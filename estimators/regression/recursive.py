@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from estimators.regression.equations import Equations
+from estimators.regression.least_squares import Equations
 from pendulum_env._typing import Array, Index, Mask
 
 PRIOR = 1e7  # P(0) on the diagonal, the paper's "10E6"

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.regression.equations import Equations
+from estimators.regression.least_squares import Equations
 from estimators.schemes import six
 from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, average_over_samples, compute_increments
 from estimators.signals.measurements import Measurements, remember

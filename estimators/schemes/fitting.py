@@ -13,8 +13,14 @@ from numpy.typing import NDArray
 from estimators.checks.torque_constant import widen_by_constant
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import remove_unit_inertia, restore_known
-from estimators.regression.equations import Equations, IdentificationError
-from estimators.regression.least_squares import Fit, solve, solve_least_squares, weigh_recordings
+from estimators.regression.least_squares import (
+    Equations,
+    Fit,
+    IdentificationError,
+    solve,
+    solve_least_squares,
+    weigh_recordings,
+)
 from estimators.regression.recursive import choose_indices, compute_history
 from estimators.schemes.balance import Joints, adapt_to_arms, apply_scheme, compute_balances
 from estimators.schemes.six import LowPass, Regression, Regressor, Scheme, give

@@ -8,7 +8,7 @@ from itertools import compress
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.balance import stack_series
 from estimators.schemes.fitting import Identified, Segments, join_names, make_regressions, stack
 from estimators.schemes.six import GUARD, scheme
@@ -16,8 +16,7 @@ from estimators.signals.measurements import Measurements
 from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import DRAWS
-from pendulum_env.physics import BASE, Estimate, Model, Term
-from pendulum_env.physics.estimate import SIGNIFICANT
+from pendulum_env.physics import BASE, SIGNIFICANT, Estimate, Model, Term
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.columns import NONE
 from pendulum_env.settings import format_setting

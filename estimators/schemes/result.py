@@ -11,7 +11,7 @@ from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding
 from estimators.free_swings import make_swing_terms, restore_known
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON

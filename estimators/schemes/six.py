@@ -27,13 +27,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from estimators.arguments import convert_to_tuple
-from estimators.regression.equations import Equations
+from estimators.regression.least_squares import Equations
 from estimators.signals.measurements import Measurements, remember
 from pendulum_env._typing import Array, Mask
 from pendulum_env.filters import filter_lag
 from pendulum_env.lookup import find
-from pendulum_env.physics import Column, Term
-from pendulum_env.physics.term import LOAD
+from pendulum_env.physics import LOAD, Column, Term
 from pendulum_env.reading import quote_value
 
 CUTOFF = 200.0  # lambda [rad/s], the paper's 31.83 Hz

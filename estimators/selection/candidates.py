@@ -10,8 +10,7 @@ from estimators.search_hints import find_hints, is_possible
 from estimators.selection.errors import Gate, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.nonlinear import release
-from pendulum_env.physics import Term, list_ids
-from pendulum_env.physics.terms import count_term_parameters, has_transmission
+from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
 
 SAME = 1e-6  # of a torque, numerical difference of equal laws
 

@@ -22,10 +22,9 @@ from estimators.simulation import output_error
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
 from pendulum_env.arms.model import make_arm_model
-from pendulum_env.physics import BASE, Model, Term, effects, has_link, list_ids, list_loads
+from pendulum_env.physics import BASE, Model, Term, effects, has_link, has_transmission, list_ids, list_loads
 from pendulum_env.physics.limits import release_term
 from pendulum_env.physics.table import COMPETING, ByTime
-from pendulum_env.physics.terms import has_transmission
 
 
 @dataclass

@@ -15,8 +15,8 @@ from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import Segments, choose_segments
 from estimators.simulation.output_error import Point
-from pendulum_env.physics import Model, has_link
-from pendulum_env.physics.terms import has_bristles, has_transmission
+from pendulum_env.physics import Model, has_link, has_transmission
+from pendulum_env.physics.terms import has_bristles
 
 SEGMENT = 0.5  # [s], segment length, short enough for errors to grow as linearised
 FEWEST = 2  # segments per parameter

@@ -9,9 +9,19 @@ from estimators.findings import Finding, Kind
 from estimators.selection.errors import Gate, Step
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
-from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Table, Term, effects, has_link, list_loads
-from pendulum_env.physics.estimate import SIGNIFICANT
-from pendulum_env.physics.term import LOAD
+from pendulum_env.physics import (
+    LOAD,
+    SIGNIFICANT,
+    Column,
+    Model,
+    NonlinearParameter,
+    Samples,
+    Table,
+    Term,
+    effects,
+    has_link,
+    list_loads,
+)
 from pendulum_env.physics.terms import list_forms
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative

@@ -10,9 +10,9 @@ from estimators.selection.candidates import find_best_variant, refit_nonlinear, 
 from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, remove_term, sort_by_score
-from pendulum_env.physics import Table, Term, list_ids, list_loads
+from pendulum_env.physics import Table, Term, count_term_parameters, list_ids, list_loads
 from pendulum_env.physics.table import ByTime
-from pendulum_env.physics.terms import count_parameters, count_term_parameters
+from pendulum_env.physics.terms import count_parameters
 
 
 def replace_by_table(state: SearchState) -> SearchState:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_scatter, find_near_reversals
 from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, get_known_load, get_temperature
 from pendulum_env._typing import Array, ArrayLike, Mask

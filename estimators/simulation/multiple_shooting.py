@@ -35,9 +35,8 @@ from estimators.simulation.output_error import (
 from estimators.weak_form.nonlinear import set_values
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, ArrayLike, Index
-from pendulum_env.physics import Model, Samples, Term, Trajectory
+from pendulum_env.physics import Model, Samples, Term, Trajectory, find_link
 from pendulum_env.physics.term import Memory
-from pendulum_env.physics.terms import find_link
 
 PERTURBATION = np.array(
     [3e-4, 3e-3, 1e-3, 1e-2]

@@ -17,8 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.regression.equations import IdentificationError
-from estimators.regression.least_squares import solve_within_bounds
+from estimators.regression.least_squares import IdentificationError, solve_within_bounds
 from estimators.weak_form.columns import list_bounds, mark_bounds
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut

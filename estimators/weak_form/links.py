@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.equations import IdentificationError
-from estimators.regression.least_squares import solve_least_squares
+from estimators.regression.least_squares import IdentificationError, solve_least_squares
 from estimators.weak_form.torque_windows import (
     PayloadColumns,
     TermColumns,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from estimators.data.rows import ResidualStructure
-from estimators.regression.equations import Equations, IdentificationError
+from estimators.regression.least_squares import Equations, IdentificationError
 from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.windows import (
     WHOLE,
@@ -24,11 +24,10 @@ from estimators.weak_form.windows import (
     trace_all,
 )
 from pendulum_env._typing import Array, Index
-from pendulum_env.physics import BASE, Samples, Term
+from pendulum_env.physics import BASE, LOAD, Samples, Term
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import PositionDependentFriction, QuadraticDrag, Stribeck, ViscousAsymmetry
 from pendulum_env.physics.potential import Cogging, GravityTilt, HardStop
-from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Recording
 from pendulum_env.recording.sampling import SAMPLING
 

@@ -35,9 +35,9 @@ from estimators.signals.differentiation import (
 from estimators.signals.motion import LEAD_IN, SLOWEST, get_known_load, get_temperature
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.arms.body import LinkLoad
-from pendulum_env.physics import Column, KnownLoad, Samples, Term
+from pendulum_env.physics import LOAD, Column, KnownLoad, Samples, Term
 from pendulum_env.physics.simulation import StepPrograms
-from pendulum_env.physics.term import LOAD, Memory, trace_variants
+from pendulum_env.physics.term import Memory, trace_variants
 from pendulum_env.recording import Recording
 
 Averages: TypeAlias = "scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator"  # text: they are loaded where used

@@ -16,8 +16,7 @@ from estimators.online.diagnosis import Diagnoser, find_obstacle
 from estimators.wrappers.measuring import MeasurementVectorWrapper, MeasurementWrapper
 from estimators.wrappers.options import AnyEnv, Plant
 from pendulum_env.arms.model import load_model
-from pendulum_env.physics import Model, Term
-from pendulum_env.physics.mechanism import describe_joints
+from pendulum_env.physics import Model, Term, describe_joints
 
 
 class DiagnoseOnline(MeasurementWrapper):

@@ -20,8 +20,7 @@ from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.joints import Coupling, arm_base, arrange_terms, find_kinds, list_effects
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
-from pendulum_env.physics import Mechanism, Term
-from pendulum_env.physics.mechanism import PENDULUM
+from pendulum_env.physics import PENDULUM, Mechanism, Term
 from pendulum_env.recording import NEWTON_METRE, Recording
 
 Names = str | Sequence[str | Scheme | JointState]

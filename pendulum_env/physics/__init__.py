@@ -2,22 +2,25 @@
 
 from pendulum_env.physics.base import BASE, Coulomb, Gravity, Inertia, Viscous
 from pendulum_env.physics.description import Description
-from pendulum_env.physics.estimate import Estimate
-from pendulum_env.physics.library import effect, effects, list_addable, list_nameable, register
-from pendulum_env.physics.mechanism import Mechanism
+from pendulum_env.physics.estimate import SIGNIFICANT, Estimate
+from pendulum_env.physics.library import effect, effects, find_term, list_addable, list_nameable, register
+from pendulum_env.physics.mechanism import PENDULUM, Mechanism, describe_joints
 from pendulum_env.physics.model import Model
 from pendulum_env.physics.model_file import ModelError
 from pendulum_env.physics.plugin import PluginError, load_plugin
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.table import Table
-from pendulum_env.physics.term import Column, KnownLoad, NonlinearParameter, Samples, Term, list_loads
-from pendulum_env.physics.terms import has_link, has_transmission, list_ids
+from pendulum_env.physics.term import LOAD, Column, KnownLoad, NonlinearParameter, Samples, Term, list_loads
+from pendulum_env.physics.terms import count_term_parameters, find_link, has_link, has_transmission, list_ids
 
 # Names of earlier releases, kept for one more
 Shape, addable, nameable = NonlinearParameter, list_addable, list_nameable
 
 __all__ = [
     "BASE",
+    "LOAD",
+    "PENDULUM",
+    "SIGNIFICANT",
     "Column",
     "Coulomb",
     "Description",
@@ -36,8 +39,12 @@ __all__ = [
     "Term",
     "Trajectory",
     "Viscous",
+    "count_term_parameters",
+    "describe_joints",
     "effect",
     "effects",
+    "find_link",
+    "find_term",
     "has_link",
     "has_transmission",
     "list_addable",

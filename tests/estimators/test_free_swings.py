@@ -12,7 +12,7 @@ from estimators import add, compare, diagnose, identify
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Kind
 from estimators.free_swings import is_torque_needed
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from pendulum_env.backends import record
 from pendulum_env.excitation import STILL
 from pendulum_env.physics import Model, ModelError, effects

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimators import compare, diagnose, identify
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics import Model
 from pendulum_env.recording import read_recording
 from workbench.export import export

@@ -10,7 +10,7 @@ from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
 from estimators.findings import Finding, Kind
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.signals.residual import Region, compute_profiles, find_regions
 from pendulum_env.formatting import format_number
 from pendulum_env.physics import Samples

@@ -8,8 +8,7 @@ from typing import Any, Self
 from estimators import Addition, Diagnosis, FitData, Identification
 from estimators.selection.errors import Step
 from pendulum_env.arms.joints import arm_base, arrange_terms, find_links
-from pendulum_env.physics import BASE, Mechanism, Model, Term
-from pendulum_env.physics.mechanism import PENDULUM
+from pendulum_env.physics import BASE, PENDULUM, Mechanism, Model, Term
 from pendulum_env.recording import Recording, Source
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.findings import Findings, find_doubts, find_model_failures

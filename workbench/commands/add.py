@@ -5,7 +5,7 @@ from pathlib import Path
 
 from estimators.diagnosis.addition import add
 from estimators.free_swings import find_scaling_values
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics.library import find_addition
 from workbench import options
 from workbench.errors import InputError

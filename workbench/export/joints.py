@@ -12,8 +12,7 @@ from pendulum_env.arms.joints import Coupling
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.world import build_specification
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
-from pendulum_env.physics import Model, Table, list_loads
-from pendulum_env.physics.library import find_term
+from pendulum_env.physics import Model, Table, find_term, list_loads
 from workbench.export.arm import Friction, get_value, is_spring_linear
 from workbench.export.request import Exported, Request, escape_comment, escape_text, note_missing
 from workbench.narrator.findings import describe_nearest_body

@@ -7,7 +7,7 @@ from functools import cached_property
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.result import Identification
 from estimators.schemes.six import SCHEMES

@@ -14,7 +14,7 @@ from estimators import add, compare, diagnose
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.result import Verdict
 from estimators.findings import Finding, Kind
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording

@@ -19,7 +19,7 @@ from estimators.arms.excitation import (
 from estimators.arms.following import follow
 from estimators.arms.limits import Limits, find_limits
 from estimators.arms.reference import KNOT_PERIOD, TICK, torque_rows
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import arm_base

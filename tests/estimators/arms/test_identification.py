@@ -6,7 +6,7 @@ import pytest
 from benchmarks.two_link import Multisine, TwoLink
 from estimators import compare, identify
 from estimators.findings import Kind
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.balance import adapt_to_arms
 from estimators.schemes.identifiability import find_undetermined_links, find_unidentifiable

@@ -8,7 +8,7 @@ from benchmarks.two_link import TwoLink
 from estimators import identify
 from estimators.arms.payload import find_payload
 from estimators.arms.standard import nearest_link, pseudo_inertia
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
 from tests.two_link import recorded

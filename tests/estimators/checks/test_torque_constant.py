@@ -12,7 +12,7 @@ from estimators.comparison import compare
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.addition import add
 from estimators.findings import Kind
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
 from estimators.weak_form.torque_windows import prepare

@@ -10,7 +10,7 @@ import pytest
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
 from estimators.findings import Kind
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.channel import TorqueConstant

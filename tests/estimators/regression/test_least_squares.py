@@ -8,8 +8,8 @@ from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from estimators.regression.balance import Balance
-from estimators.regression.equations import Equations
 from estimators.regression.least_squares import (
+    Equations,
     Fit,
     compute_jackknife,
     solve,

@@ -1,7 +1,7 @@
 import numpy as np
 
 from benchmarks.recursion import State, start, step
-from estimators.regression.equations import Equations
+from estimators.regression.least_squares import Equations
 from estimators.regression.recursive import PRIOR, choose_indices, compute_history
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.findings import Finding, Kind
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identifiability import find_undetermined
 from estimators.schemes.identification import identify
 from estimators.signals.measurements import measure

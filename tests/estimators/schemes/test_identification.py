@@ -8,7 +8,7 @@ from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.run import diagnose
 from estimators.findings import Kind
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.identification import identify
 from estimators.schemes.six import PAPER, SCHEMES, Integral

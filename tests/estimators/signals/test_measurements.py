@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.signals.measurements import Smoothing, choose_smoothing, make_window, measure
 from pendulum_env.recording import Recording
 

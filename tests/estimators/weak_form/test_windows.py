@@ -10,7 +10,7 @@ from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, 
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import with_contacts
-from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import IdentificationError
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
 from estimators.weak_form.torque_windows import TorqueWindows, choose_half_width, join_windows, prepare
 from estimators.weak_form.windows import WindowAverages, cut
