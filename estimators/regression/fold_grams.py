@@ -1,8 +1,8 @@
-"""Gram matrices of equations by entry and fold: sufficient statistics of all fits to them.
+"""Gram matrices of equations by entry and fold, from which fits take a small solve.
 
-An entry is a recording, or a recording of one joint, whose equations have one weight. The Gram matrix of a fit is the
-sum of those of its entries and folds, so that other weights and each fold left out take a small solve. A further term
-adds a border, from the equations of its own joint alone. The left-hand side comes first in each matrix.
+An entry is a recording, or a recording of one joint; its equations have one weight. The Gram matrix of a fit is the
+weighted sum over entries and folds. A further term adds rows and columns to the matrices. Row and column 0 of each
+matrix belong to the left-hand side.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ class FoldGrams:
     """Gram matrices of the errors of equations and their slopes, to first order around a fit.
 
     Attributes:
-        near: errors of the equations.
-        entry: of each equation, ascending (R,).
-        order: equations in the order of their entries, and of their folds within an entry (R,).
-        ends: where equations of each entry and fold begin and end in that order (E K + 1,).
-        rows: error and slopes of each equation (R, P + 1).
-        grams: of these rows (E, K, P + 1, P + 1).
+        near: errors of the equations, to first order.
+        entry: entry of each equation, ascending (R,).
+        order: indices of the equations, sorted by entry, then fold (R,).
+        ends: limits of each entry and fold in `order` (E K + 1,).
+        rows: error and slopes of each equation, in the original order (R, P + 1).
+        grams: Gram matrices of `rows` per entry and fold (E, K, P + 1, P + 1).
     """
 
     near: Tangent
@@ -39,61 +39,61 @@ class FoldGrams:
 
     @classmethod
     def compute(cls, near: Tangent, entry: Index, fold: Index, entries: int, folds: int) -> FoldGrams:
-        """Compute the Gram matrices of equations, given the entry and the fold of each (R,) and their numbers."""
+        """Compute the Gram matrices from the entry and fold of each equation (R,), and the numbers of both."""
         cell = entry * folds + fold
         order = np.argsort(cell, kind="stable")
         ends = np.searchsorted(cell[order], np.arange(entries * folds + 1))
         rows = np.column_stack([near.error, near.slopes])
-        grams = np.array([own.T @ own for own in np.split(rows[order], ends[1:-1])])
+        grams = np.array([cell_rows.T @ cell_rows for cell_rows in np.split(rows[order], ends[1:-1])])
         return cls(near, entry, order, ends, rows, grams.reshape(entries, folds, *grams.shape[1:]))
 
     def with_term(self, part: Columns, here: slice) -> Array:
-        """Return the Gram matrices (E, K, P + 1, P + 1) with one more term, which acts in the equations of a joint."""
+        """Return Gram matrices (E, K, P + p + 1, P + p + 1) with a term of p columns, on the rows `here` of a joint."""
         first, last, _ = here.indices(len(self.order))
-        before, columns = self._extend(part, here)
-        place, size = self.order[here] - first, before.shape[1]
-        before, columns = before[place], columns[place]
+        rows, columns = self._extend(part, here)
+        sorted_rows, size = self.order[here] - first, rows.shape[1]
+        rows, columns = rows[sorted_rows], columns[sorted_rows]
         grams = np.zeros((*self.grams.shape[:2], *2 * (size + columns.shape[1],)))
         grams[:, :, :size, :size] = self.grams
         cells = grams.reshape(-1, *grams.shape[2:])
         for k in range(*np.searchsorted(self.ends, [first, last])):
             cell = slice(self.ends[k] - first, self.ends[k + 1] - first)
-            rows, own = before[cell], columns[cell]
-            cells[k, size:, :size] = own.T @ rows
+            row_cell, column_cell = rows[cell], columns[cell]
+            cells[k, size:, :size] = column_cell.T @ row_cell
             cells[k, :size, size:] = cells[k, size:, :size].T
-            cells[k, size:, size:] = own.T @ own
+            cells[k, size:, size:] = column_cell.T @ column_cell
             if part.fixed.any():
-                cells[k, :size, :size] = rows.T @ rows
+                cells[k, :size, :size] = row_cell.T @ row_cell
         return grams
 
     def with_variants(self, parts: Sequence[Columns], weights: Array, here: slice) -> Array:
-        """Return the Gram matrices (V, P + 1, P + 1) of all folds with each of V variants of a term.
+        """Return Gram matrices (V, P + p + 1, P + p + 1) of all rows with each of V variants of a term.
 
         Args:
-            parts: columns of each variant.
+            parts: p columns of each variant, on the rows `here`.
             weights: of the equations of each entry (E,).
-            here: equations of the joint of the variants.
+            here: rows of the joint of the variants.
         """
-        square, w = weights**2, weights[self.entry[here], None]
-        size, first = self.rows.shape[1], self.rows.shape[1] + parts[0].linear.shape[1]
-        grams = np.empty((len(parts), first, first))
-        if any(part.fixed.any() for part in parts):  # changes all errors in its rows
+        square, row_weight = weights**2, weights[self.entry[here], None]
+        size, new_size = self.rows.shape[1], self.rows.shape[1] + parts[0].linear.shape[1]
+        grams = np.empty((len(parts), new_size, new_size))
+        if any(part.fixed.any() for part in parts):  # changes all errors in the rows of the joint
             elsewhere = np.delete(np.arange(len(weights)), np.unique(self.entry[here]))
             others = np.einsum("e,ekij->ij", square[elsewhere], self.grams[elsewhere])
             for gram, part in zip(grams, parts, strict=True):
-                rows = w * np.column_stack(self._extend(part, here))
+                rows = row_weight * np.column_stack(self._extend(part, here))
                 gram[:] = rows.T @ rows
                 gram[:size, :size] += others
             return grams
-        own = (w * self.near.scale[here, None]) * np.stack([part.linear for part in parts])
+        columns = (row_weight * self.near.scale[here, None]) * np.stack([part.linear for part in parts])
         grams[:, :size, :size] = np.einsum("e,ekij->ij", square, self.grams)
-        grams[:, :size, size:] = (w * self.rows[here]).T @ own
+        grams[:, :size, size:] = (row_weight * self.rows[here]).T @ columns
         grams[:, size:, :size] = np.swapaxes(grams[:, :size, size:], 1, 2)
-        grams[:, size:, size:] = np.swapaxes(own, 1, 2) @ own
+        grams[:, size:, size:] = np.swapaxes(columns, 1, 2) @ columns
         return grams
 
     def _extend(self, part: Columns, here: slice) -> tuple[Array, Array]:
-        """Return the rows of a joint (r, P + 1) beside a term there, and the columns of the term (r, p)."""
+        """Return the rows of a joint (r, P + 1), changed by fixed columns of a term, and the term's columns (r, p)."""
         rows, scale = self.rows[here], self.near.scale[here]
         if not part.fixed.any():
             return rows, scale[:, None] * part.linear
@@ -103,13 +103,13 @@ class FoldGrams:
 
 
 def compute_entry_squares(grams: Array, step: Array) -> Array:
-    """Return the squared error of each entry (E,) after a step of the parameters (P,), from its Gram matrices."""
-    left = np.append(1.0, -step)
-    return np.maximum(left @ grams.sum(axis=1) @ left, 0.0)
+    """Return the squared error of each entry (E,) after a step (P,), from Gram matrices (E, K, P + 1, P + 1)."""
+    combination = np.append(1.0, -step)
+    return np.maximum(combination @ grams.sum(axis=1) @ combination, 0.0)
 
 
 def solve_all_folds(grams: Array, weights: Array, least: Array, most: Array) -> Array | None:
-    """Return the step (P,) of a fit to all folds within bounds (P,); see `solve_each_fold`."""
+    """Return the step (P,) of a fit to all folds within bounds (P,); arguments and None as in `solve_each_fold`."""
     return solve_gram(np.einsum("e,ekij->ij", weights**2, grams), least, most)
 
 
@@ -135,5 +135,5 @@ def compute_squared_errors(grams: Array, least: Array, most: Array) -> Array:
     size = scale[:, 1:] / scale[:, :1]
     for k in np.flatnonzero(np.any((theta[:, :, 0] < least * size) | (theta[:, :, 0] > most * size), axis=1)).tolist():
         theta[k, :, 0] = solve_within(normal[k], target[k, :, 0], least * size[k], most * size[k])
-    left = 1.0 - 2 * (np.swapaxes(target, 1, 2) @ theta) + np.swapaxes(theta, 1, 2) @ grams[:, 1:, 1:] @ theta
-    return np.asarray(np.maximum(left[:, 0, 0], 0.0) * scale[:, 0] ** 2)
+    squares = 1.0 - 2 * (np.swapaxes(target, 1, 2) @ theta) + np.swapaxes(theta, 1, 2) @ grams[:, 1:, 1:] @ theta
+    return np.asarray(np.maximum(squares[:, 0, 0], 0.0) * scale[:, 0] ** 2)

@@ -1,10 +1,10 @@
-"""Nonlinear least squares by damped Gauss-Newton: the one iteration of all searches that move parameters.
+"""Nonlinear least squares by damped Gauss-Newton, for all searches over parameters.
 
-Near a place the errors e are linear in a step s of its parameters, e + J s. Each turn asks for the steps that solve
+A place is a set of parameters. Near it the errors e are linear in a step s, e + J s. Each iteration solves
 
     (J' J + d D) s = -J' e,   D the diagonal of J' J, for each damping d,
 
-tries where they lead, and goes on from the best place, until no step lowers the cost, or none by much.
+tries these steps, and continues from the best place until the decrease of the cost is zero or small.
 
 Source: Nocedal and Wright, Numerical Optimization, 2nd edition, chapter 10.
 """
@@ -29,11 +29,11 @@ class Near(Generic[Known]):
     """Errors near a place, to first order.
 
     Attributes:
-        known: what it was made of: the place, with what trials of steps from it need.
-        cost: what is lowered, the squared error or a negative log likelihood.
-        error: weighted (R,).
-        slopes: their derivatives by a step of the S parameters, in the units that the step is in (R, S).
-        at_least, at_most: parameters that are at a bound, which a step may not leave (S,); none if not given.
+        known: the place, with the data that trials of steps from it need.
+        cost: squared error, or negative log likelihood.
+        error: weighted errors (R,).
+        slopes: derivatives of the errors by a step of the S parameters, per unit of the step (R, S).
+        at_least, at_most: masks of the parameters at their lower and upper bound (S,), which a step must not cross.
     """
 
     known: Known
@@ -44,7 +44,7 @@ class Near(Generic[Known]):
     at_most: Mask | None = None
 
     def step(self, damping: float) -> Array:
-        """Return the step (S,) under a damping; a parameter that would leave its bounds stays."""
+        """Return the step (S,) under a damping d; zero for parameters at a bound that it would cross."""
         size = np.sqrt(damping) * np.linalg.norm(self.slopes, axis=0)
         rows = np.vstack([self.slopes, np.diag(size)]) if damping else self.slopes
         target = np.append(-self.error, np.zeros(len(rows) - len(self.error)))
@@ -66,13 +66,13 @@ class Rule:
     """When an iteration ends.
 
     Attributes:
-        turns: largest number.
-        dampings: of the steps that each turn asks for.
-        by_offset: whether a step that is short against standard errors is not taken, see `is_converged`.
-        least: fall of the cost in a turn at which it is the last,
-        of_cost: or share of the cost,
-        of_fall: or share of what the cost has fallen so far.
-        patience: number of turns with so small a decrease after which the iteration ends.
+        turns: largest number of iterations.
+        dampings: of the steps in each iteration.
+        by_offset: whether the iteration also ends before a first step that `is_converged` calls negligible.
+        least: a decrease of the cost below this is small,
+        of_cost: or below this share of the cost,
+        of_fall: or below this share of the decrease so far.
+        patience: number of iterations with a small decrease, in total, after which the iteration ends.
     """
 
     turns: int
@@ -84,7 +84,7 @@ class Rule:
     patience: int = 1
 
     def enough(self, first: float, cost: float) -> float:
-        """Return the least fall of the cost for another turn, given the cost at first and now."""
+        """Return the limit of a small decrease, from the cost of the start and the present cost."""
         return max(self.least, self.of_cost * cost, self.of_fall * (first - cost))
 
 
@@ -94,12 +94,12 @@ def gauss_newton(
     best: Callable[[Near[Known], list[Array]], tuple[Place, float]],
     rule: Rule,
 ) -> Place:
-    """Find the place of least cost near a place.
+    """Find a place of locally least cost; `place` itself if no step lowers its cost.
 
     Args:
-        place: to start from.
-        near: errors near a place.
-        best: of the places that steps (S,) lead to, whole or in part, the one of least cost, and its cost.
+        place: start.
+        near: returns the errors near a place.
+        best: returns the place reached by steps (S,), whole or in part, and its cost.
         rule: when to end.
     """
     first, slow = None, 0

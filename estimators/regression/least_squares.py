@@ -11,21 +11,21 @@ import scipy
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.errors import UserError
 
-RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
+RIDGE = 1e-11  # added to the diagonal of normal equations scaled to unit diagonal; keeps a solve finite
 
 
 @dataclass(frozen=True)
 class SolverSettings:
     """Numbers of least squares."""
 
-    shares: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)  # of its step that are tried
-    distinct: float = 1e-6  # least eigenvalue of scaled normal equations, from which they keep ten digits
-    unlikelier: float = 0.1  # [nat], by which a fit without a fold may be less likely than the best
-    linear_response: float = 1e-9  # by which a response to torque may differ from the torque itself
-    tiny: float = 1e-9  # slope of an equation by the torque that says nothing of it
-    turns: int = 30  # of Gauss-Newton, at most
-    enough: float = 1e-9  # relative fall of the squared error, at which Gauss-Newton ends
-    converged: float = 0.01  # standard errors that a Gauss-Newton step may still take
+    shares: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)  # of a Gauss-Newton step, tried in this order
+    distinct: float = 1e-6  # least eigenvalue of scaled normal equations that are solved: they keep ten digits
+    unlikelier: float = 0.1  # [nat], largest error of a log likelihood by the tangent
+    linear_response: float = 1e-9  # largest difference from one of the slope of a linear response to torque
+    tiny: float = 1e-9  # lower limit of a derivative by the torque
+    turns: int = 30  # largest number of Gauss-Newton steps
+    enough: float = 1e-9  # relative decrease of the squared error at which Gauss-Newton ends
+    converged: float = 0.01  # largest Gauss-Newton step of a converged fit [standard errors]
 
 
 SOLVER = SolverSettings()
@@ -45,7 +45,7 @@ class IdentificationError(UserError):
 
 @dataclass(frozen=True)
 class Equations:
-    """Linear regression y = phi theta + error in N m: phi (R, P), y (R,)."""
+    """Linear regression y = phi theta + error: phi (R, P), y (R,) [N m]."""
 
     phi: Array
     y: Array
@@ -59,7 +59,7 @@ class Fit:
         theta: parameters (P,).
         covariance: of theta (P, P), from clusters of residuals.
         residual: y - phi theta (R,) [N m].
-        worst_direction: unit vector (P,) in scaled parameters that the data say least about.
+        worst_direction: least determined unit vector (P,) of the parameters, each times its column's length.
         condition: condition number of the regressor with columns scaled to equal length.
     """
 
@@ -71,7 +71,7 @@ class Fit:
 
     @property
     def std(self) -> Array:
-        """Standard errors (P,); a variance that rounding makes negative counts as zero."""
+        """Standard errors (P,); a negative variance, by rounding, counts as zero."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
@@ -87,8 +87,8 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
         equations: R equations in P unknowns.
         weights: relative weight of each equation (R,).
         clusters: stretch of time of each equation (R,); residuals may be correlated within one.
-        jacobian: further columns (R, S), derivatives with respect to nonlinear parameters that were searched for: they
-            widen the standard errors (and appear after theta in the covariance), but are not solved for.
+        jacobian: derivatives of phi theta by S nonlinear parameters (R, S). They widen the standard errors and follow
+            theta in the covariance (P + S, P + S), but are not solved for.
     """
     phi = equations.phi * weights[:, None]
     theta = solve_least_squares(phi, equations.y * weights)
@@ -100,7 +100,7 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
 
 
 def find_worst_direction(phi: Array) -> tuple[float, Array]:
-    """Return condition number and least determined direction (P,) of columns (R, P) scaled to equal length."""
+    """Return the condition number and the least determined direction (P,) of columns (R, P) scaled to equal length."""
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = 1.0
     values, vectors = np.linalg.eigh((gram := phi.T @ phi) / np.outer(scale, scale))
@@ -111,10 +111,9 @@ def find_worst_direction(phi: Array) -> tuple[float, Array]:
 
 
 def is_converged(residual: Array, change: Array) -> bool:
-    """Return whether a Gauss-Newton step, with its `change` (R,) of the residual (R,), is below standard errors.
+    """Return whether a Gauss-Newton step, which changes the residual (R,) by `change` (R,), is negligible.
 
-    `change` is then small beside the residual in any one direction, and the fit depends neither on its start nor on the
-    order of sums.
+    It is, if the RMS of `change` times sqrt(R) is at most `SOLVER.converged` of the RMS of the residual.
 
     Source: Bates and Watts, Technometrics 23(2), 1981 (the relative offset).
     """
@@ -122,72 +121,77 @@ def is_converged(residual: Array, change: Array) -> bool:
 
 
 def compute_robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
-    """Return the covariance (P, P) of least squares with residuals (R,) that may be correlated within clusters.
+    """Return the covariance (P, P) of least squares with columns (R, P) and residuals (R,) correlated within clusters.
 
-    It is the jackknife's. A parameter that few clusters determine scatters as Student's t: its variance is widened
-    until 1.96 standard errors cover 95 %.
+    `clusters` (R,) has the cluster of each row. If it is one cluster, each row counts as a cluster. The covariance by
+    the jackknife is widened, since few clusters scatter as Student's t, until 1.96 standard errors cover 95 %.
 
     Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (CR3, and degrees of freedom after Satterthwaite).
     """
-    if len(clusters) and not clusters.any():  # one cluster has no others to be compared with: its residuals have
+    if len(clusters) and not clusters.any():
         clusters = np.arange(len(clusters))
-    covariance, told = compute_jackknife(phi, residual, clusters)
-    freedom = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
-    wider = scipy.special.stdtrit(np.maximum(freedom, 2.0), 0.975) / scipy.special.ndtri(0.975)
-    return np.asarray(covariance * np.outer(wider, wider))
+    covariance, shares = compute_jackknife(phi, residual, clusters)
+    freedom = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)
+    widening = scipy.special.stdtrit(np.maximum(freedom, 2.0), 0.975) / scipy.special.ndtri(0.975)
+    return np.asarray(covariance * np.outer(widening, widening))
 
 
 def compute_jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Array]:
     """Return the covariance (P, P) by leaving out each of C clusters, and the share of each in every parameter (C, P).
 
-    A fit follows the clusters that tell it most, whose residuals then look too small. Each cluster's score is what it
-    is without its own pull, (I - X'X B)^-1 X'e with B = (phi' phi)^-1, so that few clusters do not feign certainty.
+    `phi` (R, P), `residual` and `clusters` (R,) as in `compute_robust_covariance`. The score of a cluster with columns
+    X is (I - X'X B)^-1 X'e, B = (phi' phi)^-1, which removes the cluster's own influence on its residuals e.
     """
-    size = np.linalg.norm(phi, axis=0)
-    size[size == 0] = 1.0
-    phi = phi / size
-    bread = np.linalg.pinv(phi.T @ phi, rcond=1e-12, hermitian=True)
+    scale = np.linalg.norm(phi, axis=0)
+    scale[scale == 0] = 1.0
+    phi = phi / scale
+    inverse = np.linalg.pinv(phi.T @ phi, rcond=1e-12, hermitian=True)
     count = int(clusters.max()) + 1
     parts = [(phi[rows], residual[rows]) for rows in (clusters == cluster for cluster in range(count))]
-    grams = np.array([own.T @ own for own, _ in parts])
-    if max(len(own) for own, _ in parts) < len(bread):  # the same by matrices as small as the clusters are
-        alone = np.array([_compute_cluster_score(own, left, np.asarray(bread)) for own, left in parts])
+    grams = np.array([x.T @ x for x, _ in parts])
+    if max(len(x) for x, _ in parts) < len(inverse):  # R x R matrices of a cluster are smaller
+        scores_without = np.array([_compute_cluster_score(x, errors, np.asarray(inverse)) for x, errors in parts])
     else:
-        scores = np.array([own.T @ left for own, left in parts])
-        kept = np.eye(len(bread)) - grams @ bread
-        alone = (_invert_matrices(kept) @ scores[:, :, None])[:, :, 0]
-    told = np.einsum("ij,kji->ki", bread, grams @ bread)
-    meat = alone.T @ alone
-    covariance = (count - 1) / count * bread @ meat @ bread
-    return np.asarray(covariance / np.outer(size, size)), told
+        scores = np.array([x.T @ errors for x, errors in parts])
+        remaining = np.eye(len(inverse)) - grams @ inverse
+        scores_without = (_invert_matrices(remaining) @ scores[:, :, None])[:, :, 0]
+    shares = np.einsum("ij,kji->ki", inverse, grams @ inverse)
+    score_products = scores_without.T @ scores_without
+    covariance = (count - 1) / count * inverse @ score_products @ inverse
+    return np.asarray(covariance / np.outer(scale, scale)), shares
 
 
 def _invert_matrices(matrices: Array) -> Array:
-    """Invert matrices (C, P, P); pseudo-inverses where one may be singular, which take ten times as long."""
+    """Invert matrices (C, P, P); pseudo-invert all of them, ten times as slow, if one may be singular."""
     try:
-        found = np.linalg.inv(matrices)
-        if np.all(np.linalg.norm(found, axis=(1, 2)) * np.linalg.norm(matrices, axis=(1, 2)) < 1e6):
-            return np.asarray(found)
+        inverses = np.linalg.inv(matrices)
+        if np.all(np.linalg.norm(inverses, axis=(1, 2)) * np.linalg.norm(matrices, axis=(1, 2)) < 1e6):
+            return np.asarray(inverses)
     except np.linalg.LinAlgError:
         pass
     return np.asarray(np.linalg.pinv(matrices, rcond=1e-6))
 
 
-def _compute_cluster_score(phi: Array, residual: Array, bread: Array) -> Array:
+def _compute_cluster_score(phi: Array, residual: Array, inverse: Array) -> Array:
     """Compute the score (P,) of a cluster's rows (R, P) without its own influence, phi' (I - phi B phi')^-1 e."""
-    kept = np.eye(len(phi)) - phi @ bread @ phi.T
-    return np.asarray(phi.T @ (np.linalg.pinv(kept, rcond=1e-6, hermitian=True) @ residual))
+    remaining = np.eye(len(phi)) - phi @ inverse @ phi.T
+    return np.asarray(phi.T @ (np.linalg.pinv(remaining, rcond=1e-6, hermitian=True) @ residual))
 
 
 def solve_within_bounds(
     solve: Callable[[Array, Mask], Array], theta: Array, free: Mask, least: Array, most: Array
 ) -> tuple[Array, Mask]:
-    """Solve for parameters (P,) within bounds; return them with the mask of those that are not at a bound.
+    """Solve for parameters (P,) within bounds by an active set; return them with the mask of those still free.
 
-    The solver gives the parameters with the free ones (P,) found anew. Those that leave are held at their bounds; of
-    several that are held, one is let go where it would move back inside (an active set).
+    Free parameters that leave their bounds are held there. If two or more are held, one that would move in is freed.
+
+    Args:
+        solve: maps parameters (P,) and a mask of free ones (P,) to the parameters with the free ones solved.
+        theta: start, and values of the parameters that are not free (P,).
+        free: parameters to solve for (P,).
+        least, most: bounds (P,).
     """
-    known, tried = ~free, set[bytes]()
+    fixed, tried = ~free, set[bytes]()
     while True:
         theta = solve(theta, free)
         bounded = np.clip(theta, least, most)
@@ -195,7 +199,7 @@ def solve_within_bounds(
         theta, free = np.where(leaves, bounded, theta), free & ~leaves
         if leaves.any():
             continue
-        held = np.flatnonzero(~free & ~known)
+        held = np.flatnonzero(~free & ~fixed)
         if len(held) < 2 or free.tobytes() in tried:
             return theta, free
         tried.add(free.tobytes())
@@ -209,15 +213,15 @@ def solve_within_bounds(
 
 
 def sum_without_each(grams: Array) -> Array:
-    """Return the Gram matrices without each of K folds, given those of the folds (K, P + 1, P + 1)."""
-    others = 1.0 - np.eye(len(grams))  # not the difference from the whole, which loses digits
+    """Return for each of K folds the sum of the Gram matrices (K, P + 1, P + 1) of the other folds."""
+    others = 1.0 - np.eye(len(grams))  # the total minus the fold would lose digits
     return np.asarray(np.einsum("lk,kij->lij", others, grams))
 
 
 def solve_gram(gram: Array, least: Array, most: Array) -> Array | None:
-    """Solve normal equations within bounds for parameters (P,), given the Gram matrix (P + 1, P + 1) of [y, phi].
+    """Solve normal equations for parameters (P,) within bounds, from the Gram matrix (P + 1, P + 1) of [y, phi].
 
-    None for nearly collinear columns, for which normal equations lose too many digits.
+    Return None without parameters, or for nearly collinear columns, where normal equations lose too many digits.
     """
     size = np.sqrt(np.diag(gram))
     size[size == 0] = 1.0
@@ -229,7 +233,7 @@ def solve_gram(gram: Array, least: Array, most: Array) -> Array | None:
 
 
 def solve_within(normal: Array, target: Array, least: Array, most: Array) -> Array:
-    """Solve normal equations (P, P) of a left-hand side (P,) for parameters within bounds (P,)."""
+    """Solve normal equations (P, P) with the right-hand side `target` (P,) for parameters (P,) within bounds (P,)."""
 
     def solve(theta: Array, free: Mask) -> Array:
         theta = np.where(free, 0.0, theta)
@@ -240,19 +244,17 @@ def solve_within(normal: Array, target: Array, least: Array, most: Array) -> Arr
 
 
 def weigh_recordings(squares: Array, counts: Index, least: float) -> Array:
-    """Return the weight of each recording (E,) by the sum of its squared residuals (E,).
+    """Return the weight of each recording (E,): the lowest RMS residual of all over its own, at most one.
 
-    A recording without equations, by `counts` (E,), has no weight; residuals below `least` count alike.
+    `squares` (E,) are sums of squared residuals over `counts` (E,) equations. An RMS below `least` counts as `least`.
+    A recording without equations has weight zero.
     """
     levels = np.maximum(np.sqrt(squares / np.maximum(counts, 1)), least) + 1e-300
     return np.where(counts > 0, levels[counts > 0].min() / levels, 0.0)
 
 
 def invert_covariance(covariance: Array) -> Array:
-    """Return the pseudo-inverse of a covariance (P, P), zero for parameters and directions without variance.
-
-    A regression that cannot tell two parameters apart says nothing of their difference.
-    """
+    """Return the pseudo-inverse of a covariance (P, P), zero for parameters and directions without variance."""
     size = np.sqrt(np.diag(covariance))
     size[size == 0] = np.inf
     scale = np.outer(size, size)
@@ -265,9 +267,9 @@ def project_out(frame: Array, columns: Array) -> Array:
 
 
 def solve_least_squares(phi: Array, y: Array) -> Array:
-    """Solve least squares for parameters (P,), with columns scaled to equal length; zero for a column of zeros.
+    """Solve least squares with columns (R, P) and left-hand side (R,) for parameters (P,); zero for a column of zeros.
 
-    Normal equations lose twice as many digits as the columns are alike by, and are used where that is few.
+    Nearly collinear columns are solved by singular value decomposition, others by normal equations.
     """
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = np.inf
@@ -279,24 +281,24 @@ def solve_least_squares(phi: Array, y: Array) -> Array:
 
 
 def triangle_of(phi: Array, y: Array) -> Array:
-    """Return few equations (<= P + 1, P + 1), equivalent to many with columns (R, P) and a left-hand side (R,)."""
+    """Return at most P + 1 equations [phi, y] with the same squared error as R with columns (R, P) and y (R,)."""
     scale = np.linalg.norm(phi, axis=0)
     used = np.flatnonzero(scale)
     scaled = phi[:, used] / scale[used]
     factor = _factor(scaled.T @ scaled) if len(used) else None
     if factor is None:
         return np.asarray(np.linalg.qr(np.column_stack([phi, y]), mode="r"))
-    triangle, own = np.zeros((len(used) + 1, len(scale) + 1)), np.triu(factor)
-    known = scipy.linalg.lapack.dtrtrs(own, scaled.T @ y, trans=1)[0]
-    triangle[:-1, used], triangle[:-1, -1] = own * scale[used], known
-    triangle[-1, -1] = np.linalg.norm(y - scaled @ scipy.linalg.lapack.dtrtrs(own, known)[0])
+    triangle, factor_triangle = np.zeros((len(used) + 1, len(scale) + 1)), np.triu(factor)
+    projection = scipy.linalg.lapack.dtrtrs(factor_triangle, scaled.T @ y, trans=1)[0]
+    triangle[:-1, used], triangle[:-1, -1] = factor_triangle * scale[used], projection
+    triangle[-1, -1] = np.linalg.norm(y - scaled @ scipy.linalg.lapack.dtrtrs(factor_triangle, projection)[0])
     return triangle
 
 
 def _factor(gram: Array) -> Array | None:
-    """Compute the Cholesky factor of scaled normal equations (P, P); None if their least eigenvalue may be too small.
+    """Compute the upper Cholesky factor of scaled normal equations (P, P); None if their least eigenvalue may be small.
 
-    It is at least the inverse of the largest absolute column sum of their inverse, which LAPACK estimates.
+    The lower limit of the eigenvalue is LAPACK's estimate of the inverse of the 1-norm of their inverse.
     """
     factor, fault = scipy.linalg.lapack.dpotrf(gram)
     size = float(np.abs(gram).sum(axis=0).max())

@@ -1,4 +1,4 @@
-"""The history of recursive least squares, all at once."""
+"""Estimates of recursive least squares along a recording, in one pass."""
 
 from __future__ import annotations
 
@@ -14,11 +14,17 @@ PRIOR = 1e7  # P(0) on the diagonal, the paper's "10E6"
 
 
 class History(NamedTuple):
-    """The recursion after the equations at `points`: theta (K, P), covariance for unit noise P (K, P, P)."""
+    """Recursive estimates at K points.
 
-    points: Index  # (K,)
+    Attributes:
+        points: index of the last equation used (K,).
+        theta: parameters (K, P).
+        root: upper triangular root of the covariance for unit noise (K, P, P).
+    """
+
+    points: Index
     theta: Array
-    root: Array  # of P, (K, P, P)
+    root: Array
 
     @property
     def P(self) -> Array:
@@ -37,22 +43,21 @@ def choose_indices(count: int, points: int) -> Index:
 
 
 def compute_history(equations: Equations, mask: Mask, points: Index, prior: float = PRIOR) -> History:
-    """Return the estimates of the recursion, the paper's (6), at `points`, without running it.
+    """Return the estimates of the recursion, the paper's (6), after the equations at `points` (K,), ascending.
 
-    The recursion minimises |theta|^2 / prior plus the squared errors so far. Its square root of information R,
-    R'R = 1 / P, follows from orthogonal triangularisation (QR), which loses half as many digits as sums of squares do:
-    each stretch between points is reduced to a triangle, then added to the one before.
+    Equations outside `mask` (R,) are not used. The estimate minimises |theta|^2 / prior plus the squared errors so far.
+    The rows up to each point are reduced by QR to the triangle R, the square root of information, R'R = 1 / P.
 
     Source: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, chapter IV.
     """
     parameters = equations.phi.shape[1]
-    rows = np.column_stack([equations.phi, equations.y]) * mask[:, None]  # (R, P + 1), an unused equation is 0 = 0
+    rows = np.column_stack([equations.phi, equations.y]) * mask[:, None]  # (R, P + 1)
     ends = np.asarray(points, dtype=np.intp) + 1
     triangle = np.eye(parameters + 1) / np.sqrt(prior)
     triangle[-1, -1] = 0.0
     theta, root = np.empty((len(ends), parameters)), np.empty((len(ends), parameters, parameters))
     for k, (begin, end) in enumerate(zip(np.r_[0, ends[:-1]], ends, strict=True)):
-        reduced = scipy.linalg.lapack.dgeqrf(np.vstack([triangle, rows[begin:end]]))[0]  # R, above the reflectors
+        reduced = scipy.linalg.lapack.dgeqrf(np.vstack([triangle, rows[begin:end]]))[0]  # R and reflectors
         triangle = np.triu(reduced[: parameters + 1])
         root[k] = scipy.linalg.lapack.dtrtri(triangle[:-1, :-1])[0]
         theta[k] = root[k] @ triangle[:-1, -1]
