@@ -69,7 +69,7 @@ def conclude_arm(trial: Trial, found: Diagnosis) -> Diagnosis:
     """Add the residual of each joint, tables that explain it, and the next step."""
     evaluator, terms = trial.evaluator, trial.terms
     left, regions = find_joint_residuals(evaluator, terms)
-    joints = [region.at for region in regions if not region.held_out]
+    joints = [region.at for region in regions if not region.held_out_recordings]
     by_law = ([table for table in evaluator.tables if table.at == at] for at in joints)
     tables = tuple(id for laws in by_law if (id := find_explaining_law(evaluator, terms, laws)) is not None)
     forbidden = Finding(Kind.NO_EFFECT_OPEN) if left else None

@@ -56,7 +56,7 @@ def find_unexplained(found: SearchResult) -> list[Region]:
     if not evaluator.residuals.is_noise_in(evaluator.holdout, unseen):
         beyond = find_regions(evaluator.holdout.samples, unseen, noise_floor(evaluator.holdout), units=units)
         beyond = beyond or _find_scattered_residual(evaluator, evaluator.holdout, unseen)
-        return [replace(region, held_out=evaluator.holdout.names) for region in beyond]
+        return [replace(region, held_out_recordings=evaluator.holdout.names) for region in beyond]
     if not is_misfit(evaluator, last):
         return []
     error = last.errors["train"].position_rms
@@ -80,7 +80,7 @@ def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[
                 sizes[at] = own.correlated_rms if own.z_score > criterion.z_score else own.rms
                 places = find_regions_at(part, residual, at, most=1)
                 region = places[0] if places else make_region_everywhere(at=at, units=part.units(at))
-                regions.append(replace(region, held_out=names))
+                regions.append(replace(region, held_out_recordings=names))
     return sizes, regions
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from estimators.regression.least_squares import Equations
 from estimators.schemes import six
 from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, average_over_samples, compute_increments
-from estimators.signals.measurements import Measurements, remember
+from estimators.signals.measurements import Measurements, add_states
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links
@@ -75,7 +75,7 @@ def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[E
     assert isinstance(links, Links)
     names = links.body.joints
     joints = tuple(
-        remember(m, [own for own in others if own.at == name]) for name, m in zip(names, joints, strict=True)
+        add_states(m, [own for own in others if own.at == name]) for name, m in zip(names, joints, strict=True)
     )
     of_column, supplied = six.VIEWS[view]
     of_body = OF_LINKS[view](joints, links.body)  # (N, n or 1, P)
@@ -100,7 +100,7 @@ def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[E
 
 def apply_scheme(scheme: Scheme, balances: Sequence[Equations], joints: Joints) -> list[Regression]:
     """Apply a scheme to the balance of each joint, or to the balance of all."""
-    clear = [m.clear(scheme.guard) for m in joints]
+    clear = [m.find_clear(scheme.guard) for m in joints]
     gates = [np.all(clear, axis=0)] if scheme.adds_up else clear
     moving = np.any([m.moving for m in joints], axis=0)
     period = joints[0].period

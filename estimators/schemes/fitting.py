@@ -24,7 +24,7 @@ from estimators.regression.least_squares import (
 from estimators.regression.recursive import choose_indices, compute_history
 from estimators.schemes.balance import Joints, adapt_to_arms, apply_scheme, compute_balances
 from estimators.schemes.six import LowPass, Regression, Regressor, Scheme, give
-from estimators.signals.measurements import measure_joints, remember
+from estimators.signals.measurements import add_states, measure_joints
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.joints import Links
 from pendulum_env.arms.model import make_arm_model
@@ -165,7 +165,7 @@ def measure_segments(recordings: Sequence[Recording], terms: Sequence[Term]) -> 
     names = terms[0].mechanism.joints
     own = [[term for term in terms if term.at == name] for name in names]
     return [
-        [tuple(map(remember, joints, own)) for joints in measure_joints(recording.joints)] for recording in recordings
+        [tuple(map(add_states, joints, own)) for joints in measure_joints(recording.joints)] for recording in recordings
     ]
 
 

@@ -46,7 +46,7 @@ def find_undetermined(
     `units` are those at the joint.
     """
     names = [column.name for term in terms for column in term.columns]
-    clear = [m.clear(GUARD) for m in measurements]
+    clear = [m.find_clear(GUARD) for m in measurements]
     velocity = np.concatenate([m.velocity[use] for m, use in zip(measurements, clear, strict=True)])
     if not len(velocity):
         return (Finding(Kind.NO_MOTION, parameters=tuple(names)),)

@@ -28,7 +28,7 @@ import numpy as np
 
 from estimators.arguments import convert_to_tuple
 from estimators.regression.least_squares import Equations
-from estimators.signals.measurements import Measurements, remember
+from estimators.signals.measurements import Measurements, add_states
 from pendulum_env._typing import Array, Mask
 from pendulum_env.filters import filter_lag
 from pendulum_env.lookup import find
@@ -244,11 +244,11 @@ class Scheme:
 
     def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
         """Compute equations y = phi theta, phi (N, P); y is the supply minus fixed columns and known load."""
-        m, (view, supplied) = remember(m, terms), VIEWS[self.view]
+        m, (view, supplied) = add_states(m, terms), VIEWS[self.view]
         phi = np.column_stack([view(m, column) for term in terms for column in term.columns])
         fixed = [column for term in terms for column in term.fixed] + ([LOAD] if m.load else [])
         y = supplied(m) - sum(view(m, column) for column in fixed)
-        return self.apply_operator(Equations(phi, y), self.gate(m.clear(self.guard), m.moving), m.period)
+        return self.apply_operator(Equations(phi, y), self.gate(m.find_clear(self.guard), m.moving), m.period)
 
     def gate(self, clear: Mask, moving: Mask) -> Mask:
         """Find equations (N,) of the view without a sample in stick; the first one has no earlier sample."""

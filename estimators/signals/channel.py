@@ -11,7 +11,7 @@ from pendulum_env.filters import filter_lag
 from pendulum_env.physics import Samples
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime
 
-ECHO = 0.8  # of a half-sample mixture that is undone: all of it would raise noise without bounds
+ECHO = 0.8  # largest feedback of an inverse filter of a mixture of two samples; at 1 noise would grow without bounds
 
 
 @dataclass(frozen=True)
@@ -19,12 +19,11 @@ class Channel:
     """Law of the torque channel, which converts the logged torque into the acting torque.
 
     Attributes:
-        delay: [s] by which torque is logged late, as against one that is held from its sample to the next; below zero,
-            by which it acts late.
-        lag: time constant [s] of a filter that the logged torque has passed, its output at the end of each period
-            being logged; below zero, of one that the acting torque passes.
-        is_sampled: whether torque was sampled from one that went on changing until the next sample, as the position
-            was, which is a delay of half a sample; else it was held until then.
+        delay: time by which torque is logged late [s]; if negative, torque acts late by -delay.
+        lag: time constant [s] of a low-pass filter in the log, whose output at the end of each period is logged; if
+            negative, -lag is the time constant of a filter of the acting torque.
+        is_sampled: whether the log has samples of a torque that changes continuously; else torque is held from each
+            sample to the next.
     """
 
     delay: float = 0.0
@@ -37,29 +36,36 @@ class Channel:
         return self.delay + self.lag > 0
 
     def remove_filter(self, torque: Array, period: float) -> Array:
-        """Return torque (N,) before the filter of the log, y[k] = a y[k-1] + (1 - a) u[k], a = exp(-period / lag)."""
+        """Return the torque u (N,) before the filter of the log, at a sample time `period` [s].
+
+        The filter is y[k] = a y[k-1] + (1 - a) u[k], a = exp(-period / lag). A lag of at most zero changes nothing.
+        """
         if self.lag <= 0:
             return torque
         return torque + np.diff(torque, prepend=torque[0]) / np.expm1(period / self.lag)
 
     def hold_torque(self, torque: Array, period: float) -> Array:
-        """Return the acting torque (N,) from each sample to the next, without delay and filter of the log.
+        """Return the torque (N,) held from each sample to the next, before delay and filter of the log.
 
-        A log that is late by n + f samples saw (1 - f) u[k - n] + f u[k - n - 1] of a torque that was held; averaging
-        once more would blunt every step, so that this is undone, forwards or backwards in time, whichever is stable.
+        A held torque u that is logged n + f samples late reads (1 - f) u[k - n] + f u[k - n - 1]. This mixture is
+        inverted forwards in time for f <= 0.5, else backwards, with a feedback of at most `ECHO`. The ends repeat.
+        A negative lag is not applied.
         """
         torque = self.remove_filter(torque, period)
         if self.is_sampled:
             return _hold_sampled_torque(torque, self.delay / period)
-        whole, share = divmod(self.delay / period, 1.0)
+        whole_samples, share = divmod(self.delay / period, 1.0)
         if share <= 0.5:
             acting = _unmix_series(torque, share)
         else:
-            whole, acting = whole + 1, _unmix_series(torque[::-1], 1 - share)[::-1]
-        return acting[np.clip(np.arange(len(torque)) + int(whole), 0, len(torque) - 1)]
+            whole_samples, acting = whole_samples + 1, _unmix_series(torque[::-1], 1 - share)[::-1]
+        return acting[np.clip(np.arange(len(torque)) + int(whole_samples), 0, len(torque) - 1)]
 
     def average_torque(self, x: Samples, torque: Array, period: float) -> Array:
-        """Average the acting torque under a triangle over both sides of each sample (N,), as windows use it."""
+        """Average the acting torque under a triangle from one sample before to one after each sample (N,) [N m].
+
+        A negative lag is applied without the delay. `x` are the samples of the recording (N,).
+        """
         if self.lag < 0:
             return ActuatorLag(-self.lag).trace(x, torque, period)[0]
         torque, delay = self.remove_filter(torque, period), self.delay
@@ -69,22 +75,25 @@ class Channel:
 
 
 def _hold_sampled_torque(torque: Array, late: float) -> Array:
-    """Compute the held torque (N,) with the effect of a smooth torque, sampled and logged late by some samples.
+    """Compute the held torque (N,) with the same effect as a smooth torque that is logged `late` samples late.
 
-    That is the cubic through four samples, and of this the averages between samples less what holding them blunts:
-    right to the fourth order.
+    A cubic through four samples gives the torque `late` - 0.5 samples later. A filter of four samples adds the missing
+    half sample and converts it into held torque, with an error of fourth order. The ends repeat.
     """
-    whole, share = divmod(late - 0.5, 1.0)
+    whole_samples, share = divmod(late - 0.5, 1.0)
     nodes = np.arange(-1, 3)
     cubic = [np.prod([(share - b) / (a - b) for b in nodes if b != a]) for a in nodes]
     weights = np.convolve(cubic, np.array([-1.0, 7.0, 7.0, -1.0]) / 12)  # of samples k + whole - 2 to k + whole + 4
-    place = np.arange(len(torque))[:, None] + int(whole) + np.arange(-2, 5)
-    return np.asarray(torque[np.clip(place, 0, len(torque) - 1)] @ weights)
+    index = np.arange(len(torque))[:, None] + int(whole_samples) + np.arange(-2, 5)
+    return np.asarray(torque[np.clip(index, 0, len(torque) - 1)] @ weights)
 
 
 def _unmix_series(mixed: Array, share: float) -> Array:
-    """Recover a series u (N,) from its mixture (1 - share) u[k] + share u[k - 1], with a share of at most 0.5."""
-    echo = min(share / (1 - share), ECHO)
-    clear = filter_lag(mixed, -echo, mixed[0])
-    rest = share - echo / (1 + echo)  # of a sample, by which slow torque would still be late
-    return (1 - rest) * clear + rest * np.append(clear[1:], clear[-1])
+    """Recover a series u (N,) from its mixture (1 - share) u[k] + share u[k - 1], with a share of at most 0.5.
+
+    The recursion's feedback is at most `ECHO`; the remaining delay of a slow series is interpolated.
+    """
+    feedback = min(share / (1 - share), ECHO)
+    unmixed = filter_lag(mixed, -feedback, mixed[0])
+    late = share - feedback / (1 + feedback)  # remaining delay of a slow series [samples]
+    return (1 - late) * unmixed + late * np.append(unmixed[1:], unmixed[-1])

@@ -1,13 +1,13 @@
 """Measurements: motion and torque of a recording at the same instants, through one zero-phase filter.
 
 The torque balance stays true if every part of it passes the same linear filter. All quantities here pass one symmetric
-window w without a second moment, so that it is transparent to cubics: linear terms suffer nothing from it, and sin q
-or |q'| of smoothed motion are off by a fourth power of its length only.
+window w without a second moment. It does not change cubics; sin q or |q'| of smoothed motion have an error of fourth
+order in its length.
 
 The command is held: between samples k - 1 and k acts command k - 1. The second difference of the position at k is the
 average acceleration under a triangle over k - 1 to k + 1, and the torque under that triangle is exactly the mean of
-commands k - 1 and k. Central differences average velocity likewise. Whatever differentiation averages, command and
-motion are averaged alike, and a correction by second differences d^2 undoes it for both.
+commands k - 1 and k. Central differences average velocity in the same way. A correction by second differences d^2
+undoes this averaging for motion and command.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.term import ROOM, UNLOADED, Memory
 from pendulum_env.recording import Recording
 
-SPARE = 30  # samples that a recording is longer than the filter
+SPARE = 30  # samples by which a recording has to be longer than the filter
 TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS, of a run under the paper's excitation
-CLEAN = 0.01  # of the RMS acceleration: more noise than this biases inertia by more than 1e-4
-CLEAN_SWING = 0.03  # the same of a free swing, whose acceleration is no unknown's column: there noise biases nothing
-SIDES = 3  # samples on either side that the kernels below reach to
+CLEAN = 0.01  # noise over RMS acceleration: more biases inertia by more than 1e-4
+CLEAN_SWING = 0.03  # the same of a free swing, whose inertia is known and not biased
+SIDES = 3  # samples on either side that the kernels below use
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
 VALUE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 # (q[k+1] - q[k-1]) / 2 averages velocity, if it is linear between samples, by 1/4, 1/2, 1/4; 1 - d^2/4 undoes it.
@@ -47,16 +47,17 @@ class Measurements:
     """N filtered samples of one recording, without its ends; made by `measure`.
 
     Attributes:
-        time: (N,) [s].
+        time: instants (N,) [s].
         position, velocity, acceleration: smoothed, at the instants (N,) [rad], [rad/s], [rad/s^2].
-        torque: at the instants, between two commands (N,) [N m].
-        held: mean torque between the sample before and this one (N,) [N m].
-        moving: samples whose velocity has a sign beyond its noise (N,).
-        period: between samples [s].
+        torque: filtered torque at the instants, the mean of the commands before and after (N,) [N m].
+        held: filtered torque from the sample before to this one (N,) [N m].
+        moving: samples whose speed exceeds `Smoothing.slowest` (N,).
+        period: sample time [s].
         torque_noise: standard deviation of the white noise in `held` [N m].
         reach: samples on either side that a value depends on.
-        memory: state variables of terms that have any, by term id, see `remember`.
-        load: what is known to hang on the joint, and to act on it.
+        memory: state variables of terms with state, by term id, see `add_states`.
+        load: known load of the joint.
+        temperature: of the joint [deg C].
     """
 
     time: Array
@@ -86,10 +87,10 @@ class Measurements:
         """Return the samples on which columns depend, (N,) each."""
         return Samples(self.time, self.position, self.velocity, self.torque, self.memory, self.load, self.temperature)
 
-    def clear(self, guard: float | None) -> Mask:
-        """Find samples that are farther than `guard` [s] and the reach of the filter from stick and reversals (N,).
+    def find_clear(self, guard: float | None) -> Mask:
+        """Find samples farther than `guard` [s] and the reach of the filter from stick and reversals (N,).
 
-        Terms with memory do not know their start: with them, the first moments are left out too.
+        All samples are clear if `guard` is None. With `memory`, the first `LEAD_IN` seconds are left out too.
         """
         clear = np.ones(len(self), dtype=bool)
         if guard is not None:
@@ -114,8 +115,8 @@ class Smoothing:
     """Filter of motion and torque of a recording.
 
     Attributes:
-        half_width: of its window [samples].
-        slowest: velocity below which its sign is not trusted [rad/s].
+        half_width: half width of the window [samples].
+        slowest: speed below which the sign of the velocity is not trusted [rad/s].
     """
 
     half_width: int
@@ -123,14 +124,15 @@ class Smoothing:
 
     @classmethod
     def of_encoder(cls, counts: int, rate: float) -> Smoothing:
-        """Choose the window for the resolution of an encoder, see `of_noise`."""
+        """Choose the window for an encoder of some counts per turn at a sampling rate [Hz], see `of_noise`."""
         return cls.of_noise(compute_encoder_noise(counts), rate)
 
     @classmethod
     def of_noise(cls, noise: float, rate: float) -> Smoothing:
-        """Choose the smallest half-width of at least two samples with negligible position noise in the acceleration.
+        """Choose the smallest half width of at least two samples that keeps noise of the acceleration below a limit.
 
-        For online use, where the motion to come is not known: it is taken to be as lively as `TYPICAL_ACCELERATION`.
+        The limit is `CLEAN` times `TYPICAL_ACCELERATION`, as future motion is unknown online. The largest candidate is
+        taken if none meets it. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
         """
         widths = [m for m in range(2, max(3, round(HALF_WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
         for m in widths:
@@ -142,46 +144,48 @@ class Smoothing:
         return cls(m, max(SLOWEST, 5 * noise * rate * _compute_noise_gain(np.convolve(make_window(m), SLOPE))))
 
     def of_position(self) -> Array:
-        """Return weights (2 reach + 1,) of positions, newest first, for the position."""
+        """Return weights (2 reach + 1,) of positions, newest first, for the smoothed position."""
         return np.convolve(make_window(self.half_width), VALUE)
 
     def of_steps(self, period: float) -> Array:
         """Return weights (2, 2 reach) of position steps, newest first, for velocity and acceleration.
 
-        Steps rather than positions: while the encoder stands still, velocity is then 0 and not what rounding leaves.
+        With steps in the place of positions, the velocity of a resting encoder is exactly 0. `period` in [s].
         """
         w = make_window(self.half_width)
         kernels = np.array([np.convolve(w, SLOPE) / period, np.convolve(w, CURVATURE) / period**2])
         return np.cumsum(kernels, axis=1)[:, :-1]
 
     def of_torque(self) -> Array:
-        """Return weights (2, 2 reach + 1), newest first, for the torque at the instant and over the sample before."""
+        """Return weights (2, 2 reach + 1) of commands, newest first, for `Measurements.torque` and `.held`."""
         w = make_window(self.half_width)
         return np.array([np.convolve(w, AT_INSTANT), np.convolve(w, BEFORE)])
 
     @property
     def reach(self) -> int:
-        """Return the number of samples on either side of a value; the torque uses one later sample less."""
+        """Return the number of samples on either side that a value depends on."""
         return self.half_width + SIDES
 
 
 def compute_encoder_noise(counts: int) -> float:
-    """Return the standard deviation of the position noise of an encoder [rad]; 0 counts measure exactly."""
+    """Return the standard deviation of the rounding of an encoder [rad], from counts per turn; 0 for 0 counts."""
     return float(2 * np.pi / counts / np.sqrt(12)) if counts else 0.0
 
 
 def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measurements:
-    """Filter a recording; its velocity is not used, since its delay is unknown.
+    """Filter a recording, with the window of `choose_smoothing` unless given; its own velocity is not used.
+
+    The first and last `smoothing.reach` samples are left out.
 
     Raises:
         IdentificationError: if the recording is too short.
     """
     period = 1.0 / recording.rate
-    fewest = SPARE if smoothing is None else 2 * smoothing.half_width + SPARE
-    if len(recording) < fewest:
+    least_count = SPARE if smoothing is None else 2 * smoothing.half_width + SPARE
+    if len(recording) < least_count:
         raise IdentificationError(
-            f"{recording.name}: {len(recording)} samples are too few to differentiate, at least {fewest} are needed: "
-            "record longer"
+            f"{recording.name}: {len(recording)} samples are too few to differentiate, at least {least_count} are "
+            "needed: record longer"
         )
     smoothing = smoothing or choose_smoothing(recording)
     slope, curvature = smoothing.of_steps(period)
@@ -208,19 +212,23 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
 
 
 def measure_segments(recording: Recording) -> list[Measurements]:
-    """Filter each segment of a recording, see `measure_joints`."""
+    """Filter each segment of a recording of one joint, see `measure_joints`."""
     return [m for (m,) in measure_joints([recording])]
 
 
 def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]]:
-    """Filter n joints in each segment of their recordings; segments too short to differentiate are left out.
+    """Filter n joints in each segment of their recordings; return n measurements per segment.
 
-    All pass the longest of the windows that the joints ask for: their rows of the balance share all motion.
+    All joints pass the longest window of `choose_smoothing` in the longest segment, since their equations share all
+    motion. Segments too short for it are left out.
+
+    Raises:
+        IdentificationError: if all segments are too short.
     """
     segments = list(zip(*(joint.segments for joint in joints), strict=True))
     longest = max(segments, key=lambda segment: len(segment[0]))
     if len(longest[0]) < SPARE:
-        measure(longest[0])  # says so
+        measure(longest[0])  # raises the error
     chosen = [choose_smoothing(joint) for joint in longest]
     width = max(smoothing.half_width for smoothing in chosen)
     chosen = [replace(smoothing, half_width=width) for smoothing in chosen]
@@ -231,8 +239,8 @@ def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]
     ]
 
 
-def remember(m: Measurements, terms: Sequence[Term]) -> Measurements:
-    """Add the states of the terms along measurements, driven by the acting torque."""
+def add_states(m: Measurements, terms: Sequence[Term]) -> Measurements:
+    """Return the measurements with the states of terms in `memory`, driven by `held`; present states stay."""
     command = np.append(m.held[1:], m.held[-1])  # from each sample to the next
     states = {
         id: memory
@@ -246,23 +254,24 @@ def remember(m: Measurements, terms: Sequence[Term]) -> Measurements:
 def choose_smoothing(recording: Recording) -> Smoothing:
     """Choose the shortest window of at least two samples with negligible encoder noise in the acceleration.
 
-    Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
-    is all noise, which falls with the window's length to the power -2.5.
+    Noise is negligible below `CLEAN` of the RMS acceleration (`CLEAN_SWING` in a free swing); the longest candidate is
+    taken if none meets it. Short windows keep more samples near reversals, which show friction.
     """
     noise, clean = estimate_encoder_noise(recording.position), CLEAN_SWING if recording.known_inertia else CLEAN
     longest = (len(recording) - SPARE) // 2
     widths = sorted({min(longest, max(2, round(width * recording.rate))) for width in HALF_WIDTHS})
-    for m in widths:
-        curvature = np.convolve(make_window(m), CURVATURE)
-        total = float(np.mean(np.convolve(recording.position, curvature, "valid") ** 2))
-        encoder = (noise * _compute_noise_gain(curvature)) ** 2
-        if encoder <= clean**2 * max(0.0, total - encoder):
+    for half_width in widths:
+        curvature = np.convolve(make_window(half_width), CURVATURE)
+        total_square = float(np.mean(np.convolve(recording.position, curvature, "valid") ** 2))
+        noise_square = (noise * _compute_noise_gain(curvature)) ** 2
+        if noise_square <= clean**2 * max(0.0, total_square - noise_square):
             break
     return Smoothing(
-        m, max(SLOWEST, 5 * noise * recording.rate * _compute_noise_gain(np.convolve(make_window(m), SLOPE)))
+        half_width,
+        max(SLOWEST, 5 * noise * recording.rate * _compute_noise_gain(np.convolve(make_window(half_width), SLOPE))),
     )
 
 
 def _compute_noise_gain(kernel: Array) -> float:
-    """Compute the gain of a kernel for white noise."""
+    """Compute the gain of a kernel (K,) for the standard deviation of white noise."""
     return float(np.sqrt(kernel @ kernel))

@@ -9,37 +9,37 @@ from pendulum_env.physics import KnownLoad
 from pendulum_env.physics.term import ROOM, UNLOADED
 from pendulum_env.recording import NEWTON_METRE, Recording
 
-HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
+HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # candidates of windows [s]
 LEAD_IN = 0.3  # [s] at the start, in which effects with memory still depend on their unrecorded initial state
-SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity has no sign
+SLOWEST = 0.02  # [rad/s], least speed with a known sign; five times the noise of the velocity if that is larger
 
 
 def get_temperature(recording: Recording) -> Array:
     """Return the temperature along a recording (N,) [deg C]; room temperature without a measurement.
 
-    A thermometer shows it in steps. Where it shows another value, the temperature is between both; where it turns
-    round, and at either end, it is taken for what is shown.
+    A thermometer that shows steps is interpolated: halfway between two values at each step, at the shown value at
+    both ends and in the middle of each extreme.
     """
     if recording.temperature is None:
         return np.full(len(recording), ROOM)
-    time, begins = recording.time, np.flatnonzero(np.diff(recording.temperature, prepend=np.nan) != 0)
-    shown, middles = recording.temperature[begins], 0.5 * (time[begins] + time[np.append(begins[1:], len(time)) - 1])
+    time, steps = recording.time, np.flatnonzero(np.diff(recording.temperature, prepend=np.nan) != 0)
+    shown, middles = recording.temperature[steps], 0.5 * (time[steps] + time[np.append(steps[1:], len(time)) - 1])
     turns = 1 + np.flatnonzero(np.diff(shown)[:-1] * np.diff(shown)[1:] < 0)
-    changes = 0.5 * (time[begins[1:] - 1] + time[begins[1:]])
-    at = np.concatenate([time[[0, -1]], changes, middles[turns]])
-    value = np.concatenate([shown[[0, -1]], 0.5 * (shown[1:] + shown[:-1]), shown[turns]])
-    order = np.argsort(at)
-    return np.interp(time, at[order], value[order])
+    changes = 0.5 * (time[steps[1:] - 1] + time[steps[1:]])
+    instants = np.concatenate([time[[0, -1]], changes, middles[turns]])
+    values = np.concatenate([shown[[0, -1]], 0.5 * (shown[1:] + shown[:-1]), shown[turns]])
+    order = np.argsort(instants)
+    return np.interp(time, instants[order], values[order])
 
 
 def get_known_load(recording: Recording) -> KnownLoad:
-    """Return the known load of samples of a recording; none if the torque is not in N m."""
+    """Return the known load of a recording; no load if the torque is not in N m."""
     return UNLOADED if recording.torque_unit != NEWTON_METRE else load_in_newton_metres(recording)
 
 
 def load_in_newton_metres(recording: Recording) -> KnownLoad:
-    """Return the known load of a recording for any unit of its torque."""
-    outside = 0.0 if recording.load_torque is None else recording.load_torque
+    """Return the known load of a recording [kg m^2, N m], for any unit of its torque."""
+    measured = 0.0 if recording.load_torque is None else recording.load_torque
     if recording.load is None:
-        return KnownLoad(torque=outside)
-    return KnownLoad(recording.load.inertia, recording.load.gravity, outside)
+        return KnownLoad(torque=measured)
+    return KnownLoad(recording.load.inertia, recording.load.gravity, measured)

@@ -18,28 +18,28 @@ SYMBOLS = {"position": "q", "velocity": "q'", "torque": "tau", "time": "t", "fre
 class RegionSettings:
     """Settings of profiles, and limits of significant regions."""
 
-    bins: int = 24
-    turns: float = 2.0  # turns of the joint, from which on its angle is told within one
-    fine: int = 4  # times as many bins over a turn: what repeats along it repeats often
-    share: float = 0.03  # of what the first finding tells, that another has to
-    stands_out: float = 5.0  # standard errors
+    bins: int = 24  # of a profile
+    turns: float = 2.0  # range of the angle above which it is wrapped to one turn [turns]
+    fine: int = 4  # factor on the bins over a turn, which resolves periodic torque
+    share: float = 0.03  # least significance of a further profile, relative to the first
+    stands_out: float = 5.0  # least mean residual of a region [standard errors]
 
 
 REGIONS = RegionSettings()
-WITHIN = "rad within a turn"
+WITHIN = "rad within a turn"  # unit of wrapped angles
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Residual over one quantity: mean and scatter in bins of equal count.
+    """Mean residual over one quantity, in bins of equal count; over frequency, a spectrum.
 
     Attributes:
-        axis: position, velocity, torque, time or frequency.
+        axis: key of `SYMBOLS`.
         unit: of the axis.
-        units: at the joint, of axis and residual.
-        edges: limits of the bins (K + 1,).
-        mean: mean residual in each bin (K,) [N m]; for frequency the amplitude.
-        error: its standard error from noise alone (K,) [N m].
+        edges: limits of the bins (K + 1,), in `unit`.
+        mean: mean residual in each bin (K,) [N m]; over frequency the amplitude.
+        error: standard error of the mean by noise alone (K,) [N m].
+        units: names of the joint's units.
     """
 
     axis: str
@@ -55,16 +55,16 @@ class Region:
     """Interval of one axis with a significant residual.
 
     Attributes:
-        axis: position, velocity, torque, time or frequency.
-        low, high: ends of the stretch.
-        residual: mean [N m]; for frequency the amplitude.
-        significance: in standard errors of the noise.
-        unit: of the axis.
-        at: joint of an arm.
-        units: at the joint, of axis and residual.
-        is_profiled: whether the stretch is one of a profile; else nothing stands out at one place.
-        held_out: names of recordings, if the residual is that of held-out data alone.
-        cause: a finding that says more than the stretch.
+        axis: key of `SYMBOLS`.
+        low, high: ends of the interval, in `unit`.
+        residual: mean [N m]; over frequency the amplitude.
+        significance: absolute mean over its standard error by noise.
+        unit: of the axis; empty for a constant.
+        at: joint of an arm; empty for a pendulum.
+        units: names of the joint's units.
+        is_profiled: whether the interval comes from a profile; else the residual is not limited to it.
+        held_out_recordings: names of the recordings, if only held-out data have the residual.
+        cause: finding that explains the residual, if there is one.
     """
 
     axis: str
@@ -76,12 +76,12 @@ class Region:
     at: str = ""
     units: JointUnits = TURNING
     is_profiled: bool = True
-    held_out: tuple[str, ...] = ()
+    held_out_recordings: tuple[str, ...] = ()
     cause: Finding | None = None
 
     @property
     def is_constant(self) -> bool:
-        """Return whether the residual is constant."""
+        """Return whether the residual is constant: over time, without a unit."""
         return self.axis == "time" and not self.unit
 
     @property
@@ -90,7 +90,7 @@ class Region:
         return str(self.cause.kind) if self.cause is not None else self.axis
 
     def json(self) -> JSON:
-        """Return a dictionary for JSON; null means no limit."""
+        """Return a dictionary for JSON; an infinite limit becomes null, and `unit` belongs to the axis."""
         low, high = (limit if np.isfinite(limit) else None for limit in (self.low, self.high))
         return {
             "joint": self.at,
@@ -100,7 +100,7 @@ class Region:
             "unit": self.unit,
             "residual": self.residual,
             "significance": self.significance,
-            "held_out": [*self.held_out],
+            "held_out": [*self.held_out_recordings],
             "cause": self.cause.json() if self.cause is not None else None,
         }
 
@@ -113,7 +113,16 @@ def make_region_everywhere(
     at: str = "",
     units: JointUnits = TURNING,
 ) -> Region:
-    """Return the region of all recorded speeds, or of any: the residual is at no one place."""
+    """Return the region of all recorded velocities, or of any without samples, for a residual at no single place.
+
+    Args:
+        cause: finding that explains the residual.
+        x: recorded samples.
+        size: residual [N m].
+        floor: noise floor, by which the size is divided for the significance [N m].
+        at: joint of an arm.
+        units: names of the joint's units.
+    """
     fast = np.inf if x is None else float(np.abs(x.velocity).max())
     return Region(
         "velocity", -fast, fast, size, size / floor, units.unit("rad/s"), at, units, is_profiled=False, cause=cause
@@ -121,36 +130,41 @@ def make_region_everywhere(
 
 
 def makes_whole_turns(position: Array) -> bool:
-    """Return whether a joint makes whole turns, so that its angle (R,) [rad] is taken within a turn."""
+    """Return whether the angle (R,) [rad] spans more than `REGIONS.turns` turns."""
     return bool(np.ptp(position) > REGIONS.turns * 2 * np.pi)
 
 
 def wrap_angles(position: Array) -> Array:
-    """Wrap angles (N,) to one turn [rad]."""
+    """Wrap angles (N,) to the range from -pi to pi [rad]."""
     return (np.asarray(position) + np.pi) % (2 * np.pi) - np.pi
 
 
-def profile(axis: str, values: Array, residual: Array, noise: float) -> Profile:
-    """Bin the residual (R,) over `values` (R,) with equal counts; `noise` is the standard deviation of noise alone.
+def compute_profile(axis: str, values: Array, residual: Array, noise: float) -> Profile:
+    """Return the profile of a residual (R,) [N m] over `values` (R,), in bins of equal count.
 
-    The angle of a joint that turns is taken within a turn.
+    `axis` is a key of `AXES`, and `noise` the standard deviation of each residual by noise alone [N m]. Angles of a
+    joint that makes whole turns are wrapped to one turn.
     """
-    around = axis == "position" and makes_whole_turns(values)
-    values, unit = (wrap_angles(values), WITHIN) if around else (np.asarray(values), AXES[axis])
-    count = max(2, min(REGIONS.bins * (REGIONS.fine if around else 1), len(values) // 8))
+    is_wrapped = axis == "position" and makes_whole_turns(values)
+    values, unit = (wrap_angles(values), WITHIN) if is_wrapped else (np.asarray(values), AXES[axis])
+    count = max(2, min(REGIONS.bins * (REGIONS.fine if is_wrapped else 1), len(values) // 8))
     edges = np.quantile(values, np.linspace(0, 1, count + 1))
-    which = _make_bins(values, edges)
-    number = np.maximum(np.bincount(which, minlength=count), 1)
-    mean = np.bincount(which, weights=residual, minlength=count) / number
-    return Profile(axis, unit, edges, mean, noise / np.sqrt(number))
+    bin_of_row = _find_bins(values, edges)
+    counts = np.maximum(np.bincount(bin_of_row, minlength=count), 1)
+    mean = np.bincount(bin_of_row, weights=residual, minlength=count) / counts
+    return Profile(axis, unit, edges, mean, noise / np.sqrt(counts))
 
 
-def _make_bins(values: Array, edges: Array) -> Array:
+def _find_bins(values: Array, edges: Array) -> Array:
+    """Return the bin of each value (R,), from 0 to K - 1; values outside the edges (K + 1,) are in the outer bins."""
     return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
 
 
 def compute_spectrum(time: Array, residual: Array, noise: float) -> Profile:
-    """Compute the amplitude of the residual (R,) [N m] over frequency [Hz] by Lomb-Scargle, as windows may be missing.
+    """Return the spectrum of a residual (R,) [N m] at times (R,) [s] by Lomb-Scargle, as windows may be missing.
+
+    It has at most 399 frequencies, multiples of one over the duration, up to 0.4 of the window rate. `noise` is the
+    standard deviation of each residual by noise alone [N m].
 
     Source: Scargle, Astrophysical Journal 263, 1982.
     """
@@ -163,7 +177,7 @@ def compute_spectrum(time: Array, residual: Array, noise: float) -> Profile:
 
 
 def _fit_amplitude(time: Array, residual: Array, omega: float) -> float:
-    """Fit a cosine and a sine of omega [rad/s], and return the amplitude of their sum.
+    """Fit a cosine and a sine of omega [rad/s] to a residual (R,) at times (R,) [s]; return the amplitude of their sum.
 
     It is sqrt(4 P / R) of the power P by `scipy.signal.lombscargle`, whose package takes half a second to import.
     """
@@ -177,15 +191,18 @@ def _fit_amplitude(time: Array, residual: Array, omega: float) -> float:
 def compute_profiles(
     x: Samples, residual: Array, noise: float, axes: Sequence[str] = tuple(SYMBOLS), units: JointUnits = TURNING
 ) -> list[Profile]:
-    """Compute profiles over position, velocity, torque and time, and the spectrum, or some of these."""
-    found = [
+    """Compute the profile of a residual (R,) over each of some axes, keys of `SYMBOLS`; see `compute_profile`.
+
+    Frequency gives the spectrum. Torque is left out if it is constant.
+    """
+    profiles = [
         compute_spectrum(np.asarray(x.time), residual, noise)
         if axis == "frequency"
-        else profile(axis, np.asarray(getattr(x, axis)), residual, noise)
+        else compute_profile(axis, np.asarray(getattr(x, axis)), residual, noise)
         for axis in axes
         if axis != "torque" or np.ptp(x.torque) > 0
     ]
-    return [replace(own, unit=units.unit(own.unit), units=units) for own in found]
+    return [replace(profile, unit=units.unit(profile.unit), units=units) for profile in profiles]
 
 
 def find_regions(
@@ -196,69 +213,78 @@ def find_regions(
     most: int = 6,
     units: JointUnits = TURNING,
 ) -> list[Region]:
-    """Find regions with a mean residual above five standard errors, the most significant first.
+    """Find at most `most` regions whose mean residual is above five standard errors.
 
-    Each finding is told once: over the quantity whose profile tells most of it for the number of its bins, or as a
-    constant; over others, what that leaves. Where each finding shows most comes first.
+    In turn, the most significant profile, or a constant, is subtracted from the residual (R,) [N m], until none is
+    significant or exceeds `REGIONS.share` of the first. The top region of each profile comes first, then the others.
+    `noise` is the standard deviation of each residual by noise alone [N m].
     """
-    places: list[Region] = []
-    more: list[Region] = []
-    left, first = np.asarray(residual, dtype=float), 0.0
+    main: list[Region] = []
+    further: list[Region] = []
+    remaining, largest = np.asarray(residual, dtype=float), 0.0
     for _ in range(len(axes) + 1):
-        laws = [
-            law
-            for law in (_make_constant_profile(x, left, noise, units), *compute_profiles(x, left, noise, axes, units))
-            if _find_profile_regions(law)
+        profiles = [
+            profile
+            for profile in [
+                _make_constant_profile(x, remaining, noise, units),
+                *compute_profiles(x, remaining, noise, axes, units),
+            ]
+            if _find_profile_regions(profile)
         ]
-        law = max(laws, key=compute_significance, default=None)
-        if law is None or compute_significance(law) < REGIONS.share * first:
+        top = max(profiles, key=compute_significance, default=None)
+        if top is None or compute_significance(top) < REGIONS.share * largest:
             break
-        place, *others = _find_profile_regions(law)
-        places, more, first = [*places, place], [*more, *others], first or compute_significance(law)
-        left = left - _evaluate_profile(law, x, left)
-    return [*places, *more][:most]
+        region, *others = _find_profile_regions(top)
+        main, further, largest = [*main, region], [*further, *others], largest or compute_significance(top)
+        remaining = remaining - _evaluate_profile(top, x, remaining)
+    return [*main, *further][:most]
 
 
 def _make_constant_profile(x: Samples, residual: Array, noise: float, units: JointUnits) -> Profile:
-    """Compute the mean as a profile with one bin over all times."""
+    """Return the mean residual as a profile over time with one bin."""
     edges = np.array([np.min(x.time), np.max(x.time)], dtype=float)
     mean, error = np.array([residual.mean()]), np.array([noise / np.sqrt(len(residual))])
     return Profile("time", "s", edges, mean, error, units)
 
 
-def compute_significance(law: Profile) -> float:
-    """Compute the significance of a profile: its sum of squares relative to the noise, minus two per parameter."""
-    squares = (law.mean / np.maximum(law.error, 1e-12)) ** 2
-    if law.axis == "frequency":  # one tone, the largest of many
+def compute_significance(profile: Profile) -> float:
+    """Return the sum of squared means over squared errors of a profile, minus two per bin.
+
+    For a spectrum, the largest square minus 2 (2 + ln K): one tone of K frequencies, with two parameters.
+    """
+    squares = (profile.mean / np.maximum(profile.error, 1e-12)) ** 2
+    if profile.axis == "frequency":
         return float(squares.max() - 2 * (2 + np.log(len(squares))))
     return float(squares.sum() - 2 * len(squares))
 
 
-def _evaluate_profile(law: Profile, x: Samples, residual: Array) -> Array:
-    """Evaluate a profile at each row of the residual (R,) [N m]."""
-    if law.axis == "frequency":
-        peak = int(np.argmax(law.mean))
-        phase = np.pi * (law.edges[peak] + law.edges[peak + 1]) * np.asarray(x.time)
+def _evaluate_profile(profile: Profile, x: Samples, residual: Array) -> Array:
+    """Return the value of a profile at each of the samples (R,) [N m]; of a spectrum, the tone fitted at its peak."""
+    if profile.axis == "frequency":
+        peak = int(np.argmax(profile.mean))
+        phase = np.pi * (profile.edges[peak] + profile.edges[peak + 1]) * np.asarray(x.time)
         tone = np.column_stack([np.cos(phase), np.sin(phase)])
         return np.asarray(tone @ np.linalg.lstsq(tone, residual, rcond=None)[0])
-    values = np.asarray(getattr(x, law.axis))
-    return np.asarray(law.mean[_make_bins(wrap_angles(values) if law.unit == WITHIN else values, law.edges)])
+    values = np.asarray(getattr(x, profile.axis))
+    return np.asarray(
+        profile.mean[_find_bins(wrap_angles(values) if profile.unit == WITHIN else values, profile.edges)]
+    )
 
 
-def _find_profile_regions(item: Profile) -> list[Region]:
-    """Find significant intervals of a profile, the most significant first; of a spectrum, its peak."""
-    score = np.abs(item.mean) / np.maximum(item.error, 1e-12)
-    signs = np.sign(item.mean) * (score > REGIONS.stands_out)
-    if item.axis == "frequency":
+def _find_profile_regions(profile: Profile) -> list[Region]:
+    """Return runs of significant bins of one sign of a profile, the most significant first; of a spectrum, its peak."""
+    score = np.abs(profile.mean) / np.maximum(profile.error, 1e-12)
+    signs = np.sign(profile.mean) * (score > REGIONS.stands_out)
+    if profile.axis == "frequency":
         signs = np.where(np.arange(len(score)) == np.argmax(score), signs, 0)
     regions = []
-    for part in np.split(np.arange(len(signs)), np.flatnonzero(np.diff(signs)) + 1):
-        if signs[part[0]] == 0:
+    for bins in np.split(np.arange(len(signs)), np.flatnonzero(np.diff(signs)) + 1):
+        if signs[bins[0]] == 0:
             continue
-        weight = 1 / np.maximum(item.error[part], 1e-12) ** 2
-        mean = float(np.average(item.mean[part], weights=weight))
-        sigma = abs(mean) * float(np.sqrt(weight.sum()))
-        low, high = float(item.edges[part[0]]), float(item.edges[part[-1] + 1])
-        unit = item.unit if len(item.mean) > 1 else ""  # a constant has none
-        regions.append(Region(item.axis, low, high, mean, sigma, unit, units=item.units))
+        weight = 1 / np.maximum(profile.error[bins], 1e-12) ** 2
+        mean = float(np.average(profile.mean[bins], weights=weight))
+        significance = abs(mean) * float(np.sqrt(weight.sum()))
+        low, high = float(profile.edges[bins[0]]), float(profile.edges[bins[-1] + 1])
+        unit = profile.unit if len(profile.mean) > 1 else ""  # a constant has none
+        regions.append(Region(profile.axis, low, high, mean, significance, unit, units=profile.units))
     return sorted(regions, key=lambda region: -region.significance)

@@ -25,7 +25,7 @@ from workbench.report.failures import plot_profile
 from workbench.report.whole import SECTIONS
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
-REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "rad", held_out=("<run>",))
+REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "rad", held_out_recordings=("<run>",))
 
 
 @pytest.fixture(scope="module")

@@ -28,9 +28,9 @@ def describe_region(region: Region) -> str:
     if region.is_profiled:
         texts.append(_describe_stretch(region))
     text = " ".join(texts)
-    if not region.held_out:
+    if not region.held_out_recordings:
         return text
-    where = f"In the held-out data ({join_words(region.held_out)})"
+    where = f"In the held-out data ({join_words(region.held_out_recordings)})"
     return f"{where}: {text[:1].lower()}{text[1:]}" if text else f"{where}, at no one speed, angle or time."
 
 

@@ -99,7 +99,7 @@ def test_recordings_that_agree_or_differ_in_friction_show_no_payload(body, frict
     else:
         assert set(found.left) == set(body.joints)
         assert found.forbidden == Finding(Kind.FIT_HELD_OUT, recordings=("run 1",))
-        assert all(region.held_out == ("run 1",) for region in found.unexplained)
+        assert all(region.held_out_recordings == ("run 1",) for region in found.unexplained)
 
 
 @pytest.mark.slow

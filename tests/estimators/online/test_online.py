@@ -15,7 +15,7 @@ from estimators.online.recursion import RECURSIONS, SquareRootLeastSquares
 from estimators.regression.recursive import PRIOR, compute_history
 from estimators.schemes import six
 from estimators.schemes.six import PAPER, SCHEMES, Integral, LowPass
-from estimators.signals.measurements import choose_smoothing, measure, remember
+from estimators.signals.measurements import add_states, choose_smoothing, measure
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import BASE, effect
 from tests import slow
@@ -89,7 +89,7 @@ def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
     now = fed(OnlineEstimator(paper_run.rate, terms, SCHEMES, smoothing=smoothing), paper_run)[-1]
     assert np.isfinite(now.theta).all()
     for s, scheme in enumerate(SCHEMES):
-        equations, usable = scheme.regression(remember(measure(paper_run, smoothing), terms), terms)
+        equations, usable = scheme.regression(add_states(measure(paper_run, smoothing), terms), terms)
         course = compute_history(equations, usable, np.array([len(equations.y) - 1]))
         np.testing.assert_allclose(now.theta[0, s, :4], course.theta[0, :4], rtol=5e-3)
 

@@ -17,7 +17,7 @@ from estimators.schemes.six import (
     compute_impulse_view,
     compute_torque_view,
 )
-from estimators.signals.measurements import Smoothing, measure, remember
+from estimators.signals.measurements import Smoothing, add_states, measure
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
 from tests.cases import TRUTH
@@ -50,7 +50,7 @@ def test_power_is_torque_times_velocity_and_impulse_its_integral(term):
         plain = dataclasses.replace(
             m, time=fine[part], position=q[part], velocity=v[part], acceleration=a[part], torque=tau[part], held=held
         )
-        return remember(dataclasses.replace(plain, period=step), [term])
+        return add_states(dataclasses.replace(plain, period=step), [term])
 
     exact, sampled = made(slice(None), 0.5 * period), made(coarse, period)
     if term.id in exact.memory:  # states are those of the samples

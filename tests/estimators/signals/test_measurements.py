@@ -49,13 +49,13 @@ def test_coarse_encoders_are_smoothed_longer():
 
 def test_guard_leaves_out_stick_and_reversals(exact):
     m = measure(exact)
-    clear = m.clear(0.02)
-    assert m.clear(None).all()
+    clear = m.find_clear(0.02)
+    assert m.find_clear(None).all()
     assert 0.5 < clear.mean() < 0.95
     halted = np.flatnonzero(~m.moving | np.r_[False, np.diff(np.sign(m.velocity)) != 0])
     distance = np.abs(np.flatnonzero(clear)[:, None] - halted).min(axis=1) * m.period
     assert distance.min() > 0.02
-    assert clear.mean() > m.clear(0.05).mean()
+    assert clear.mean() > m.find_clear(0.05).mean()
 
 
 def test_too_short_a_recording_is_refused():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.signals.residual import AXES, compute_profiles, compute_spectrum, find_regions, profile
+from estimators.signals.residual import AXES, compute_profile, compute_profiles, compute_spectrum, find_regions
 from pendulum_env.physics import Samples
 
 NOISE = 0.02  # N m
@@ -88,7 +88,7 @@ def test_white_noise_has_no_region():
 def test_a_profile_is_the_mean_in_bins_of_equal_count_with_its_standard_error():
     x = motion()
     residual = noise(0)
-    found = profile("position", x.position, residual, NOISE)
+    found = compute_profile("position", x.position, residual, NOISE)
     for k in range(len(found.mean)):
         low, high = found.edges[k], found.edges[k + 1]
         inside = (x.position >= low) & ((x.position < high) | (k == len(found.mean) - 1))
