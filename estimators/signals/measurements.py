@@ -266,10 +266,8 @@ def choose_smoothing(recording: Recording) -> Smoothing:
         noise_square = (noise * _compute_noise_gain(curvature)) ** 2
         if noise_square <= clean**2 * max(0.0, total_square - noise_square):
             break
-    return Smoothing(
-        half_width,
-        max(SLOWEST, 5 * noise * recording.rate * _compute_noise_gain(np.convolve(make_window(half_width), SLOPE))),
-    )
+    velocity_noise = noise * recording.rate * _compute_noise_gain(np.convolve(make_window(half_width), SLOPE))
+    return Smoothing(half_width, max(SLOWEST, 5 * velocity_noise))
 
 
 def _compute_noise_gain(kernel: Array) -> float:

@@ -266,9 +266,8 @@ def _evaluate_profile(profile: Profile, x: Samples, residual: Array) -> Array:
         tone = np.column_stack([np.cos(phase), np.sin(phase)])
         return np.asarray(tone @ np.linalg.lstsq(tone, residual, rcond=None)[0])
     values = np.asarray(getattr(x, profile.axis))
-    return np.asarray(
-        profile.mean[_find_bins(wrap_angles(values) if profile.unit == WITHIN else values, profile.edges)]
-    )
+    values = wrap_angles(values) if profile.unit == WITHIN else values
+    return np.asarray(profile.mean[_find_bins(values, profile.edges)])
 
 
 def _find_profile_regions(profile: Profile) -> list[Region]:

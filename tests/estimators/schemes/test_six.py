@@ -103,7 +103,7 @@ def test_stick_leaves_no_trace(sticky):
         assert np.abs(fit(one, sticky) / TRUTH - 1).max() < 0.01
     m = measure(sticky)
     equations, _ = six.scheme("filtered_dynamic", operator=LowPass(cutoff=20.0), guard=None).regression(m, BASE)
-    late = m.clear(0.02)
+    late = m.find_clear(0.02)
     behind = np.linalg.lstsq(equations.phi[late], equations.y[late], rcond=None)[0]
     assert np.abs(behind / TRUTH - 1).max() > 0.03
 
