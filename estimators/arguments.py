@@ -23,6 +23,7 @@ from pendulum_env.errors import ColumnError, UserError
 from pendulum_env.physics import (
     BASE,
     PENDULUM,
+    Bounds,
     Mechanism,
     Model,
     ModelError,
@@ -31,7 +32,7 @@ from pendulum_env.physics import (
     find_term,
     list_nameable,
 )
-from pendulum_env.physics.limits import Bounds, check_names, collect_limits, limit_kind, limit_term, make_limits
+from pendulum_env.physics.limits import check_names, collect_limits, limit_kind, limit_term, make_limits
 from pendulum_env.physics.model import NO_INERTIA
 from pendulum_env.reading import quote_value
 from pendulum_env.recording import Recording, Source

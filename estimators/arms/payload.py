@@ -24,8 +24,8 @@ from estimators.regression.least_squares import (
     project_out,
     solve,
     solve_least_squares,
+    weigh_joints,
 )
-from estimators.schemes.fitting import weigh_joints
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows

@@ -18,8 +18,7 @@ from estimators.free_swings import find_scaling_values
 from estimators.progress import Progress, no_progress
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import Model
-from pendulum_env.physics.limits import Bounds
+from pendulum_env.physics import Bounds, Model
 
 
 @refuse_unknown_arguments

@@ -21,8 +21,7 @@ from estimators.diagnosis.result import Candidate, Verdict
 from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import find_known_values, scale_swing
-from estimators.regression.least_squares import Equations, solve_least_squares
-from estimators.schemes.six import give
+from estimators.regression.least_squares import Equations, give, solve_least_squares
 from estimators.selection.candidates import find_best_variant
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.signals.residual import Region, makes_whole_turns

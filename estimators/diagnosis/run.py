@@ -25,8 +25,7 @@ from estimators.selection.criterion import Criterion
 from pendulum_env.arms.joints import find_body
 from pendulum_env.errors import UserError
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import BASE, Term
-from pendulum_env.physics.limits import Bounds
+from pendulum_env.physics import BASE, Bounds, Term
 
 
 @refuse_unknown_arguments

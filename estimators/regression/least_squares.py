@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -241,6 +241,25 @@ def solve_within(normal: Array, target: Array, least: Array, most: Array) -> Arr
         return theta
 
     return solve_within_bounds(solve, np.zeros(len(target)), np.ones(len(target), dtype=bool), least, most)[0]
+
+
+def weigh_joints(equations: Equations, joint: Index) -> Array:
+    """Compute weights (R,) of the rows by the noise of their joints."""
+    phi, y = equations.phi, equations.y
+    w = 1.0 / compute_joint_rms(y, joint)[joint]
+    theta = solve_least_squares(phi * w[:, None], y * w)
+    return np.asarray(1.0 / compute_joint_rms(y - phi @ theta, joint)[joint])
+
+
+def compute_joint_rms(values: Array, joint: Index) -> Array:
+    """Compute the root mean square of each joint (n,)."""
+    return np.sqrt(np.maximum(np.bincount(joint, values**2) / np.maximum(np.bincount(joint), 1), 1e-24))
+
+
+def give(equations: Equations, columns: Sequence[int], theta: Array) -> Equations:
+    """Move columns with known parameters theta (G,) from phi (R, P) to y."""
+    known = list(columns)
+    return Equations(np.delete(equations.phi, known, axis=1), equations.y - equations.phi[:, known] @ theta)
 
 
 def weigh_recordings(squares: Array, counts: Index, least: float) -> Array:

@@ -2,44 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.checks.torque_constant import widen_by_constant
-from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import remove_unit_inertia, restore_known
 from estimators.regression.least_squares import (
     Equations,
     Fit,
     IdentificationError,
+    compute_joint_rms,
+    give,
     solve,
-    solve_least_squares,
-    weigh_recordings,
 )
 from estimators.regression.recursive import choose_indices, compute_history
-from estimators.schemes.balance import Joints, adapt_to_arms, apply_scheme, compute_balances
-from estimators.schemes.six import LowPass, Regression, Regressor, Scheme, give
-from estimators.signals.measurements import add_states, measure_joints
-from pendulum_env._typing import JSON, Array, Index, Mask
-from pendulum_env.arms.joints import Links
+from estimators.schemes.balance import Segments, Stack, find_momentum_columns, make_regressions, stack
+from estimators.schemes.six import Regressor, Scheme
+from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.arms.model import make_arm_model
 from pendulum_env.notebook import render_html
 from pendulum_env.physics import Estimate, Model, Term
-from pendulum_env.physics.term import zero
 from pendulum_env.recording import Recording, TorqueConstant
 from pendulum_env.units import JointUnits
 
 POINTS = 200  # of the history
-CLUSTER = 0.5  # [s], longer than residuals stay correlated, except those that drift; shorter in short recordings
-CLUSTERS = 30  # at least, in all recordings together
 FEWEST = 10  # clusters that hold motion, below which standard errors mean little
-
-Segments = Sequence[Sequence[Joints]]  # of each recording, the measurements of the joints in each of its segments
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,31 +49,6 @@ class Convergence:
     def json(self) -> JSON:
         """Return a dictionary for JSON."""
         return {"time": self.time.tolist(), "theta": self.theta.tolist(), "std": self.std.tolist()}
-
-
-@dataclass(frozen=True, eq=False)
-class Stack:
-    """Equations of all recordings (R,); those of the joints of an arm at one instant are adjacent.
-
-    Attributes:
-        equations: R equations in P unknowns.
-        usable: those that are away from stick (R,).
-        weights: of the equations (R,).
-        joint: number of the joint (R,), 0 where the balances of the joints add up.
-        recording: number of the recording (R,).
-        clusters: short stretches of time (R,), never across recordings.
-        time: seconds of recording taken in (R,) [s].
-        starts: where each segment starts.
-    """
-
-    equations: Equations
-    usable: Mask
-    weights: Array
-    joint: Index
-    recording: Index
-    clusters: Index
-    time: Array
-    starts: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -160,106 +125,9 @@ class Identified:
         }
 
 
-def measure_segments(recordings: Sequence[Recording], terms: Sequence[Term]) -> Segments:
-    """Measure the joints in each segment of recordings, with the states of the terms along the motion."""
-    names = terms[0].mechanism.joints
-    own = [[term for term in terms if term.at == name] for name in names]
-    return [
-        [tuple(map(add_states, joints, own)) for joints in measure_joints(recording.joints)] for recording in recordings
-    ]
-
-
 def join_names(recordings: Sequence[Recording]) -> str:
     """Join the names of recordings."""
     return ", ".join(recording.name for recording in recordings)
-
-
-def limit_filters(
-    schemes: Sequence[Regressor], segments: Segments
-) -> tuple[tuple[Regressor, ...], tuple[Finding, ...]]:
-    """Limit the filters of schemes to the sampling rate, and return a finding on each limited filter."""
-    if len(segments[0][0]) > 1:
-        schemes = adapt_to_arms(schemes)
-    rate = min(joints[0].rate for own in segments for joints in own)
-    slowed = tuple(_slow_filter(scheme, rate) for scheme in schemes)
-    if slowed == tuple(schemes):
-        return slowed, ()
-    return slowed, (Finding(Kind.FILTER_SLOWED, {"rate": Quantity(rate, unit="Hz")}),)
-
-
-def _slow_filter(scheme: Regressor, rate: float) -> Regressor:
-    """Limit the filter of a scheme to one radian per sample if it is above the Nyquist frequency."""
-    operator = scheme.operator if isinstance(scheme, Scheme) else None
-    if isinstance(operator, LowPass) and operator.cutoff >= np.pi * rate:
-        return replace(scheme, operator=replace(operator, cutoff=rate))  # type: ignore[type-var]
-    return scheme
-
-
-def make_regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Regression]]:
-    """Compute the regression of each joint, or of all joints; balances of an arm are memoised."""
-    kept: dict[tuple[int, str], list[Equations]] = {}
-
-    def of(scheme: Regressor, joints: Joints) -> list[Regression]:
-        if not (isinstance(scheme, Scheme) and isinstance(terms[0], Links)):
-            return [scheme.regression(m, terms) for m in joints]
-        key = id(joints), scheme.view
-        if key not in kept:
-            kept[key] = compute_balances(joints, terms, scheme.view)
-        return apply_scheme(scheme, kept[key], joints)
-
-    return of
-
-
-def stack(segments: Segments, of: Callable[[Joints], list[Regression]], terms: Sequence[Term] = ()) -> Stack:
-    """Stack the equations of all segments, weighted by the noise of recordings and joints."""
-    measured = [joints[0] for own in segments for joints in own]
-    parts = [of(joints) for own in segments for joints in own]
-    length, count = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS), len(parts[0])
-    clusters, times, seconds, first = [], [], 0.0, 0
-    for m in measured:
-        elapsed = np.arange(1, len(m) + 1) * m.period
-        cluster = np.minimum((elapsed / length).astype(np.intp), max(0, round(elapsed[-1] / length) - 1))
-        clusters.append(first + cluster)
-        times.append(seconds + elapsed)
-        seconds, first = seconds + float(elapsed[-1]), first + int(cluster[-1]) + 1
-    equations = Equations(
-        np.concatenate([_interleave_rows([own.equations.phi for own in part]) for part in parts]),
-        np.concatenate([_interleave_rows([own.equations.y for own in part]) for part in parts]),
-    )
-    usable = np.concatenate([_interleave_rows([own.usable for own in part]) for part in parts])
-    recording = np.repeat(np.arange(len(segments)), [sum(len(joints[0]) for joints in own) * count for own in segments])
-    joint = np.tile(np.arange(count), len(usable) // count)
-    weights = np.ones(len(usable))
-    if count > 1:
-        weights[usable] = weigh_joints(Equations(equations.phi[usable], equations.y[usable]), joint[usable])
-    elif len(segments) > 1:
-        given = {j: column.least for j, column in enumerate(c for t in terms for c in t.columns) if column.is_known}
-        open_to = give(equations, list(given), np.array(list(given.values())))
-        theta = np.linalg.lstsq(open_to.phi[usable], open_to.y[usable], rcond=None)[0]
-        residual = (open_to.y - open_to.phi @ theta) * usable
-        squares = np.asarray(np.bincount(recording, residual**2), dtype=float)
-        weights = weigh_recordings(squares, np.bincount(recording, usable), 0.0)[recording]
-    clusters_of, time = (np.repeat(np.concatenate(own), count) for own in (clusters, times))
-    starts = tuple((count * np.cumsum([0, *(len(m) for m in measured[:-1])])).tolist())
-    return Stack(equations, usable, weights, joint, recording, clusters_of, time, starts)
-
-
-def _interleave_rows(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Interleave the rows of joints (N, ...), so that those of one instant are adjacent (n N, ...)."""
-    return parts[0] if len(parts) == 1 else np.stack(parts, axis=1).reshape(-1, *parts[0].shape[1:])
-
-
-def weigh_joints(equations: Equations, joint: Index) -> Array:
-    """Compute weights (R,) of the rows by the noise of their joints."""
-    phi, y = equations.phi, equations.y
-    w = 1.0 / compute_joint_rms(y, joint)[joint]
-    theta = solve_least_squares(phi * w[:, None], y * w)
-    return np.asarray(1.0 / compute_joint_rms(y - phi @ theta, joint)[joint])
-
-
-def compute_joint_rms(values: Array, joint: Index) -> Array:
-    """Compute the root mean square of each joint (n,)."""
-    return np.sqrt(np.maximum(np.bincount(joint, values**2) / np.maximum(np.bincount(joint), 1), 1e-24))
 
 
 def fit_schemes(
@@ -297,7 +165,7 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
     The inertia, or all that makes the momentum of an arm, is that of the lender; without one it is estimated.
     """
     columns = [column for term in terms for column in term.columns]
-    loans = {j: lender.estimates[columns[j].name] for j in _find_momentum_columns(terms)} if lender is not None else {}
+    loans = {j: lender.estimates[columns[j].name] for j in find_momentum_columns(terms)} if lender is not None else {}
     known = {j: Estimate(column.least, 0.0, column.unit) for j, column in enumerate(columns) if column.is_known}
     loans = {j: loan for j, loan in loans.items() if j not in known}
     use = data.usable
@@ -344,16 +212,6 @@ def _list_units(scheme: Regressor, terms: Sequence[Term]) -> tuple[str, ...]:
     body = terms[0].mechanism
     is_sum = isinstance(scheme, Scheme) and scheme.adds_up
     return (scheme.unit,) if is_sum else tuple(body.units(at).unit(scheme.unit) for at in body.joints)
-
-
-def _find_momentum_columns(terms: Sequence[Term]) -> list[int]:
-    """Return the indices of the columns of the momentum."""
-    own = [column.mass is not zero for term in terms for column in term.columns]
-    if isinstance(terms[0], Links):  # whose columns `Body` has
-        body = terms[0].body
-        q, v = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, 20, len(body.joints)))
-        own[: len(body.base)] = np.abs(body.momentum(q, v)).max(axis=(0, 1)) > 1e-9
-    return np.flatnonzero(own).tolist()
 
 
 def _compute_random_walk_covariance(equations: Equations, data: Stack, theta: Array) -> Array:

@@ -3,14 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import compress
 
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
-from estimators.schemes.balance import stack_series
-from estimators.schemes.fitting import Identified, Segments, join_names, make_regressions, stack
+from estimators.schemes.balance import Segments, make_regressions, stack, stack_series
+from estimators.schemes.fitting import Identified, join_names
 from estimators.schemes.six import GUARD, scheme
 from estimators.signals.measurements import Measurements
 from pendulum_env._typing import Array, Mask
@@ -73,7 +72,11 @@ def find_undetermined(
     acts = np.any([np.any(phi, axis=0) for phi in everywhere], axis=0)
     if is_free:  # a free swing needs a known parameter
         unknown = [not column.is_known for term in terms for column in term.columns]
-        phi, acts, names = phi[:, unknown], acts[unknown], list(compress(names, unknown))
+        phi, acts, names = (
+            phi[:, unknown],
+            acts[unknown],
+            [name for name, does in zip(names, unknown, strict=True) if does],
+        )
     said = {name for doubt in doubts for name in doubt.withheld}
     return (
         *doubts,

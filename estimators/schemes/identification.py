@@ -10,15 +10,16 @@ import numpy as np
 from estimators.arguments import Recordings, Terms, apply_limits, select_recordings, select_terms
 from estimators.checks.completeness import check_results
 from estimators.data.fit_data import FitData
+from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import make_swing_terms
-from estimators.schemes.fitting import Identified, fit_schemes, limit_filters, measure_segments
+from estimators.schemes.balance import Segments, adapt_to_arms, measure_segments
+from estimators.schemes.fitting import Identified, fit_schemes
 from estimators.schemes.identifiability import refuse_idle_joints, withhold_estimates
 from estimators.schemes.result import Identification
-from estimators.schemes.six import SCHEMES, Regressor, select_schemes
+from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme, select_schemes
 from pendulum_env.arms.joints import find_body
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import BASE, Term
-from pendulum_env.physics.limits import Bounds
+from pendulum_env.physics import BASE, Bounds, Term
 from pendulum_env.recording.study import collect_log_format
 
 
@@ -79,6 +80,27 @@ def identify(
         given.constant,
         data,
     )
+
+
+def limit_filters(
+    schemes: Sequence[Regressor], segments: Segments
+) -> tuple[tuple[Regressor, ...], tuple[Finding, ...]]:
+    """Limit the filters of schemes to the sampling rate, and return a finding on each limited filter."""
+    if len(segments[0][0]) > 1:
+        schemes = adapt_to_arms(schemes)
+    rate = min(joints[0].rate for own in segments for joints in own)
+    slowed = tuple(_slow_filter(scheme, rate) for scheme in schemes)
+    if slowed == tuple(schemes):
+        return slowed, ()
+    return slowed, (Finding(Kind.FILTER_SLOWED, {"rate": Quantity(rate, unit="Hz")}),)
+
+
+def _slow_filter(scheme: Regressor, rate: float) -> Regressor:
+    """Limit the filter of a scheme to one radian per sample if it is above the Nyquist frequency."""
+    operator = scheme.operator if isinstance(scheme, Scheme) else None
+    if isinstance(operator, LowPass) and operator.cutoff >= np.pi * rate:
+        return replace(scheme, operator=replace(operator, cutoff=rate))  # type: ignore[type-var]
+    return scheme
 
 
 def _calibrate(

@@ -125,12 +125,6 @@ VIEWS: dict[str, tuple[View, Callable[[Measurements], Array]]] = {  # of a colum
 }
 
 
-def give(equations: Equations, columns: Sequence[int], theta: Array) -> Equations:
-    """Move columns with known parameters theta (G,) from phi (N, P) to y."""
-    known = list(columns)
-    return Equations(np.delete(equations.phi, known, axis=1), equations.y - equations.phi[:, known] @ theta)
-
-
 def apply_low_pass(series: Array, cutoff: float, period: float, order: int = 1) -> Array:
     """Apply F = (lambda / (s + lambda))^order to mean values per sample, (N,) or (N, P), from rest.
 

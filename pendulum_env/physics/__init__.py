@@ -4,6 +4,7 @@ from pendulum_env.physics.base import BASE, Coulomb, Gravity, Inertia, Viscous
 from pendulum_env.physics.description import Description
 from pendulum_env.physics.estimate import SIGNIFICANT, Estimate
 from pendulum_env.physics.library import effect, effects, find_term, list_addable, list_nameable, register
+from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism, describe_joints
 from pendulum_env.physics.model import Model
 from pendulum_env.physics.model_file import ModelError
@@ -21,6 +22,7 @@ __all__ = [
     "LOAD",
     "PENDULUM",
     "SIGNIFICANT",
+    "Bounds",
     "Column",
     "Coulomb",
     "Description",
