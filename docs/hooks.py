@@ -67,6 +67,7 @@ REFERENCES = {
             "estimators.signals.residual.Region",
             "estimators.diagnosis.result.Step",
             "estimators.diagnosis.result.Candidate",
+            "estimators.selection.errors.Errors",
             "estimators.selection.errors.Gate",
             "estimators.diagnosis.suggestion.Suggestion",
             "estimators.checks.homogeneity.Disagreement",

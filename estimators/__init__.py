@@ -9,9 +9,6 @@ if TYPE_CHECKING:
     from estimators.checks.channel import align
     from estimators.comparison import compare
     from estimators.data.fit_data import FitData
-    from estimators.data.fits import fit_terms
-    from estimators.data.regression_data import RegressionData
-    from estimators.data.split import split_recordings
     from estimators.diagnosis.addition import add
     from estimators.diagnosis.result import Addition, Diagnosis, Verdict
     from estimators.diagnosis.run import diagnose
@@ -24,7 +21,6 @@ if TYPE_CHECKING:
     from estimators.schemes.six import SCHEMES, scheme
     from estimators.search_hints import SearchHints, set_hints
     from estimators.selection.criterion import Criterion
-    from estimators.selection.errors import Errors
 else:
     __getattr__, __dir__ = lazy_exports(__name__)
 
@@ -35,12 +31,10 @@ __all__ = [
     "Comparison",
     "Criterion",
     "Diagnosis",
-    "Errors",
     "FitData",
     "Identification",
     "IdentificationError",
     "Prediction",
-    "RegressionData",
     "SearchHints",
     "Verdict",
     "add",
@@ -48,9 +42,7 @@ __all__ = [
     "compare",
     "diagnose",
     "fit",
-    "fit_terms",
     "identify",
     "scheme",
     "set_hints",
-    "split_recordings",
 ]

@@ -68,7 +68,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     joint = compute_distance("all", together, model, loop.error)
     left = together.residual(model.terms, model.theta)
     fits = fit_each_recording([together.data], model.terms) if alone and not joint.errors.is_in_loop else []
-    failing = joint.floors if any(own.has_logged_torque for own in recordings) else ()
+    has_torque = any(own.has_logged_torque for own in recordings)
     most = max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,
@@ -77,7 +77,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
         ),
         joint,
         tuple(compute_profiles(together.samples, left, joint.noise_floor, units=together.units()) if alone else ()),
-        tuple(region for at in failing for region in find_failures(together, left, at, most)),
+        find_failures(together, left, most) if has_torque else (),
         (*find_disagreements_with_model(model, fits), *find_misfits(fits)),
         recordings[0].torque_constant,
         data,

@@ -22,13 +22,15 @@ def find_regions_at(
     return [replace(region, at=at) for region in found if abs(region.residual) > least]
 
 
-def find_failures(data: RegressionData, residual: Array, at: str, most: int = MOST) -> list[Region]:
-    """Return the regions of a residual [N m] at a joint; everywhere if it is large at no single place."""
-    found, floor = find_regions_at(data, residual, at, most=most), data.floors[at]
-    error = data.joint_errors(residual)[at]
-    if found or error <= AGREEMENT.misfits * max(floor, data.data.negligible(at)):
-        return found
-    return [make_scattered_region(data, error, floor, at)]
+def find_failures(data: RegressionData, residual: Array, most: int = MOST) -> tuple[Region, ...]:
+    """Return the regions of a residual (R,) [N m], joint by joint; everywhere if it is large at no single place."""
+    regions: list[Region] = []
+    for at, error in data.joint_errors(residual).items():
+        found, floor = find_regions_at(data, residual, at, most=most), data.floors[at]
+        if not found and error > AGREEMENT.misfits * max(floor, data.data.negligible(at)):
+            found = [make_scattered_region(data, error, floor, at)]
+        regions += found
+    return tuple(regions)
 
 
 def make_scattered_region(data: RegressionData, error: float, floor: float, at: str = "") -> Region:

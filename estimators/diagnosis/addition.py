@@ -1,6 +1,7 @@
 """Addition of one chosen effect to a model: by torque and free runs, or of servos in the loop."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from estimators.arguments import (
     HasModel,
@@ -10,15 +11,21 @@ from estimators.arguments import (
     select_recordings,
     select_visible_effects,
 )
+from estimators.diagnosis.case import Trial
 from estimators.diagnosis.cases import choose_case
-from estimators.diagnosis.fit import fit_addition
 from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
+from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
 from estimators.progress import Progress, no_progress
+from estimators.selection.candidates import fit_without_and_with
+from estimators.selection.errors import explain_rejection
+from estimators.selection.physical import make_confirmation_gates
+from estimators.selection.search import SearchResult
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import Bounds, Model
+from pendulum_env.physics import Bounds, Model, is_hidden
+from pendulum_env.recording.study import collect_log_format
 
 
 @refuse_unknown_arguments
@@ -66,4 +73,17 @@ def add(
     case = choose_case(terms, (*recordings, *holdout))
     progress("reading the motion", 0.0)
     data, setting = case.prepare(recordings, holdout, setting)
-    return fit_addition(case, data, setting, model, library[kind.id])
+    data = case.reveal(data, tuple(setting.base), library[kind.id])
+    evaluator = case.evaluator(data, setting)
+    before, longer = fit_without_and_with(evaluator, library[kind.id])
+    progress("refitting", 0.9)
+    (refitted,) = case.refit(SearchResult(evaluator, [before]), replace(model, terms=tuple(setting.base))).steps
+    more = longer.model.terms[-1]
+    found = case.refit(SearchResult(evaluator, [before, longer]), refitted.model.add(more))
+    after, is_gain = found.steps[-1], evaluator.is_significant(longer.model.terms, before.model.terms)
+    objection = explain_rejection(make_confirmation_gates(after, refitted, evaluator.train.motions))
+    if objection is None and not is_gain and not (is_hidden(more) and evaluator.train.segments):
+        objection = Finding(Kind.BY_CHANCE)  # the motion shows hidden states
+    trial, log_format = Trial(case, data, setting, found), collect_log_format(data.recordings)
+    refitted, after = (case.present(trial, step).with_log_format(log_format) for step in (refitted, after))
+    return Addition(refitted, after, evaluator.residuals.floors, objection, data.doubt)

@@ -17,8 +17,8 @@ from estimators.selection.score import Bootstrap, Gain
 from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table, remove_table
 from estimators.simulation import output_error
-from pendulum_env.physics import SIGNIFICANT, Model, Term, has_transmission
-from pendulum_env.physics.terms import find_untested_ends, is_hidden
+from pendulum_env.physics import SIGNIFICANT, Model, Term, has_transmission, is_hidden
+from pendulum_env.physics.terms import find_untested_ends
 
 
 def rank_effects(

@@ -11,7 +11,7 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.balance import Segments, make_regressions, stack, stack_series
 from estimators.schemes.fitting import Identified, join_names
 from estimators.schemes.six import GUARD, scheme
-from estimators.signals.measurements import Measurements
+from estimators.signals.measurements import Measurements, measure_segments
 from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import DRAWS
@@ -72,16 +72,18 @@ def find_undetermined(
     acts = np.any([np.any(phi, axis=0) for phi in everywhere], axis=0)
     if is_free:  # a free swing needs a known parameter
         unknown = [not column.is_known for term in terms for column in term.columns]
-        phi, acts, names = (
-            phi[:, unknown],
-            acts[unknown],
-            [name for name, does in zip(names, unknown, strict=True) if does],
-        )
+        phi, acts, names = phi[:, unknown], acts[unknown], [names[k] for k in np.flatnonzero(unknown)]
     said = {name for doubt in doubts for name in doubt.withheld}
     return (
         *doubts,
         *(doubt for doubt in find_dependent_columns(phi, names, acts) if not said.issuperset(doubt.withheld)),
     )
+
+
+def find_undetermined_parameters(recordings: Sequence[Recording], terms: Sequence[Term]) -> tuple[Finding, ...]:
+    """Find the parameters of a pendulum that recordings do not determine; none without recordings."""
+    measured = [segment for recording in recordings for segment in measure_segments(recording)]
+    return find_undetermined(measured, terms) if measured else ()
 
 
 def find_unidentifiable(

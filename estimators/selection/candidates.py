@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.data.rows import ScoredTerms
+from estimators.regression.least_squares import IdentificationError
 from estimators.search_hints import find_hints, is_possible
-from estimators.selection.errors import Gate, Terms
+from estimators.selection.errors import Gate, Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.nonlinear import release
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
@@ -160,3 +161,29 @@ def screen_replacements(evaluator: ModelEvaluator, terms: Terms, term: Term) -> 
     if evaluator.residuals.is_noise(terms):
         excluded += [id for id, effect in evaluator.library.items() if effect.kind == "transmission"]  # they are slow
     return screen_effects(evaluator, others, [term.id, *excluded])
+
+
+def release_significant(evaluator: ModelEvaluator, terms: Terms) -> Terms:
+    """Release nonlinear parameters from their default values, one by one, while the gain is significant."""
+    for looser in sorted(release_parameters(evaluator, terms), key=evaluator.screening_score):
+        if evaluator.is_significant(looser, terms) and not evaluator.violations(looser):
+            return release_significant(evaluator, looser)
+    return terms
+
+
+def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step]:
+    """Fit the base model, and the base model with the best variant of an effect.
+
+    Raises:
+        IdentificationError: if the motion does not show the effect.
+    """
+    evaluator.progress("fitting without it", 0.1)
+    before = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
+    evaluator.progress(f"searching {kind.id}", 0.3)
+    trial = find_best_variant(evaluator, before.model.terms, kind)
+    if trial is None:
+        raise IdentificationError(f"{', '.join(evaluator.train.names)}: nothing there shows {kind.id}", kind.id)
+    evaluator.progress(f"fitting with {kind.id}", 0.8)
+    return before, evaluator.fit_with_std(
+        kind.id, refit_nonlinear(evaluator, release_significant(evaluator, trial.terms))
+    )

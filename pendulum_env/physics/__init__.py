@@ -12,7 +12,7 @@ from pendulum_env.physics.plugin import PluginError, load_plugin
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import LOAD, Column, KnownLoad, NonlinearParameter, Samples, Term, list_loads
-from pendulum_env.physics.terms import count_term_parameters, find_link, has_link, has_transmission, list_ids
+from pendulum_env.physics.terms import count_term_parameters, find_link, has_link, has_transmission, is_hidden, list_ids
 
 # Names of earlier releases, kept for one more
 Shape, addable, nameable = NonlinearParameter, list_addable, list_nameable
@@ -49,6 +49,7 @@ __all__ = [
     "find_term",
     "has_link",
     "has_transmission",
+    "is_hidden",
     "list_addable",
     "list_ids",
     "list_loads",

@@ -6,12 +6,14 @@ from functools import cached_property, partial
 from typing import Any, Self
 
 from estimators import Addition, Diagnosis, FitData, Identification
+from estimators.data.regions import find_failures
+from estimators.findings import Finding
+from estimators.schemes.identifiability import find_undetermined_parameters
 from estimators.selection.errors import Step
 from pendulum_env.arms.joints import arm_base, arrange_terms, find_links
 from pendulum_env.physics import BASE, PENDULUM, Mechanism, Model, Term
 from pendulum_env.recording import Recording, Source
 from workbench.app.choices import NO_CHOICES, SearchChoices
-from workbench.app.findings import Findings, find_doubts, find_model_failures
 from workbench.app.fits import BaseFit, fit_arm, fit_pendulum
 from workbench.app.recordings import LoadedRecording, read_one
 from workbench.errors import USER_ERRORS, InputError
@@ -182,12 +184,12 @@ class State:
         return replace(self, ladder=ladder, schemes=schemes if self.body.can_simulate else self.schemes)
 
     @cached_property
-    def doubts(self) -> Findings:
+    def doubts(self) -> tuple[Finding, ...]:
         """Return findings on parameters that the fitted recordings do not determine."""
         if not self.body.can_simulate:
             return ()
         fitted = [r for r, one in zip(self.recordings, self.loaded, strict=True) if not one.held_out]
-        return find_doubts(fitted, BASE if self.trouble else self.model.terms)
+        return find_undetermined_parameters(fitted, BASE if self.trouble else self.model.terms)
 
     @cached_property
     def result(self) -> Diagnosis:
@@ -205,10 +207,12 @@ class State:
             data = replace(data, terms=self.model.terms)
         if found is not None and self.added == self.called:
             return replace(found, steps=self.ladder)
-        left = find_model_failures(data.parts[0], self.model)
+        fitted = data.parts[0]
+        residual = fitted.with_link_states(self.model).residual(self.model.terms, self.model.theta)
+        left = find_failures(fitted, residual)
         if found is not None:
             return replace(found, steps=self.ladder, unexplained=left)
-        return Diagnosis(self.ladder, (), (), left, data.parts[0].floors, self.doubts, data=data)
+        return Diagnosis(self.ladder, (), (), left, fitted.floors, self.doubts, data=data)
 
     @cached_property
     def standing(self) -> ReportData:

@@ -7,8 +7,10 @@ import pytest
 
 from benchmarks.excitation import smooth_reference
 from benchmarks.independent_plant import Experiment, Plant
-from estimators import IdentificationError, RegressionData, fit_terms
+from estimators import IdentificationError
 from estimators.arguments import apply_limits
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.weak_form.instruments import fit_by_reference
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, effect
