@@ -77,7 +77,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
         ),
         joint,
         tuple(compute_profiles(together.samples, left, joint.noise_floor, units=together.units()) if alone else ()),
-        find_failures(together, left, most) if has_torque else (),
+        tuple(find_failures(together, left, most)) if has_torque else (),
         (*find_disagreements_with_model(model, fits), *find_misfits(fits)),
         recordings[0].torque_constant,
         data,

@@ -1,11 +1,11 @@
 """Regions of the residual (R,) of a model at a joint, where it exceeds the noise."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from estimators.checks.homogeneity import AGREEMENT
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
+from estimators.selection.criterion import Criterion
 from estimators.signals.residual import SYMBOLS, Region, find_regions, make_region_everywhere
 from pendulum_env._typing import Array
 from pendulum_env.recording.channel import NEWTON_METRE
@@ -14,26 +14,38 @@ MOST = 6  # regions of a residual
 
 
 def find_regions_at(
-    data: RegressionData, residual: Array, at: str, axes: Sequence[str] = tuple(SYMBOLS), most: int = MOST
+    data: RegressionData,
+    residual: Array,
+    at: str = "",
+    axes: Sequence[str] = tuple(SYMBOLS),
+    most: int = MOST,
+    floor: float | None = None,
 ) -> list[Region]:
-    """Return the regions of a residual [N m] at a joint, the most significant first."""
+    """Return the regions of a residual (R,) [N m] at a joint, the most significant first.
+
+    `floor` is the noise floor [N m], by default that of the data.
+    """
     own, least = residual[data.locate_rows(at)], data.data.negligible(at)
-    found = find_regions(data.data.part(at).samples, own, data.floors[at], axes, most, data.units(at))
+    floor = data.floors[at] if floor is None else floor
+    found = find_regions(data.data.part(at).samples, own, floor, axes, most, data.units(at))
     return [replace(region, at=at) for region in found if abs(region.residual) > least]
 
 
-def find_failures(data: RegressionData, residual: Array, most: int = MOST) -> tuple[Region, ...]:
+def find_failures(
+    data: RegressionData, residual: Array, most: int = MOST, floors: Mapping[str, float] | None = None
+) -> list[Region]:
     """Return the regions of a residual (R,) [N m], joint by joint; everywhere if it is large at no single place."""
     regions: list[Region] = []
     for at, error in data.joint_errors(residual).items():
-        found, floor = find_regions_at(data, residual, at, most=most), data.floors[at]
-        if not found and error > AGREEMENT.misfits * max(floor, data.data.negligible(at)):
-            found = [make_scattered_region(data, error, floor, at)]
+        floor = (floors or data.floors)[at]
+        found = find_regions_at(data, residual, at, most=most, floor=floor)
+        if not found and error > Criterion.misfit * max(floor, data.data.negligible(at)):
+            found = [_make_scattered_region(data, error, floor, at)]
         regions += found
-    return tuple(regions)
+    return regions
 
 
-def make_scattered_region(data: RegressionData, error: float, floor: float, at: str = "") -> Region:
+def _make_scattered_region(data: RegressionData, error: float, floor: float, at: str) -> Region:
     """Return the region of a residual of some size [N m] that exceeds the noise at no single place."""
     units = data.units(at)
     residual = Quantity(error, unit=units.unit(NEWTON_METRE))

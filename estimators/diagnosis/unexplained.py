@@ -3,12 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from estimators.checks.remedies import find_turned_torque
 from estimators.data.fits import fit_within_laws
-from estimators.data.regions import find_regions_at, make_scattered_region
-from estimators.data.regression_data import RegressionData
+from estimators.data.regions import find_failures, find_regions_at
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
@@ -17,8 +14,7 @@ from estimators.selection.physical import find_violations
 from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table
 from estimators.signals.motion import SLOWEST
-from estimators.signals.residual import Region, find_regions, make_region_everywhere
-from pendulum_env._typing import Array
+from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Term
 
 
@@ -36,30 +32,27 @@ def find_unexplained(found: SearchResult) -> list[Region]:
     if (reversal := find_contradiction(evaluator)) is not None:
         end = float(evaluator.train.samples.time.max())
         return [Region("time", 0.0, end, 0.0, 0.0, is_profiled=False, cause=reversal)]
-    units, noise_floor = last.model.units(), evaluator.residuals.noise_floor
+    train, holdout = evaluator.parts
     wrong = find_violations(last.model, evaluator.train.motions)
     if wrong:
         numbers = {gate.name: Quantity(gate.value, unit=gate.unit) for gate in wrong}
         return [make_region_everywhere(Finding(Kind.IMPOSSIBLE, numbers, tuple(numbers)))]
-    left = evaluator.train.with_link_states(last.model).residual(last.model.terms, last.model.theta)
-    is_noise = found.table is None and evaluator.residuals.is_noise_in(evaluator.train, left)
-    regions = [] if is_noise else find_regions(evaluator.train.samples, left, noise_floor(), units=units)
+    left = train.with_link_states(last.model).residual(last.model.terms, last.model.theta)
     if found.table is not None:
+        regions, cause = find_regions_at(train, left), explain_table(Kind.TABLE_EXPLAINS, found.table)
         place = next((own for own in regions if own.axis == found.table.axis), None)
-        cause = explain_table(Kind.TABLE_EXPLAINS, found.table)
         if place is None:
-            return [make_region_everywhere(cause, evaluator.train.samples), *regions]
+            return [make_region_everywhere(cause, train.samples), *regions]
         return [replace(place, cause=cause), *(own for own in regions if own is not place)]
-    if not is_noise:
-        return regions or _find_scattered_residual(evaluator, evaluator.train, left)
+    if not evaluator.residuals.is_noise_in(train, left):
+        return find_failures(train, left)
     unseen = evaluator.residuals.holdout_residual(last.model.terms)
-    if not evaluator.residuals.is_noise_in(evaluator.holdout, unseen):
-        beyond = find_regions(evaluator.holdout.samples, unseen, noise_floor(evaluator.holdout), units=units)
-        beyond = beyond or _find_scattered_residual(evaluator, evaluator.holdout, unseen)
-        return [replace(region, held_out_recordings=evaluator.holdout.names) for region in beyond]
+    if not evaluator.residuals.is_noise_in(holdout, unseen):
+        beyond = find_failures(holdout, unseen, floors=evaluator.residuals.holdout_floors)
+        return [replace(region, held_out_recordings=holdout.names) for region in beyond]
     if not is_misfit(evaluator, last):
         return []
-    error = last.errors["train"].position_rms
+    error, units = last.errors["train"].position_rms, last.model.units()
     cause = Finding(Kind.NEAR_REVERSALS, {"error": Quantity(error, unit=units.unit("rad"))})
     return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, units.unit("rad/s"), is_profiled=False, cause=cause)]
 
@@ -88,9 +81,3 @@ def find_holdout_structure(evaluator: ModelEvaluator, final: Sequence[Term]) -> 
     """Return a finding where held-out data alone show more."""
     is_there = evaluator.residuals.is_noise_by_part(tuple(final)) == (True, False)
     return Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names) if is_there else None
-
-
-def _find_scattered_residual(evaluator: ModelEvaluator, part: RegressionData, left: Array) -> list[Region]:
-    """Return the region of a residual (R,) that stands out nowhere, unless it may be noise."""
-    size, floor = float(np.sqrt(np.mean(left**2))), evaluator.residuals.noise_floor(part)
-    return [make_scattered_region(part, size, floor)] if size > evaluator.criterion.misfit * floor else []

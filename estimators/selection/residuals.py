@@ -54,11 +54,11 @@ class Residuals:
         self.joints = tuple(self.train.layout.joints)
         self.inertia = self.train.inertias(self.base)
         self.floors = self.train.floors
-        self._holdout_floors = {at: self.holdout.layout.noise(at, self.inertia[at]) for at in self.joints}
+        self.holdout_floors = {at: self.holdout.layout.noise(at, self.inertia[at]) for at in self.joints}
 
     def noise_floor(self, part: RegressionData | None = None, at: str | None = None) -> float:
         """Return the torque error due to sensor noise [N m], by default at the first joint of the training data."""
-        return (self._holdout_floors if part is self.holdout else self.floors)[self.joints[0] if at is None else at]
+        return (self.holdout_floors if part is self.holdout else self.floors)[self.joints[0] if at is None else at]
 
     @memoized
     def structures(self, terms: Terms) -> tuple[dict[str, ResidualStructure], dict[str, ResidualStructure]]:

@@ -209,7 +209,7 @@ class State:
             return replace(found, steps=self.ladder)
         fitted = data.parts[0]
         residual = fitted.with_link_states(self.model).residual(self.model.terms, self.model.theta)
-        left = find_failures(fitted, residual)
+        left = tuple(find_failures(fitted, residual))
         if found is not None:
             return replace(found, steps=self.ladder, unexplained=left)
         return Diagnosis(self.ladder, (), (), left, fitted.floors, self.doubts, data=data)
