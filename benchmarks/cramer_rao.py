@@ -29,6 +29,7 @@ from benchmarks.scoring import positive, take_workers
 from benchmarks.truth import Truth
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
+from estimators.data.variants import refine_variants
 from estimators.selection.motion import SEGMENT
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
@@ -169,7 +170,7 @@ def fit_windows(prepared: RegressionData, hidden: Sequence[str]) -> Model:
     """Return the fit over windows of the base terms and some effects, nonlinear parameters searched."""
     terms = BASE
     for id in hidden:
-        terms = min(prepared.refine_variants(terms, effect(id)), key=lambda trial: trial.fitted_rms).terms
+        terms = min(refine_variants(prepared, terms, effect(id)), key=lambda trial: trial.fitted_rms).terms
     return fit_terms(prepared, terms)[0]
 
 

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.physics import NonlinearParameter, Samples, Term
+from pendulum_env.physics import ByTime, NonlinearParameter, Samples, Term
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime, TorqueRipple, TorqueSaturation
 from pendulum_env.physics.effect_check import check_variants
 from pendulum_env.physics.friction import LoadDependentFriction, Presliding, Stribeck, TemperatureDependentFriction
 from pendulum_env.physics.limits import clip_term
 from pendulum_env.physics.potential import Cogging, HardStop, Spring
 from pendulum_env.physics.sensor import EncoderEccentricity
-from pendulum_env.physics.table import ByAngle, ByTime, Extent, FrictionBySpeed, PowerOfSpeed
+from pendulum_env.physics.table import ByAngle, Extent, FrictionBySpeed, PowerOfSpeed
 from pendulum_env.physics.time_varying import FrictionDrift, PayloadChange, PeriodicDisturbance
 from pendulum_env.physics.transmission import Backlash, JointFlexibility
 

@@ -9,10 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from estimators.data.rows import FittedTerms, FoldFits, RowLayout, RowMaker, ScoredTerms, Terms
-from estimators.memoize import memoized
-from estimators.regression.balance import Balance, Columns, place_columns
-from estimators.regression.least_squares import IdentificationError, project_out
-from estimators.search_hints import count_variants, find_hints, make_grid
+from estimators.regression.balance import Balance, Columns
 from estimators.selection.errors import Errors
 from estimators.simulation.free_running import (
     Segments,
@@ -20,7 +17,7 @@ from estimators.simulation.free_running import (
     compute_deviation,
     compute_growth,
     compute_position_rms,
-    count_periods,
+    refuse_long_horizon,
     select,
 )
 from estimators.simulation.multiple_shooting import estimate_link_state, simulate_link_motion
@@ -34,9 +31,7 @@ from pendulum_env.physics import (
     BASE,
     Model,
     Samples,
-    Table,
     Term,
-    count_term_parameters,
     find_link,
     has_link,
     list_loads,
@@ -44,9 +39,7 @@ from pendulum_env.physics import (
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 
-STARTS = 2  # variants of the grid from which a search over nonlinear parameters starts
 GROWS = 10.0  # times, that an error of the initial position grows in a window of free run where the motion is unstable
-COARSE_GRID = 24  # largest number of variants of continuous parameters, where each fit takes seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +73,7 @@ class RegressionData:
             IdentificationError: if a recording has no stretch without a gap that is as long.
         """
         for w in self.data.windows:
-            if (known := count_periods(w, len(w.recording))) < round(seconds * w.recording.rate):
-                others = ", or hold other recordings out" if w.stop - w.first < len(w.recording) else ""
-                begin, end = w.recording.time[[w.first, w.stop - 1]]
-                raise IdentificationError(
-                    f"{w.recording.name}: from {begin:.3g} to {end:.3g} s it has {known / w.recording.rate:.3g} s "
-                    f"without a gap, less than the horizon of {seconds:g} s: give a shorter one{others}"
-                )
+            refuse_long_horizon(w, seconds)
         return replace(self, segments=tuple(choose_segments(w, seconds, covers) for w in self.data.windows))
 
     def with_steady_segments(self, model: Model) -> tuple[RegressionData, float]:
@@ -155,22 +142,6 @@ class RegressionData:
             return self.maker.residual(terms, np.asarray(theta))
         return self.equations(terms).error(self.solve(terms))
 
-    def unique_share(self, terms: Terms, term: Term) -> float:
-        """Return the share of a term's columns that parameters of some terms cannot imitate, the largest of all."""
-        (columns,), weights = self.columns([term]), self.equations(terms).weights[:, None]
-        own = place_columns(
-            len(weights), [(self.locate_rows(term.at), np.column_stack([columns.linear, columns.fixed]))]
-        )
-        own = own[:, np.linalg.norm(own, axis=0) > 0] * weights
-        rest = project_out(self._frame(tuple(terms)), own)
-        return float(max(np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0), default=0.0))
-
-    @memoized
-    def _frame(self, terms: Terms) -> Array:
-        """Return an orthonormal basis (R, P) of the weighted columns of some terms."""
-        balance = self.equations(terms)
-        return np.asarray(np.linalg.qr(balance.tangent(self.solve(terms)).slopes * balance.weights[:, None])[0])
-
     def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
         """Return the variance of torque noise that terms filter out of rows of torque, with these rows [(N m)^2]."""
         return self.torque.absorbed_noise(terms) if self.layout.predicts_torque else []
@@ -179,67 +150,9 @@ class RegressionData:
         """Fit one set of terms."""
         return self.maker.trial(terms)
 
-    def try_variants(self, terms: Terms, variants: Terms) -> list[ScoredTerms]:
-        """Compare the terms with each variant of one further effect; errors may be extrapolated."""
-        errors = self.maker.compare(terms, variants)
-        return [ScoredTerms((*terms, variant), error) for variant, error in zip(variants, errors, strict=True)]
-
     def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
         """Fit the continuous nonlinear parameters of one term of a trial from their values."""
         return self.maker.refine(trial, id)
-
-    def grid(self, terms: Terms, effect: type[Term]) -> list[Term]:
-        """Return variants of an effect beside the terms, from which a search starts."""
-        found = make_grid(effect, *self._unexplained_torque(terms, effect))
-        if not self.layout.has_fast_fits and any(not own.integer for own in effect.nonlinear_parameters):
-            found = found[:: max(1, -(-len(found) // COARSE_GRID))]
-        return [variant.without_known_functions(terms) if isinstance(variant, Table) else variant for variant in found]
-
-    @memoized
-    def n_tried(self, terms: Terms, effect: type[Term]) -> int:
-        """Return the number of variants among which `grid` chose."""
-        return count_variants(effect, *self._unexplained_torque(terms, effect))
-
-    def _unexplained_torque(self, terms: Terms, effect: type[Term]) -> tuple[Samples, Array]:
-        """Return samples at the joint of an effect, and the residual of some terms there (R,) [N m]."""
-        residual = self.torque.equations(terms).error(self.torque.solve(terms))
-        return self.data.part(effect.at).samples, residual[self.data.locate_rows(effect.at)]
-
-    @memoized
-    def rank_variants(self, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:
-        """Compare the terms with each variant of the grid of an effect, the smallest error first.
-
-        Variants of one effect may differ in class, or in the number of columns.
-        """
-        kinds: dict[tuple[type[Term], int], list[Term]] = {}
-        for variant in self.grid(terms, effect):
-            kinds.setdefault((type(variant), len(variant.columns)), []).append(variant)
-        trials = [trial for same in kinds.values() for trial in self.try_variants(terms, same)]
-        return sorted(trials, key=lambda trial: trial.fitted_rms)
-
-    @memoized
-    def refine_variants(self, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:
-        """Return the best variant of each form of an effect, refined; those with the fewest parameters come first.
-
-        A form is a set of free nonlinear parameters. Empty where the data offer no variant.
-        """
-        if find_hints(effect).multimodal:
-            variants = self.grid(terms, effect)
-            return [self.maker.search_basins(terms, variants)] if variants else []
-        ranked = self.rank_variants(terms, effect)
-        if len(ranked) < 2:
-            return ranked
-        forms: dict[object, list[ScoredTerms]] = {}
-        for trial in ranked:
-            last = trial.terms[-1]
-            forms.setdefault((last.free, len(last.columns)), []).append(trial)
-        sought = effect.nonlinear_parameters
-        whole = bool(sought) and all(known.integer for known in sought)  # there is nothing to refine
-        ends = [
-            few[0] if whole else min((self.refine(t, effect.id) for t in few[:STARTS]), key=lambda one: one.fitted_rms)
-            for few in forms.values()
-        ]
-        return sorted(ends, key=lambda trial: (count_term_parameters(trial.terms[-1]), trial.fitted_rms))
 
     @property
     def recordings(self) -> tuple[Recording, ...]:

@@ -14,8 +14,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import find_driving_friction, find_violations
 from estimators.selection.tables import find_explaining_law
-from pendulum_env.physics import Model
-from pendulum_env.physics.table import TABLES
+from pendulum_env.physics import TABLES, Model
 from pendulum_env.physics.terms import find_untested_ends
 
 ENOUGH = 40  # windows; with fewer, a finding warns

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from estimators.data.variants import compute_unique_share
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import contains, needs_all_parts, screen_library, screen_replacements
@@ -220,6 +221,6 @@ def make_excitation_gate(evaluator: ModelEvaluator, longer: Terms) -> Gate:
     if not recorded.any():  # a free swing
         recorded = train.data.applied_torque()[here]
     noise, torque = (float(np.sqrt(np.mean(own**2))) for own in (residual, recorded))
-    share = train.unique_share(others, term)
+    share = compute_unique_share(train, others, term)
     value = torque * share * len(residual) ** 0.5 / max(SIGNIFICANT * noise, 1e-300)
     return Gate("excitation", value, least, value > least)

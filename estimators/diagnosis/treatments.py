@@ -8,7 +8,7 @@ from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import TriedTreatment
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.evaluator import compute_held_out_cost
+from estimators.selection.errors import compute_held_out_cost
 from estimators.selection.motion import is_misfit
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_links

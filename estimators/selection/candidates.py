@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.data.rows import ScoredTerms
+from estimators.data.variants import rank_variants, refine_variants, try_variants
 from estimators.regression.least_squares import IdentificationError
 from estimators.search_hints import find_hints, is_possible
 from estimators.selection.errors import Gate, Step, Terms
@@ -70,7 +71,7 @@ def _make_transmission_gate(evaluator: ModelEvaluator, terms: Terms, found: dict
 def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
     """Return the best variant of an effect; with little gain or share, only the best of a coarse grid."""
     if not find_hints(effect).multimodal:
-        ranked = evaluator.train.rank_variants(terms, effect)
+        ranked = rank_variants(evaluator.train, terms, effect)
         if not ranked:
             return None
         alike = len({len(trial.terms[-1].columns) for trial in ranked}) == 1  # else the richest comes first
@@ -87,7 +88,7 @@ def find_best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term
 
     A variant that loses a base parameter is replaced by the next one that keeps it.
     """
-    trials = evaluator.train.refine_variants(terms, effect)
+    trials = refine_variants(evaluator.train, terms, effect)
     if not trials:
         return None
     simplest, *others = trials
@@ -133,7 +134,7 @@ def release_parameters(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
             if len(variants) > 1:  # of whole numbers the best, where there is time to compare them
                 variants = [v for v in variants if is_possible(v, evaluator.train.motions[old.at])]
                 is_tried = variants and evaluator.train.layout.has_fast_fits
-                trials = evaluator.train.try_variants(others, variants) if is_tried else []
+                trials = try_variants(evaluator.train, others, variants) if is_tried else []
                 variants = [trial.terms[-1] for trial in sorted(trials, key=lambda trial: trial.fitted_rms)[:1]]
             longer = [tuple(new if term is old else term for term in terms) for new in variants]
             found += [refine_parameters(evaluator, one, old.id) for one in longer]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -132,6 +133,18 @@ def compute_error_fall(before: Step, after: Step) -> Finding:
         numbers |= {f"{kind}.before": Quantity(getattr(old, kind), unit=unit)}
         numbers |= {f"{kind}.after": Quantity(getattr(new, kind), unit=unit)}
     return Finding(Kind.ERRORS_FALL, numbers)
+
+
+def compute_held_out_cost(step: Step) -> float:
+    """Return the product of both held-out errors [N m rad]; of joints the mean of the torque, in the loop its error.
+
+    A model is better where one error falls by a larger factor than the other rises; the mean is geometric.
+    """
+    errors = step.errors["holdout"]
+    first, *others = (getattr(errors, kind) for kind in errors.kinds)
+    if len(errors.joints) > 1:
+        first = float(np.exp(np.mean(np.log(np.maximum([*errors.joints.values()], 1e-300)))))
+    return math.prod([first, *others])
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -10,21 +9,30 @@ import numpy as np
 
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import BLOCK
+from estimators.data.variants import count_tried
 from estimators.memoize import memoized
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Gate, Step, Terms
+from estimators.selection.errors import Gate, Step, Terms, compute_held_out_cost
 from estimators.selection.physical import find_violations, make_base_gates, make_confirmation_gates
 from estimators.selection.residuals import Residuals, set_time_grid
-from estimators.selection.score import Blocks, Bootstrap, Gain, cross_validated, predict_density
+from estimators.selection.score import Bootstrap, Gain, cross_validated, make_blocks, predict_density
 from estimators.simulation import output_error
-from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
 from pendulum_env.arms.model import make_arm_model
-from pendulum_env.physics import BASE, Model, Term, effects, has_link, has_transmission, list_ids, list_loads
-from pendulum_env.physics.limits import release_term
-from pendulum_env.physics.table import COMPETING, ByTime
+from pendulum_env.physics import (
+    BASE,
+    COMPETING,
+    ByTime,
+    Model,
+    Term,
+    effects,
+    has_link,
+    has_transmission,
+    list_ids,
+    list_loads,
+    release_term,
+)
 
 
 @dataclass
@@ -60,8 +68,8 @@ class ModelEvaluator:
         known = list_ids(self.base)
         self.tables = [table for table in self.tables if table.id not in known]
         self.residuals = Residuals(self.train, self.holdout, self.criterion, self.base)
-        self._blocks = [_make_blocks(part, BLOCK) for part in self.parts]
-        self._pieces = [_make_blocks(part, self.criterion.drift_piece) for part in self.parts]
+        self._blocks = [make_blocks(part.layout) for part in self.parts]
+        self._pieces = [make_blocks(part.layout, self.criterion.drift_piece) for part in self.parts]
         self._unknown = self._find_unknown()
         self._in_motion: dict[Terms, Step] = {}
         first, second = (blocks.of_block for blocks in self._blocks)
@@ -143,7 +151,7 @@ class ModelEvaluator:
     def n_variants(self, after: Terms, before: Terms) -> int:
         """Return the number of variants of the terms that only the larger model has, at least one; see `penalty`."""
         known = {other.id: other for other in before}
-        tried = [self.train.n_tried(before, type(term)) for term in after if term.id not in known]
+        tried = [count_tried(self.train, before, type(term)) for term in after if term.id not in known]
         more = [
             parameter
             for term in after
@@ -240,7 +248,7 @@ class ModelEvaluator:
         if has_transmission(step.model.terms) or not self.train.segments or not step.model.has_known_inertia:
             return step  # a simulation from an unknown state of the link soon diverges
         if step.model.terms not in self._in_motion:
-            point = output_error.fit(self.train.segments, Point.from_model(step.model))
+            point = output_error.fit(self.train.segments, output_error.Point.from_model(step.model))
             refined = output_error.make_model(self.train.segments, point)
             self._in_motion[step.model.terms] = self.make_step(step.added, refined)
         return replace(self._in_motion[step.model.terms], added=step.added)
@@ -281,20 +289,3 @@ class ModelEvaluator:
     def cost_with_link(self) -> float:
         """Held-out cost of the model by which the link's state is estimated."""
         return np.inf if self.linked is None else compute_held_out_cost(self.linked)
-
-
-def _make_blocks(part: RegressionData, length: float) -> Blocks:
-    """Return blocks of some data, with folds of pieces of a length [s]."""
-    return Blocks(*part.layout.blocks(BLOCK), part.layout.blocks(length)[0])
-
-
-def compute_held_out_cost(step: Step) -> float:
-    """Return the product of both held-out errors [N m rad]; of joints the mean of the torque, in the loop its error.
-
-    A model is better where one error falls by a larger factor than the other rises; the mean is geometric.
-    """
-    errors = step.errors["holdout"]
-    first, *others = (getattr(errors, kind) for kind in errors.kinds)
-    if len(errors.joints) > 1:
-        first = float(np.exp(np.mean(np.log(np.maximum([*errors.joints.values()], 1e-300)))))
-    return math.prod([first, *others])

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Step
-from estimators.selection.evaluator import ModelEvaluator, compute_held_out_cost
+from estimators.selection.errors import Step, compute_held_out_cost
+from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import Segments, choose_segments

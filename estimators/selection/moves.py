@@ -14,8 +14,8 @@ from estimators.selection.candidates import (
     screen_effects,
     screen_replacements,
 )
-from estimators.selection.errors import Terms
-from estimators.selection.evaluator import ModelEvaluator, compute_held_out_cost
+from estimators.selection.errors import Terms, compute_held_out_cost
+from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import multiple_shooting
 from estimators.weak_form.nonlinear import reset
 from pendulum_env.physics import Table, Term, has_link, list_ids

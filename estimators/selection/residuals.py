@@ -17,8 +17,7 @@ from estimators.search_hints import make_grid
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Terms
 from pendulum_env._typing import Array
-from pendulum_env.physics import Term
-from pendulum_env.physics.table import ByTime
+from pendulum_env.physics import ByTime, Term
 
 
 class Power(NamedTuple):

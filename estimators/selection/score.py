@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaln
 
-from estimators.data.rows import FOLDS
+from estimators.data.rows import BLOCK, FOLDS, RowLayout
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import SOLVER
 from pendulum_env._typing import JSON, Array, Index
@@ -87,6 +87,11 @@ class Blocks:
         others = number * (1.0 - np.eye(FOLDS))[:, None]
         outside = np.where(others.any(axis=2, keepdims=True), others, number)
         return Cells(order, begins, recording, fold, outside)
+
+
+def make_blocks(layout: RowLayout, length: float = BLOCK) -> Blocks:
+    """Return the blocks of some rows, with folds of pieces of a length [s]."""
+    return Blocks(*layout.blocks(BLOCK), layout.blocks(length)[0])
 
 
 def log_student(squares: Array, scale: Array | float) -> Array:

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.data.variants import make_variants, refine_variants
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects
 from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, remove_term, sort_by_score
-from pendulum_env.physics import Table, Term, count_term_parameters, list_ids, list_loads
-from pendulum_env.physics.table import ByTime
+from pendulum_env.physics import ByTime, Table, Term, count_term_parameters, list_ids, list_loads
 from pendulum_env.physics.terms import count_parameters
 
 
@@ -67,7 +67,7 @@ def list_table_models(state: SearchState) -> Iterator[Terms]:
         if table.at and table.at not in joints:
             continue
         for others in dict.fromkeys((state.start, state.terms)):
-            fewest = min(map(count_term_parameters, evaluator.train.grid(others, table)), default=np.inf)
+            fewest = min(map(count_term_parameters, make_variants(evaluator.train, others, table)), default=np.inf)
             trial = find_best_variant(evaluator, others, table) if fewest < limit else None
             if trial is not None:
                 yield drop_unneeded(state.with_terms(trial.terms)).terms
@@ -100,7 +100,7 @@ def list_table_forms(state: SearchState) -> list[Terms]:
     """Return the terms with each other form of their table, with more or fewer pieces."""
     table = get_table(state, state.terms)
     kind = next(kind for kind in state.evaluator.tables if kind.id == table.id)
-    trials = state.evaluator.train.refine_variants(remove_term(state.terms, table), kind)
+    trials = refine_variants(state.evaluator.train, remove_term(state.terms, table), kind)
     return [trial.terms for trial in trials if trial.terms[-1] != table]
 
 

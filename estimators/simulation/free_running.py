@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
+from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.windows import Windows, trace_all
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, Samples, Term, Trajectory, simulate
@@ -94,6 +95,17 @@ def count_periods(windows: Windows, seconds: float) -> int:
     """Return the periods in a segment of some length [s], at most those of the usual segment."""
     usual = int(np.median([end - begin for begin, end in list_spans(windows)])) - 1
     return min(max(1, round(seconds * windows.recording.rate)), usual)
+
+
+def refuse_long_horizon(w: Windows, seconds: float) -> None:
+    """Refuse a horizon that is longer than each stretch of a recording without a gap."""
+    if (known := count_periods(w, len(w.recording))) < round(seconds * w.recording.rate):
+        others = ", or hold other recordings out" if w.stop - w.first < len(w.recording) else ""
+        begin, end = w.recording.time[[w.first, w.stop - 1]]
+        raise IdentificationError(
+            f"{w.recording.name}: from {begin:.3g} to {end:.3g} s it has {known / w.recording.rate:.3g} s "
+            f"without a gap, less than the horizon of {seconds:g} s: give a shorter one{others}"
+        )
 
 
 def cut_segments(windows: Windows, first: Index, length: int) -> Segments:

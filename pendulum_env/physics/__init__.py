@@ -4,13 +4,13 @@ from pendulum_env.physics.base import BASE, Coulomb, Gravity, Inertia, Viscous
 from pendulum_env.physics.description import Description
 from pendulum_env.physics.estimate import SIGNIFICANT, Estimate
 from pendulum_env.physics.library import effect, effects, find_term, list_addable, list_nameable, register
-from pendulum_env.physics.limits import Bounds
+from pendulum_env.physics.limits import Bounds, release_term
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism, describe_joints
 from pendulum_env.physics.model import Model
 from pendulum_env.physics.model_file import ModelError
 from pendulum_env.physics.plugin import PluginError, load_plugin
 from pendulum_env.physics.simulation import Trajectory, simulate
-from pendulum_env.physics.table import Table
+from pendulum_env.physics.table import COMPETING, TABLES, ByTime, Table
 from pendulum_env.physics.term import LOAD, Column, KnownLoad, NonlinearParameter, Samples, Term, list_loads
 from pendulum_env.physics.terms import count_term_parameters, find_link, has_link, has_transmission, is_hidden, list_ids
 
@@ -19,10 +19,13 @@ Shape, addable, nameable = NonlinearParameter, list_addable, list_nameable
 
 __all__ = [
     "BASE",
+    "COMPETING",
     "LOAD",
     "PENDULUM",
     "SIGNIFICANT",
+    "TABLES",
     "Bounds",
+    "ByTime",
     "Column",
     "Coulomb",
     "Description",
@@ -56,5 +59,6 @@ __all__ = [
     "list_nameable",
     "load_plugin",
     "register",
+    "release_term",
     "simulate",
 ]

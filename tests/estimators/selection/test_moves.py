@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.data.split import split_recordings
+from estimators.data.variants import refine_variants
 from estimators.diagnosis.ranking import compute_alternatives, make_excitation_gate, rank_effects
 from estimators.findings import Kind
 from estimators.selection.candidates import find_best_variant
@@ -45,7 +46,7 @@ def test_a_straight_spring_that_turns_gravity_round_gives_way_to_one_that_harden
     """Where the swing is small both fit alike, and only one of them leaves the weight what it is."""
     run = moved(lambda q, v: 0.1 * v + 0.5 * q**3, size=0.8)
     evaluator = ModelEvaluator(*split_recordings([run]), library={"spring": effect("spring")})
-    straight, hardening = (trial.terms for trial in evaluator.train.refine_variants(BASE, effect("spring")))
+    straight, hardening = (trial.terms for trial in refine_variants(evaluator.train, BASE, effect("spring")))
     assert evaluator.model(straight).estimates["gravity"].value < 0 and not evaluator.is_significant(
         hardening, straight
     )

@@ -1,0 +1,97 @@
+"""Variants of one effect, compared by the rows of recordings: a grid of nonlinear parameters, and its best, refined."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimators.data.regression_data import RegressionData
+from estimators.data.rows import ScoredTerms, Terms
+from estimators.memoize import memoized
+from estimators.regression.balance import place_columns
+from estimators.regression.least_squares import project_out
+from estimators.search_hints import count_variants, find_hints, make_grid
+from pendulum_env._typing import Array
+from pendulum_env.physics import Samples, Table, Term, count_term_parameters
+
+STARTS = 2  # variants of the grid from which a search over nonlinear parameters starts
+COARSE_GRID = 24  # largest number of variants of continuous parameters, where each fit takes seconds
+
+
+def make_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> list[Term]:
+    """Return variants of an effect beside the terms, from which a search starts."""
+    found = make_grid(effect, *_compute_unexplained_torque(data, terms, effect))
+    if not data.layout.has_fast_fits and any(not own.integer for own in effect.nonlinear_parameters):
+        found = found[:: max(1, -(-len(found) // COARSE_GRID))]
+    return [variant.without_known_functions(terms) if isinstance(variant, Table) else variant for variant in found]
+
+
+@memoized
+def count_tried(data: RegressionData, terms: Terms, effect: type[Term]) -> int:
+    """Return the number of variants among which `make_variants` chose."""
+    return count_variants(effect, *_compute_unexplained_torque(data, terms, effect))
+
+
+def _compute_unexplained_torque(data: RegressionData, terms: Terms, effect: type[Term]) -> tuple[Samples, Array]:
+    """Return samples at the joint of an effect, and the residual of some terms there (R,) [N m]."""
+    residual = data.torque.equations(terms).error(data.torque.solve(terms))
+    return data.data.part(effect.at).samples, residual[data.data.locate_rows(effect.at)]
+
+
+@memoized
+def rank_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:
+    """Compare the terms with each variant of the grid of an effect, the smallest error first.
+
+    Variants of one effect may differ in class, or in the number of columns.
+    """
+    kinds: dict[tuple[type[Term], int], list[Term]] = {}
+    for variant in make_variants(data, terms, effect):
+        kinds.setdefault((type(variant), len(variant.columns)), []).append(variant)
+    trials = [trial for same in kinds.values() for trial in try_variants(data, terms, same)]
+    return sorted(trials, key=lambda trial: trial.fitted_rms)
+
+
+@memoized
+def refine_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:
+    """Return the best variant of each form of an effect, refined; those with the fewest parameters come first.
+
+    A form is a set of free nonlinear parameters. Empty where the data offer no variant.
+    """
+    if find_hints(effect).multimodal:
+        variants = make_variants(data, terms, effect)
+        return [data.maker.search_basins(terms, variants)] if variants else []
+    ranked = rank_variants(data, terms, effect)
+    if len(ranked) < 2:
+        return ranked
+    forms: dict[object, list[ScoredTerms]] = {}
+    for trial in ranked:
+        last = trial.terms[-1]
+        forms.setdefault((last.free, len(last.columns)), []).append(trial)
+    sought = effect.nonlinear_parameters
+    whole = bool(sought) and all(known.integer for known in sought)  # there is nothing to refine
+    ends = [
+        few[0] if whole else min((data.refine(t, effect.id) for t in few[:STARTS]), key=lambda one: one.fitted_rms)
+        for few in forms.values()
+    ]
+    return sorted(ends, key=lambda trial: (count_term_parameters(trial.terms[-1]), trial.fitted_rms))
+
+
+def try_variants(data: RegressionData, terms: Terms, variants: Terms) -> list[ScoredTerms]:
+    """Compare the terms with each variant of one further effect; errors may be extrapolated."""
+    errors = data.maker.compare(terms, variants)
+    return [ScoredTerms((*terms, variant), error) for variant, error in zip(variants, errors, strict=True)]
+
+
+def compute_unique_share(data: RegressionData, terms: Terms, term: Term) -> float:
+    """Return the share of a term's columns that parameters of some terms cannot imitate, the largest of all."""
+    (columns,), weights = data.columns([term]), data.equations(terms).weights[:, None]
+    own = place_columns(len(weights), [(data.locate_rows(term.at), np.column_stack([columns.linear, columns.fixed]))])
+    own = own[:, np.linalg.norm(own, axis=0) > 0] * weights
+    rest = project_out(_make_frame(data, tuple(terms)), own)
+    return float(max(np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0), default=0.0))
+
+
+@memoized
+def _make_frame(data: RegressionData, terms: Terms) -> Array:
+    """Return an orthonormal basis (R, P) of the weighted columns of some terms."""
+    balance = data.equations(terms)
+    return np.asarray(np.linalg.qr(balance.tangent(data.solve(terms)).slopes * balance.weights[:, None])[0])
