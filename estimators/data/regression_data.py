@@ -24,7 +24,6 @@ from estimators.simulation.multiple_shooting import estimate_link_state, simulat
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows, prepare
-from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import (
@@ -60,9 +59,12 @@ class RegressionData:
 
     @classmethod
     def from_recordings(
-        cls, recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
+        cls,
+        recordings: Sequence[Recording],
+        half_widths: Sequence[float] | None = None,
+        part: tuple[float, float] = (0.0, 1.0),
     ) -> RegressionData:
-        """Prepare recordings, or a part of each; raises IdentificationError if they hold too little motion."""
+        """Prepare recordings, or a share of each; raises IdentificationError if they hold too little motion."""
         data = prepare(recordings, half_widths, part)
         return cls(data, tuple(choose_segments(w) for w in data.windows))
 

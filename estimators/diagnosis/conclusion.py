@@ -6,9 +6,9 @@ from estimators.checks.closed_loop import find_feedback
 from estimators.checks.remedies import find_remedies
 from estimators.checks.torque_constant import find_gain_doubts
 from estimators.diagnosis.case import Trial
-from estimators.diagnosis.experiment import list_questions, suggest_experiment
+from estimators.diagnosis.experiment import suggest_experiment
+from estimators.diagnosis.questions import find_detectable_effects, list_questions
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.sensitivity import find_detectable_effects
 from estimators.diagnosis.unexplained import find_contradiction, find_holdout_structure, find_joint_residuals
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.evaluator import ModelEvaluator

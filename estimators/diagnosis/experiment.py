@@ -17,22 +17,19 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.diagnosis.result import Candidate, Verdict
+from estimators.diagnosis.questions import Question
 from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import find_known_values, scale_swing
-from estimators.regression.least_squares import Equations, give, solve_least_squares
-from estimators.selection.candidates import find_best_variant
+from estimators.free_swings import scale_swing
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.signals.residual import Region, makes_whole_turns
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.excitation import Excitation, draw_family
-from pendulum_env.physics import Model, Samples, Term, list_ids, simulate
-from pendulum_env.plant import get_typical_values, paper_plant
+from pendulum_env.physics import Model, Samples, simulate
 from pendulum_env.recording import NEWTON_METRE, Recording
-from pendulum_env.units import JointUnits, is_of_torque
+from pendulum_env.units import JointUnits
 
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 USUAL = 6.0  # [N m], the paper's peak torque: what a motor is trusted with unless it is known to give more
@@ -107,75 +104,6 @@ class Limits:
     def fastest(self, recorded: Samples) -> float:
         """Return the highest speed of a motion [rad/s]."""
         return DESIGN.safe * (float(np.abs(recorded.velocity).max()) if self.speed is None else self.speed)
-
-
-@dataclass(frozen=True)
-class Question:
-    """Something that an experiment may settle, and how to see whether it would.
-
-    Attributes:
-        aim: what it is.
-        terms: of the rival model: with the effect in place of the other, or without it.
-        torque: effect of typical size whose torque is to be seen, with its linear parameters; None to see the model's.
-    """
-
-    aim: Aim
-    terms: tuple[Term, ...]
-    torque: tuple[Term, Array] | None = None
-
-    def unexplained(self, data: TorqueWindows, equations: Equations) -> float:
-        """Compute the RMS torque of a simulated experiment that the rival model cannot explain [N m]."""
-        known = find_known_values(self.terms)
-        given = [k for k, name in enumerate(c.name for term in self.terms for c in term.columns) if name in known]
-        equations = give(equations, given, np.array(list(known.values())))
-        phi, y = equations.phi, equations.y
-        if self.torque is not None:
-            term, theta = self.torque
-            linear, fixed = data.columns([term])[0]
-            y = linear @ theta + fixed
-        return float(np.sqrt(np.mean((y - phi @ solve_least_squares(phi, y)) ** 2)))
-
-
-def list_questions(
-    evaluator: ModelEvaluator,
-    terms: Sequence[Term],
-    groups: Sequence[tuple[str, ...]],
-    candidates: Sequence[Candidate],
-    doubts: Sequence[Finding],
-) -> list[Question]:
-    """List the open questions of a diagnosis."""
-    pairs = [(id, selected) for selected, *alike in groups for id in alike]
-    pairs += [doubt.rivals for doubt in doubts if doubt.rivals is not None]
-    present = list_ids(terms)
-    asked = []
-    for id, instead in pairs:
-        others = [term for term in terms if term.id != instead]
-        if id in evaluator.library.keys() - present and len(others) < len(terms):
-            trial = find_best_variant(evaluator, tuple(others), evaluator.library[id])
-            if trial is not None:
-                asked.append(Question(Aim(id, instead), trial.terms))
-    for candidate in candidates:
-        kind = evaluator.library[candidate.effect]
-        out_of_reach = any(kind().open_ends)  # no motion is risked for a mere suspicion
-        asked_already = candidate.effect in {question.aim.effect for question in asked}
-        if candidate.verdict is Verdict.NOT_EXCITED and not out_of_reach and not asked_already:
-            inertia = evaluator.train.recordings[0].known_inertia
-            asked.append(Question(Aim(candidate.effect), tuple(terms), make_typical_effect(kind, inertia)))
-    return asked
-
-
-def make_typical_effect(kind: type[Term], inertia: float = 0.0) -> tuple[Term, Array]:
-    """Make an effect of a typical size, and its linear parameters (P,).
-
-    Of a free swing, torques are in the proportion of its inertia to that of the paper's rig.
-    """
-    values = get_typical_values(kind)
-    term = kind(**{parameter.name: values.pop(parameter.name) for parameter in kind.nonlinear_parameters})
-    theta = np.array(list(values.values()))
-    if inertia:
-        is_torque = [is_of_torque(column.unit) for column in term.columns]
-        theta = theta * np.where(is_torque, inertia / paper_plant().estimates["inertia"].value, 1.0)
-    return term, theta
 
 
 def suggest_experiment(

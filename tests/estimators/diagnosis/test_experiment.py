@@ -8,7 +8,8 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
 from estimators.data.split import split_recordings
-from estimators.diagnosis.experiment import DESIGN, Limits, Question, make_typical_effect, suggest_experiment
+from estimators.diagnosis.experiment import DESIGN, Limits, suggest_experiment
+from estimators.diagnosis.questions import Question, make_typical_effect
 from estimators.diagnosis.result import Verdict
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind

@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.split import split_recordings
-from estimators.diagnosis.sensitivity import find_detectable_effects, find_detectable_size
+from estimators.diagnosis.questions import find_detectable_effects, find_detectable_size
 from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import BASE, effects
 from tests.cases import diagnosed, recorded
