@@ -9,8 +9,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch
-from gymnasium.vector import VectorWrapper
-from gymnasium.vector.utils import batch_space
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
@@ -26,7 +24,7 @@ from pendulum_env.errors import UserError
 CHECKPOINT = "training.zip"  # model of stable-baselines3, in the folder of a training
 
 
-class DiscreteActions(VectorWrapper):
+class DiscreteActions(gym.vector.VectorWrapper):
     """Wrapper with discrete actions: indices of the levels of the configuration (B, n)."""
 
     def __init__(self, env: Any, config: Config) -> None:
@@ -34,7 +32,7 @@ class DiscreteActions(VectorWrapper):
         super().__init__(env)
         self._levels = np.array(config.levels)
         self.single_action_space = gym.spaces.MultiDiscrete([len(config.levels)] * env.single_action_space.shape[0])
-        self.action_space = batch_space(self.single_action_space, env.num_envs)
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, env.num_envs)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Apply levels (B, n); the end of an episode is reported as a termination, since nothing follows it."""

@@ -70,6 +70,7 @@ REFERENCES = {
             "estimators.selection.errors.Errors",
             "estimators.selection.errors.Gate",
             "estimators.diagnosis.suggestion.Suggestion",
+            "estimators.checks.alignment.Alignment",
             "estimators.checks.homogeneity.Disagreement",
             "estimators.findings.Finding",
             "pendulum_env.quantity.Quantity",

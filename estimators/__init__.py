@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 from pendulum_env.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from estimators.checks.alignment import Alignment
     from estimators.checks.channel import align
     from estimators.comparison import compare
     from estimators.data.fit_data import FitData
     from estimators.diagnosis.addition import add
-    from estimators.diagnosis.result import Addition, Diagnosis, Verdict
+    from estimators.diagnosis.result import Addition, Diagnosis
     from estimators.diagnosis.run import diagnose
     from estimators.diagnosis.torque_search import fit
+    from estimators.findings import Verdict
     from estimators.prediction import Prediction
     from estimators.regression.least_squares import IdentificationError
     from estimators.results import Comparison
@@ -27,7 +27,6 @@ else:
 __all__ = [
     "SCHEMES",
     "Addition",
-    "Alignment",
     "Comparison",
     "Criterion",
     "Diagnosis",

@@ -108,6 +108,15 @@ class Kind(StrEnum):
     CHECK_DRIVE = "check_drive"
 
 
+class Verdict(StrEnum):
+    """Verdict on a candidate effect."""
+
+    SELECTED = "selected"
+    AMBIGUOUS = "ambiguous"
+    REJECTED = "rejected"
+    NOT_EXCITED = "not_excited"
+
+
 class Obstacle(StrEnum):
     """Reason why an effect is not followed online."""
 

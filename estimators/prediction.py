@@ -77,8 +77,14 @@ class Prediction:
         )
 
 
-def predict_recordings(model: Model, data: FitData) -> tuple[Prediction, ...]:
-    """Predict the recordings that a result is of: those that were fitted, then those that were held out."""
+def predict_recordings(model: Model, data: FitData | None) -> tuple[Prediction, ...]:
+    """Predict the recordings that a result is of: those that were fitted, then those that were held out.
+
+    Raises:
+        IdentificationError: if the result has no data.
+    """
+    if data is None:
+        raise IdentificationError("the result has no data: compare its model with the recordings")
     found, loop = [_make_empty_prediction(model, recording) for recording in data.every], data.simulate_in_loop(model)
     if data.is_same:
         found = [replace(own, is_held_out=None) for own in found]

@@ -13,7 +13,6 @@ from estimators.selection.errors import Errors, get_single
 from estimators.signals.residual import AXES, Profile, Region
 from estimators.simulation.free_running import HORIZON
 from pendulum_env._typing import JSON
-from pendulum_env.errors import UserError
 from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import Model
 from pendulum_env.recording import TorqueConstant
@@ -88,8 +87,6 @@ class Comparison:
     @cached_property
     def recordings(self) -> tuple[Prediction, ...]:
         """Return each recording with the predictions of the model, sample by sample."""
-        if self.data is None:
-            raise UserError("the comparison has no data: compare the model with the recordings again")
         return predict_recordings(self.model, self.data)
 
     @property

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.diagnosis.result import Candidate, Detectable, Verdict
+from estimators.diagnosis.result import Candidate, Detectable
 from estimators.diagnosis.suggestion import Aim
-from estimators.findings import Finding
+from estimators.findings import Finding, Verdict
 from estimators.free_swings import find_known_values
 from estimators.regression.least_squares import Equations, give, solve_least_squares
 from estimators.selection.candidates import find_best_variant

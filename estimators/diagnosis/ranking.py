@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from estimators.data.variants import compute_unique_share
-from estimators.diagnosis.result import Candidate, Verdict
-from estimators.findings import Finding, Kind, Quantity
+from estimators.diagnosis.result import Candidate
+from estimators.findings import Finding, Kind, Quantity, Verdict
 from estimators.selection.candidates import contains, needs_all_parts, screen_library, screen_replacements
 from estimators.selection.errors import Gate, Step, Terms, compute_error_fall, explain_rejection, get_error_at
 from estimators.selection.evaluator import ModelEvaluator

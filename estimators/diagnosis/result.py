@@ -2,15 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from enum import StrEnum
 from functools import cached_property
-from math import isfinite
 
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.findings import Finding
+from estimators.findings import Finding, Verdict
 from estimators.prediction import Prediction, predict_recordings
 from estimators.results import make_floors_json, make_result_json
 from estimators.selection.errors import Gate, Step, Terms, get_single
@@ -18,21 +16,11 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.score import Gain
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
-from pendulum_env.errors import UserError
 from pendulum_env.notebook import render_html, summarise
 from pendulum_env.physics import Mechanism, Model
 from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
 
 SCHEMA = "pendulum-ident/diagnosis@2"
-
-
-class Verdict(StrEnum):
-    """Verdict on a candidate effect."""
-
-    SELECTED = "selected"
-    AMBIGUOUS = "ambiguous"
-    REJECTED = "rejected"
-    NOT_EXCITED = "not_excited"
 
 
 @dataclass(frozen=True)
@@ -110,7 +98,7 @@ class TriedTreatment:
         """Return a dictionary for JSON."""
         assumptions = {"with": self.assumptions, "without": self.before}
         return self.treatment.json() | {
-            "error_ratio": self.error_ratio if isfinite(self.error_ratio) else None,
+            "error_ratio": self.error_ratio if self.error_ratio < float("inf") else None,
             "assumptions": assumptions,
             "kept": self.is_kept,
         }
@@ -207,8 +195,6 @@ class Diagnosis:
     @cached_property
     def recordings(self) -> tuple[Prediction, ...]:
         """Each recording beside what the final model predicts of it, fitted ones first; without those that disagree."""
-        if self.data is None:
-            raise UserError("the diagnosis was read from a file and has no data: compare its model with the recordings")
         return predict_recordings(self.model, self.data)
 
     @property

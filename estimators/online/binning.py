@@ -40,6 +40,11 @@ class Bin(NamedTuple):
     phi: Array
     y: float
 
+    @property
+    def time(self) -> float:
+        """Time of the first instant [s]."""
+        return float(self.series[TIME, 0])
+
 
 class _JointBinner:
     """Current bin of one joint of B plants."""

@@ -12,19 +12,15 @@ former ones, they replace them: either an effect is missing since that time, or 
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from math import ceil
 
 import numpy as np
 
 from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin, Binner
 from estimators.online.change import CHANGE, Fit, ParameterChange, find_change, fit_rows
-from estimators.online.competitors import ONLINE
 from estimators.online.evidence import ReferenceDistribution, compute_threshold
 from estimators.online.model_comparison import ModelComparison, PlantBins
-from estimators.online.rows import TIME
 from estimators.online.stream import check_rate
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import Bootstrap
@@ -204,7 +200,7 @@ class EffectMonitor:
     def reset(self) -> None:
         """Remove all data and added effects; given parameters are compared again."""
         self._past = [self._base]
-        self._recent: deque[Bin] = deque(maxlen=2 * self._plant.bins_in(ONLINE.fit_time))
+        self._recent: deque[Bin] = deque(maxlen=2 * self._plant.fit_bins)
         self._begin()
         if self._given is not None:
             self._change = self._change_from(self._given, CHANGE.comparison_time)
@@ -304,7 +300,7 @@ class EffectMonitor:
     def _locate_change(self) -> int | None:
         """Find the recent bin after which other parameters fit best; None if it is too early."""
         recent, plant, risen = list(self._recent), self._plant, self._comparison.n_since_change
-        calibrate = ceil(ONLINE.calibration_time / plant.length)
+        calibrate = plant.calibration_bins
         needed = calibrate + plant.bins_in(CHANGE.prediction_time)
         if risen < needed:
             return None
@@ -316,8 +312,8 @@ class EffectMonitor:
     def _accept_change(self, change: int) -> bool:
         """Replace the models by those fitted since a change, if these predict the bins since then better."""
         recent, plant = list(self._recent), self._plant
-        comparison = self._make_comparison(reference=deepcopy(self._comparison.reference))
-        predicted = len(recent) - change - ceil(ONLINE.calibration_time / plant.length)
+        comparison = self._make_comparison(reference=self._comparison.reference)
+        predicted = len(recent) - change - plant.calibration_bins
         since = recent[change + predicted % BLOCK :]  # whole blocks
         for one in since:
             comparison.take(one)
@@ -325,7 +321,7 @@ class EffectMonitor:
         if comparison.best_density(blocks) < self._comparison.best_density(blocks) + self._blank.threshold:
             return False
         before = fit_rows(*self._comparison.rows(recent[:change]), self._block)
-        self._change = self._change_from(before, CHANGE.report_time, float(recent[change].series[TIME, 0]))
+        self._change = self._change_from(before, CHANGE.report_time, recent[change].time)
         self._comparison = comparison
         self._recent = deque(since, maxlen=self._recent.maxlen)
         return True
@@ -383,7 +379,7 @@ class EffectMonitor:
         While another change is suspected, the whole threshold applies: effects imitate a change.
         """
         after_change = self._change is not None and self._change.since is not None and not self._is_changing_again
-        after_change = after_change and len(self._comparison.fit_bins) < self._plant.bins_in(ONLINE.fit_time)
+        after_change = after_change and len(self._comparison.fit_bins) < self._plant.fit_bins
         return self._comparison.effect_evidence >= self._blank.threshold * (
             CHANGE.threshold_share if after_change else 1.0
         )

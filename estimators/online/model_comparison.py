@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 
@@ -36,6 +38,16 @@ class PlantBins:
         """Return the number of bins in a time of motion [s]."""
         return round(seconds / self.length)
 
+    @property
+    def fit_bins(self) -> int:
+        """Number of bins in the fit of a later model."""
+        return self.bins_in(ONLINE.fit_time)
+
+    @property
+    def calibration_bins(self) -> int:
+        """Number of bins in the first fit of all models."""
+        return ceil(ONLINE.calibration_time / self.length)
+
 
 class ModelComparison:
     """Predictions of the running model, alone, with each effect and with forgetting, for the bins of one plant.
@@ -61,7 +73,7 @@ class ModelComparison:
     ) -> None:
         """Begin a comparison of terms with effects of a library; all models are fitted to the kept bins.
 
-        The reference is the distribution of the gain of forgetting, if it is known.
+        The reference is the distribution of the gain of forgetting, if it is known; the comparison has its own copy.
         """
         self.terms, self._library, self._plant, self.fit_bins = tuple(terms), library, plant, list(kept)
         count = len(plant.joints)
@@ -73,7 +85,7 @@ class ModelComparison:
         self._waiting: list[Bin] = []  # to be taken together
         self._block: Array | float = 0.0  # log predictive densities in the block to come (F,)
         self._errors: deque[float] = deque(maxlen=plant.bins_in(ONLINE.error_time))
-        self.reference = reference or ReferenceDistribution()
+        self.reference = deepcopy(reference) or ReferenceDistribution()
         self.blocks: deque[Array] = deque(maxlen=ONLINE.n_blocks * self._often)
         self.not_run: dict[str, Obstacle] = {}
         self.n_predicted = self.n_since_change = 0

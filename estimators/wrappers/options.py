@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypedDict, cast
 
 import gymnasium as gym
@@ -16,7 +14,7 @@ from estimators.online.stream import check_rate
 from estimators.schemes.six import SCHEMES, Scheme, select_schemes
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, compute_encoder_noise
-from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.body import Body, parse_body, read_body
 from pendulum_env.arms.joints import Coupling, arm_base, arrange_terms, find_kinds, list_effects
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
@@ -111,10 +109,7 @@ def find_body(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
     text = getattr(env.unwrapped, "urdf", None)
     if text is None:
         raise ValueError("the environment has no attribute urdf: pass robot=, a URDF or MJCF file")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "arm.urdf"
-        path.write_text(text, encoding="utf-8")
-        return read_body(path)
+    return parse_body(text)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
 
 import numpy as np
@@ -37,7 +38,7 @@ ROUNDING = 1e-9  # relative, of the inertia in a file
 INDEPENDENT = 1e-8  # relative length of what a column adds to those before it
 DRAWS = 60  # of random motion, for the rank: each tells of every joint
 
-__all__ = ["BaseParameter", "Body", "BodyError", "LinkLoad", "read_body"]
+__all__ = ["BaseParameter", "Body", "BodyError", "LinkLoad", "parse_body", "read_body"]
 
 
 @dataclass(frozen=True)
@@ -341,3 +342,11 @@ def read_body(
     robot = read_robot(path, joints, held or {}, bolted)
     has_rotors = bool(np.any(np.asarray(robot["model"].armature) > 0)) if rotors is None else rotors
     return Body(**robot, rotors=has_rotors)
+
+
+def parse_body(urdf: str) -> Body:
+    """Read the links of an arm from the text of a URDF file; see `read_body`."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(urdf, encoding="utf-8")
+        return read_body(path)

@@ -8,8 +8,8 @@ import pytest
 
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.data.fit_data import FitData
-from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
-from estimators.findings import Finding, Kind
+from estimators.diagnosis.result import Candidate, Diagnosis
+from estimators.findings import Finding, Kind, Verdict
 from estimators.regression.least_squares import IdentificationError
 from estimators.signals.residual import Region, compute_profiles, find_regions
 from pendulum_env.formatting import format_number

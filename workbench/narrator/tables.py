@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimators.diagnosis.result import Candidate, Detectable, Verdict
+from estimators.diagnosis.result import Candidate, Detectable
+from estimators.findings import Verdict
 from estimators.results import Comparison
 from estimators.selection.errors import Errors, Step
 from estimators.signals.residual import SYMBOLS, Profile

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from estimators.diagnosis.result import Candidate, Detectable, Diagnosis, Verdict
+from estimators.diagnosis.result import Candidate, Detectable, Diagnosis
+from estimators.findings import Verdict
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, format_number, join_words
 from workbench.figure import Figure, axis, line

@@ -12,8 +12,7 @@ from benchmarks.six_joint import Hidden
 from benchmarks.two_link import TwoLink
 from estimators import add, compare, diagnose
 from estimators.data.fit_data import FitData
-from estimators.diagnosis.result import Verdict
-from estimators.findings import Finding, Kind
+from estimators.findings import Finding, Kind, Verdict
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel

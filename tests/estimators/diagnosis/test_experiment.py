@@ -10,9 +10,8 @@ from estimators import Diagnosis
 from estimators.data.split import split_recordings
 from estimators.diagnosis.experiment import DESIGN, Limits, suggest_experiment
 from estimators.diagnosis.questions import Question, make_typical_effect
-from estimators.diagnosis.result import Verdict
 from estimators.diagnosis.suggestion import Aim, Suggestion
-from estimators.findings import Finding, Kind
+from estimators.findings import Finding, Kind, Verdict
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.signals.residual import Region
 from pendulum_env.physics import BASE, effects
