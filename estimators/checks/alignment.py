@@ -39,6 +39,7 @@ class ChannelSettings:
     sure: float = 4.0  # standard errors from which an estimate is told from none
     clearer: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a gain that counts, as of an effect's
     by_chance: float = float(np.log(2 * reach / 1e-3))  # [nat], gained by chance by the best of so many delays
+    error_margin: float = Criterion.error_margin  # share by which errors differ by chance
     fewest_equations: int = 3  # equations for each column
     friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # of the highest velocity: where friction, too, may bend
     bends: int = 3  # times that the torque of the model is refitted with columns that depend on it

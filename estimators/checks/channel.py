@@ -23,36 +23,18 @@ from typing import Self
 import numpy as np
 
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
-from estimators.data.rows import BLOCK
+from estimators.checks.channel_rows import MOTOR, SENSE, list_torque_dependent, make_channel_rows
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import IdentificationError, project_out
-from estimators.selection.criterion import Criterion
 from estimators.selection.score import Blocks, cross_validated
 from estimators.signals.channel import Channel
-from estimators.signals.motion import load_in_newton_metres
-from estimators.weak_form.links import prepare_arm
-from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import TorqueWindows, prepare, smooth_laws
-from estimators.weak_form.windows import Windows
-from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import arm_base, find_body
-from pendulum_env.physics import BASE, LOAD, Column, Term
-from pendulum_env.physics.friction import Stribeck
-from pendulum_env.recording import NEWTON_METRE, Load, Recording
+from estimators.weak_form.torque_windows import TorqueWindows
+from pendulum_env._typing import Array, Index
+from pendulum_env.physics import BASE, Term
+from pendulum_env.recording import NEWTON_METRE, Recording
 
-NONE = Load(0.0, 0.0)
 DESCENT = Rule(turns=20, dampings=(0.0, 1.0, 10.0), of_cost=1e-9)
-# share of the motion that a motor drives or a load brakes, above which losses of gears and the torque constant are one
-# number; a choice: only the other samples distinguish both, and a tenth of a recording is few
-DRIVEN = 0.9
-# friction that is pressed by what acts on the output, the joint's own weight and the known loads [per N m of each]
-OWN = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
-HUNG = Column("hung", "1", dry=lambda x: np.abs(x.load.gravity * np.sin(x.position) - x.load.torque))
-# and by the motor, with its slope by the torque
-MOTOR = Column("motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True)
-SENSE = Column("sense", "1", dry=lambda x: np.sign(x.torque), of_torque=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +45,10 @@ class ChannelFits:
         data: windows, each with its known load.
         rows: equations used (R,) of those in the windows.
         phi: columns (R, P), weighted; first that of the known loads, where it is there to tell the gain.
-        by_torque: their slopes by the torque (R, P).
         where: stretch of each equation for predictions.
         carried: torque that is known to be taken by loads in all windows [N m], none where the log is no torque.
+        clusters: of time, and of recordings, of each equation (R,), within which errors may be correlated.
+        by_torque: slopes of the columns by the torque (R, P).
         is_sampled: whether torque is taken for sampled, else for held.
         torques: weighted torque (R,) that acts in the windows by law of the channel, as far as they were asked for.
     """
@@ -73,9 +56,10 @@ class ChannelFits:
     data: TorqueWindows
     rows: Index
     phi: Array
-    by_torque: Array
     where: Blocks
     carried: Array
+    clusters: tuple[Index, ...]
+    by_torque: Array
     is_sampled: bool = False
     torques: dict[Channel, Array] = field(default_factory=dict)
 
@@ -88,28 +72,11 @@ class ChannelFits:
         Raises:
             IdentificationError: if too little of the motion is clear of stick.
         """
-        is_arm = isinstance(find_body(beside), Body)
-        data = _make_arm_windows(recordings, beside) if is_arm else _make_pendulum_windows(recordings)
-        rows = np.flatnonzero(np.concatenate([_find_clear_windows(w) for w in data.windows]))
-        joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
-        laws = [(here, own.columns([law])[0][0]) for here, own in joints for law in _smooth_laws(own)]
-        beside = [term for term in beside if not term.fixed]
-        of_torque = [term for term in beside if any(column.of_torque for column in term.columns)]
-        known = [(data.locate_rows(term.at), data.columns([term])[0][0]) for term in beside if term not in of_torque]
-        load, *friction = (data.averages.column(column, data.averages.samples) for column in (LOAD, OWN, HUNG))
-        carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
-        has_several = len({r.load for r in recordings}) > 1
-        has_several |= any(r.has_varying_load for r in recordings) and not is_brake(data)
-        pressed = [] if is_arm else friction if has_several else friction[:1]
-        phi = np.column_stack([*gain, *pressed, place_columns(len(load), [*laws, *known])])
-        if len(rows) < SEARCH.fewest_equations * phi.shape[1]:
+        made = make_channel_rows(recordings, beside)
+        if made is None:
             return None
-        block, _, of_block = data.blocks(BLOCK)
-        _, begin, stretch = np.unique(block[rows], return_index=True, return_inverse=True)
-        recording = of_block[block[rows]]
-        where = Blocks(stretch, recording, recording[begin], stretch)
-        weighted = phi[rows] * data.weights[rows, None]
-        found = cls(data, rows, weighted, np.zeros_like(weighted), where, carried)
+        of_torque = list_torque_dependent(beside)
+        found = cls(*made, np.zeros_like(made.phi))
         return found.with_columns_of_torque(partial(found._columns_under, of_torque)) if of_torque else found
 
     def with_columns(self, columns: Array, by_torque: Array | None = None) -> Self:
@@ -293,7 +260,7 @@ class ChannelFits:
         # of smoothing, and integration
         exactness = self.data.least() * float(np.linalg.norm(self.data.weights[self.rows]))
         before, after = (np.hypot(np.linalg.norm(self.misfit(np.array([own, 0.0]))), exactness) for own in (0.0, delay))
-        return bool(abs(delay) < SEARCH.negligible * self.period and after > (1 - Criterion.error_margin) * before)
+        return bool(abs(delay) < SEARCH.negligible * self.period and after > (1 - SEARCH.error_margin) * before)
 
     def compute_noise_gain(self, channel: Channel) -> float:
         """Compute the largest gain of white noise of the log in the windows by the inverse filter."""
@@ -306,30 +273,12 @@ class ChannelFits:
             factors.append(after / before)
         return max(factors)
 
-    @property
-    def clusters(self) -> list[Index]:
-        """Number the clusters of time and recording of each equation (R,), within which errors may be correlated."""
-        block, _, of_block = self.data.blocks(BLOCK)
-        time, recording = self.data.clusters, of_block[block]
-        several = [time, recording] if len(np.unique(recording[self.rows])) >= SEARCH.between else [time]
-        return [np.unique(clusters[self.rows], return_inverse=True)[1] for clusters in several]
-
 
 def _move_within(place: Array, step: Array, least: Array, most: Array) -> Array:
     """Move by a step (F,) up to the first bound: delay and shift make up for each other, so the direction counts."""
     room, moved = np.where(step < 0, least - place, most - place), step != 0
     share = min([1.0, *(room[moved] / step[moved])])
     return np.asarray(np.clip(place + share * step, least, most))
-
-
-def is_brake(data: TorqueWindows) -> bool:
-    """Return whether the load torque opposes the motion nearly always, as friction that is pressed by it does."""
-    return compute_driven_share(data, -np.asarray(data.samples.load.torque)) > DRIVEN
-
-
-def compute_driven_share(data: TorqueWindows, torque: Array) -> float:
-    """Compute the share of samples in which a torque (N,) or () has the direction of the motion."""
-    return float(np.mean(torque * data.samples.velocity > 0))
 
 
 def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = ()) -> Alignment:
@@ -397,29 +346,3 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
             return [law] * len(each)
     alone = [one if one.is_late or not one.is_found else joint for one in each]
     return alone if any(one.is_found for one in alone) else [joint] * len(each)
-
-
-def _make_pendulum_windows(recordings: Sequence[Recording]) -> TorqueWindows:
-    """Return the windows of a pendulum with known loads."""
-    data = prepare(recordings)
-    hung = zip(data.windows, map(load_in_newton_metres, recordings), strict=True)
-    return replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
-
-
-def _make_arm_windows(recordings: Sequence[Recording], terms: Sequence[Term]) -> TorqueWindows:
-    """Return the windows of all joints of an arm, weighted by the residual of links and friction."""
-    data = prepare_arm(recordings, terms[:1])
-    return replace(data, weights=TorqueRows(data).weights(arm_base(find_body(terms))))
-
-
-def _smooth_laws(data: TorqueWindows) -> tuple[Term, ...]:
-    """Return terms that approximate nearly any law of one joint."""
-    fast = float(np.percentile(np.abs(data.samples.velocity), 95))
-    return (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction))
-
-
-def _find_clear_windows(w: Windows) -> Mask:
-    """Find windows with known torque under every law of the channel (R,)."""
-    beyond = len(w.kernel) // 2 + int(np.ceil(SEARCH.reach * w.recording.rate)) + 2
-    bounds = pairwise((*w.recording.starts, len(w.recording)))
-    return np.any([(w.centers >= begin + beyond) & (w.centers < end - beyond) for begin, end in bounds], axis=0)

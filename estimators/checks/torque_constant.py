@@ -17,7 +17,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.checks.channel import DRIVEN, NONE, ChannelFits, compute_driven_share, is_brake
+from estimators.checks.channel import ChannelFits
+from estimators.checks.channel_rows import DRIVEN, NONE, compute_driven_share, is_brake
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity

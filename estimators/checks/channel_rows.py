@@ -1,0 +1,124 @@
+"""Equations of the torque channel: windows of recordings with known torque, and columns that follow any motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.checks.alignment import SEARCH
+from estimators.data.rows import BLOCK
+from estimators.regression.balance import place_columns
+from estimators.selection.score import Blocks
+from estimators.signals.motion import load_in_newton_metres
+from estimators.weak_form.links import prepare_arm
+from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import TorqueWindows, prepare, smooth_laws
+from pendulum_env._typing import Array, Index
+from pendulum_env.arms.joints import arm_base, find_body
+from pendulum_env.physics import LOAD, Column, Term
+from pendulum_env.physics.friction import Stribeck
+from pendulum_env.recording import NEWTON_METRE, Load, Recording
+
+NONE = Load(0.0, 0.0)
+# share of the motion that a motor drives or a load brakes, above which losses of gears and the torque constant are one
+# number; a choice: only the other samples distinguish both, and a tenth of a recording is few
+DRIVEN = 0.9
+# friction that is pressed by what acts on the output, the joint's own weight and the known loads [per N m of each]
+OWN = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
+HUNG = Column("hung", "1", dry=lambda x: np.abs(x.load.gravity * np.sin(x.position) - x.load.torque))
+# and by the motor, with its slope by the torque
+MOTOR = Column("motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True)
+SENSE = Column("sense", "1", dry=lambda x: np.sign(x.torque), of_torque=True)
+
+
+class ChannelRows(NamedTuple):
+    """Equations of the torque channel (R,), see `ChannelFits`."""
+
+    data: TorqueWindows
+    rows: Index
+    phi: Array
+    where: Blocks
+    carried: Array
+    clusters: tuple[Index, ...]
+
+
+def make_channel_rows(recordings: Sequence[Recording], beside: Sequence[Term]) -> ChannelRows | None:
+    """Make the equations of recordings with effects of the joint; None if too few are clear of the ends of segments.
+
+    Raises:
+        IdentificationError: if too little of the motion is clear of stick.
+    """
+    is_arm = not find_body(beside).can_simulate
+    data = _make_arm_windows(recordings, beside) if is_arm else _make_pendulum_windows(recordings)
+    rows = _find_clear_windows(data)
+    joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
+    laws = [(here, own.columns([law])[0][0]) for here, own in joints for law in _smooth_laws(own)]
+    of_torque = list_torque_dependent(beside)
+    known = [term for term in beside if not term.fixed and term not in of_torque]
+    parts = [*laws, *((data.locate_rows(term.at), data.columns([term])[0][0]) for term in known)]
+    load, *friction = (data.averages.column(column, data.averages.samples) for column in (LOAD, OWN, HUNG))
+    carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
+    has_several = len({r.load for r in recordings}) > 1
+    has_several |= any(r.has_varying_load for r in recordings) and not is_brake(data)
+    pressed = [] if is_arm else friction if has_several else friction[:1]
+    phi = np.column_stack([*gain, *pressed, place_columns(len(load), parts)])
+    if len(rows) < SEARCH.fewest_equations * phi.shape[1]:
+        return None
+    block, _, of_block = data.blocks(BLOCK)
+    _, begin, stretch = np.unique(block[rows], return_index=True, return_inverse=True)
+    recording = of_block[block[rows]]
+    where = Blocks(stretch, recording, recording[begin], stretch)
+    is_several = len(np.unique(recording)) >= SEARCH.between
+    clusters = [data.clusters[rows], *([recording] if is_several else [])]
+    numbered = tuple(np.unique(own, return_inverse=True)[1] for own in clusters)
+    return ChannelRows(data, rows, phi[rows] * data.weights[rows, None], where, carried, numbered)
+
+
+def list_torque_dependent(terms: Sequence[Term]) -> list[Term]:
+    """List the terms whose columns depend on the torque, without those that make another torque of it."""
+    return [term for term in terms if not term.fixed and any(column.of_torque for column in term.columns)]
+
+
+def is_brake(data: TorqueWindows) -> bool:
+    """Return whether the load torque opposes the motion nearly always, as friction that is pressed by it does."""
+    return compute_driven_share(data, -np.asarray(data.samples.load.torque)) > DRIVEN
+
+
+def compute_driven_share(data: TorqueWindows, torque: Array) -> float:
+    """Compute the share of samples in which a torque (N,) or () has the direction of the motion."""
+    return float(np.mean(torque * data.samples.velocity > 0))
+
+
+def _make_pendulum_windows(recordings: Sequence[Recording]) -> TorqueWindows:
+    """Return the windows of a pendulum with known loads."""
+    data = prepare(recordings)
+    hung = zip(data.windows, map(load_in_newton_metres, recordings), strict=True)
+    return replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
+
+
+def _make_arm_windows(recordings: Sequence[Recording], terms: Sequence[Term]) -> TorqueWindows:
+    """Return the windows of all joints of an arm, weighted by the residual of links and friction."""
+    data = prepare_arm(recordings, terms[:1])
+    return replace(data, weights=TorqueRows(data).weights(arm_base(find_body(terms))))
+
+
+def _smooth_laws(data: TorqueWindows) -> tuple[Term, ...]:
+    """Return terms that approximate nearly any law of one joint."""
+    fast = float(np.percentile(np.abs(data.samples.velocity), 95))
+    return (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction))
+
+
+def _find_clear_windows(data: TorqueWindows) -> Index:
+    """Find windows with known torque under every law of the channel."""
+    found = []
+    for w in data.windows:
+        beyond = len(w.kernel) // 2 + int(np.ceil(SEARCH.reach * w.recording.rate)) + 2
+        bounds = pairwise((*w.recording.starts, len(w.recording)))
+        found.append(
+            np.any([(w.centers >= begin + beyond) & (w.centers < end - beyond) for begin, end in bounds], axis=0)
+        )
+    return np.flatnonzero(np.concatenate(found))
