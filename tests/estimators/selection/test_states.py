@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from estimators.data.rows import FittedTerms, ScoredTerms
+from estimators.selection import candidates, evaluator, tables
 from estimators.selection.candidates import screen_library
 from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
@@ -21,6 +22,15 @@ LIBRARY = {"D": effect("quadratic_drag"), "A": effect("viscous_asymmetry"), "O":
 BACKLASH = effect("backlash")
 LETTERS = {kind.id: letter for letter, kind in (LIBRARY | {"T": FrictionBySpeed}).items()}
 NOISE = 1000.0  # [nat] of gain from which the residual is noise
+
+
+@pytest.fixture(autouse=True)
+def single_variants(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give each effect one variant."""
+    monkeypatch.setattr(evaluator, "count_tried", lambda data, terms, kind: 1)
+    monkeypatch.setattr(tables, "make_variants", lambda data, terms, kind: [kind()])
+    for module, name in ((candidates, "rank_variants"), (candidates, "refine_variants"), (tables, "refine_variants")):
+        monkeypatch.setattr(module, name, lambda data, terms, kind: [ScoredTerms((*terms, kind()), 0.0)])
 
 
 class ScoredEvaluator(ModelEvaluator):
@@ -40,10 +50,6 @@ class ScoredEvaluator(ModelEvaluator):
             data=SimpleNamespace(link_states={}),
             fit=lambda terms, exactly: FittedTerms(terms, np.empty(0)),
             trial=lambda terms: ScoredTerms(tuple(terms), 0.0),
-            rank_variants=lambda terms, kind: [ScoredTerms((*terms, kind()), 0.0)],
-            refine_variants=lambda terms, kind: [ScoredTerms((*terms, kind()), 0.0)],
-            grid=lambda terms, kind: [kind()],
-            n_tried=lambda terms, kind: 1,
         )
         self.residuals = SimpleNamespace(
             joints=("",),
