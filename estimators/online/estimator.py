@@ -9,14 +9,13 @@ from estimators.online.confidence import ClusterCovariance
 from estimators.online.encoder import SampleBuffer
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
-from estimators.online.recursion import RECURSIONS, SQUARE_ROOT
+from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.stream import check_rate
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Scheme, scheme
 from estimators.signals.measurements import Smoothing, compute_encoder_noise
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.backends.sensing import COUNTS
-from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term
 
 
@@ -42,7 +41,6 @@ class OnlineEstimator:
         smoothing: Smoothing | None = None,
         prior: float = PRIOR,
         forgetting: float = 1.0,
-        recursion: str = SQUARE_ROOT,
         position_noise: float | None = None,
     ) -> None:
         """Make the estimator.
@@ -56,8 +54,6 @@ class OnlineEstimator:
             smoothing: of the measurement; replaces the smoothing by `counts`.
             prior: P(0) on the diagonal.
             forgetting: factor lambda per equation; 1 for no forgetting.
-            recursion: "SquareRootLeastSquares", which solves all regressions at once, or "KalmanFilter" of filterpy,
-                which gives the same estimates one after the other.
             position_noise: standard deviation of the measured position [rad]; replaces `counts`.
 
         Raises:
@@ -80,7 +76,7 @@ class OnlineEstimator:
             self._buffer = SampleBuffer() if smoothing is None else None
         self._smooth(smoothing or Smoothing.of_noise(noise, rate))
         period /= len(self._stream.joints)  # between equations
-        self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
+        self._squares = SquareRootLeastSquares(shape, parameters, prior, forgetting)
         self._clusters = ClusterCovariance(shape, parameters, period, forgetting)
         self._joint: JointFilters | None = None
         if joint is not None:
