@@ -1,4 +1,4 @@
-"""Properties of the columns of terms: bounds of their parameters, and dependence on the torque."""
+"""Bounds of the parameters of terms, and their dependence on the torque."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,25 +8,24 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Table, Term, list_loads
 
-NOT_NEGATIVE = ("inertia", "viscous", "coulomb")  # parameters of any body; gravity may have either sign
+NOT_NEGATIVE = ("inertia", "viscous", "coulomb")  # terms whose parameter is not negative for any body
 
 
 def is_torque_dependent(*terms: Term) -> bool:
-    """Return whether the torque of one of the terms depends on the commanded torque."""
+    """Return whether a column of one of the terms depends on the commanded torque."""
     return any(term.fixed or any(column.of_torque for column in term.columns) for term in terms)
 
 
 def is_known(*terms: Term) -> bool:
-    """Return whether a linear parameter of the terms is given, and not to be fitted."""
+    """Return whether the value of a linear parameter of the terms is given, so that it is not fitted."""
     return any(column.is_known for term in terms for column in term.columns)
 
 
 def list_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     """Return lower and upper bounds of the linear parameters of a model with some terms, (P,) each.
 
-    Every fit of every candidate keeps them: those of each law, and those of a body, whose inertia and friction are not
-    negative. Beside a table of friction, viscous and dry friction are only parts of friction, and have any sign. Limits
-    that a user has set to a parameter take the place of those of a body.
+    They are the bounds of the laws; where these leave the lower bound open, parameters in `NOT_NEGATIVE` are at least
+    zero. A friction parameter at a joint with a table of friction may have any sign.
     """
     tables = {
         at for term in terms if isinstance(term, Table) and term.kind == "dissipative" for at in list_loads(term.at)
@@ -38,20 +37,20 @@ def list_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
 
 
 def bounds_of_laws(terms: Sequence[Term]) -> tuple[Array, Array]:
-    """Return the bounds of the laws alone, (P,) each: a fit within them shows data that no body fits."""
+    """Return the lower and upper bounds of the laws alone, (P,) each; they allow parameters that no body has."""
     columns = [column for term in terms for column in term.columns]
     return np.array([column.least for column in columns]), np.array([column.most for column in columns])
 
 
 def _is_of_body(term: Term, has_table: bool) -> bool:
-    """Return whether no body has a negative parameter of a term."""
+    """Return whether the parameter of a term must not be negative, given a table of friction at its joint."""
     return term.id.partition("@")[0] in NOT_NEGATIVE and not (has_table and term.kind == "dissipative")
 
 
 def mark_bounds(model: Model) -> Model:
-    """Return a fitted model whose known estimates have no error; those at a bound of a body, without one, are marked.
+    """Return a fitted model with standard error zero of known parameters, and `at_bound` of those at a bound.
 
-    Estimates at the bounds of laws are marked already.
+    A parameter is at a bound of `list_bounds` if it has its value and no standard error.
     """
     estimates = dict(model.estimates)
     for column, low, high in zip(model.columns, *list_bounds(model.terms), strict=True):

@@ -1,8 +1,8 @@
 """Least squares with instrumental variables, which removes the bias from feedback of sensor noise.
 
-In a closed loop the torque depends on the measured position, noise and disturbances included, so that regressors and
-errors are correlated and least squares is biased. Regressors evaluated along the controller's reference, Z, are
-correlated with the motion, but not with the errors,
+In a closed loop the torque depends on the measured position and its noise, so regressors and errors are correlated and
+least squares is biased. Regressors Z along the controller's reference are correlated with the motion, not with the
+errors,
 
     theta = (Z' phi)^-1 Z' y .
 
@@ -26,20 +26,19 @@ from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording
 from pendulum_env.settings import format_setting
 
-HOPELESS = 1e8  # condition number
+HOPELESS = 1e8  # condition number above which a fit is refused
 
 
 def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
-    """Fit the linear parameters of the terms, with the terms' columns along the reference as instruments.
+    """Fit the linear parameters of the terms within their bounds, with columns along the reference as instruments.
 
     Args:
-        data: windows of recordings with `reference`, which the motion follows.
-        terms: with nonlinear parameters set; all linear, none with memory or columns of torque. Parameters are kept
-            within their bounds, known ones at their values.
+        data: windows of recordings with `reference`.
+        terms: functions of motion alone, with nonlinear parameters set.
 
     Raises:
-        IdentificationError: if a recording has no reference, one that moves too little, or a term is no function of
-            motion alone.
+        IdentificationError: if a recording has no reference, the reference moves too little, or a term depends on more
+            than motion.
     """
     for term in terms:
         if term.hides or term.fixed or any(column.of_torque for column in term.columns):
@@ -73,8 +72,8 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
 
 
 def _invert_product(z: Array, phi: Array) -> Array:
-    """Invert the product (P, P) of instruments (R, P) and regressor (R, P)."""
-    size = [np.maximum(np.linalg.norm(x, axis=0), 1e-300) for x in (z, phi)]  # scaled to equal columns
+    """Return the inverse of the product Z' phi (P, P) of instruments and regressor, (R, P) each."""
+    size = [np.maximum(np.linalg.norm(x, axis=0), 1e-300) for x in (z, phi)]
     if np.linalg.cond(z.T @ phi / np.outer(*size)) > HOPELESS:
         raise IdentificationError("the reference moves too little to tell these parameters: follow a livelier one")
     return np.asarray(np.linalg.inv(z.T @ phi))

@@ -1,8 +1,8 @@
-"""Windowed equations of an arm: those of its joints in a row, with the links' columns, which depend on all joints.
+"""Windowed equations of an arm: rows of one joint after another, with columns of links that depend on all joints.
 
-A window of a joint is clear of that joint's stick and reversals; others may stick meanwhile. The rigid body's columns
-are linear in the acceleration, <w Y(q, q', q'')> = <w M(q) q''> + <w Y(q, q', 0)>: the first takes raw differences,
-of which only averages are meaningful, the second is smooth.
+A window of a joint is clear of that joint's stick and reversals; other joints may stick. The rigid body's columns are
+linear in the acceleration, <w Y(q, q', q'')> = <w M(q) q''> + <w Y(q, q', 0)>. The first part averages raw second
+differences of the positions; the second is smooth.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from pendulum_env.arms.recording import get_payload
 from pendulum_env.physics import Term, list_loads
 from pendulum_env.recording import Recording
 
-FEWEST = 20  # windows of each joint
-PLACES = 50  # samples of each recording over which a joint's inertia is averaged
+FEWEST = 20  # least number of windows of each joint
+PLACES = 50  # approximate number of samples of each recording over which a joint's inertia is averaged
 
 
 def prepare_arm(recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> TorqueWindows:
@@ -50,20 +50,21 @@ def prepare_arm(recordings: Sequence[Recording], terms: Sequence[type[Term] | Te
         for width in [max(choose_half_width(joint) for joint in recording.joints)]
     ]
     for k, name in enumerate(body.joints):
-        if sum(len(own[k].centers) for own in entries) < FEWEST:
+        if sum(len(joints[k].centers) for joints in entries) < FEWEST:
             names = ", ".join(recording.name for recording in recordings)
             raise IdentificationError(
                 f"{names}: joint '{name}' is rarely clear of stick and reversals: record longer, faster or wider motion"
             )
-    parts = [_compute_link_columns(own, body) for own in entries]
+    parts = [_compute_link_columns(joints, body) for joints in entries]
     calibrated = [
-        [_calibrate_windows(own, k, part) for k in range(len(own))] for own, part in zip(entries, parts, strict=True)
+        [_calibrate_windows(joints, k, part) for k in range(len(joints))]
+        for joints, part in zip(entries, parts, strict=True)
     ]
     return _join_joints(calibrated, parts, terms)
 
 
 def make_windows_at_samples(windows: Sequence[Windows], terms: Sequence[Term]) -> TorqueWindows:
-    """Return windows about every sample of an arm's recording that is clear of stick, from windows of each joint."""
+    """Return windows about every sample clear of stick of one recording of an arm, given the windows of each joint."""
     entries = [w.at_every_sample() for w in windows]
     return _join_joints([entries], [_compute_link_columns(entries, find_links(terms))], terms)
 
@@ -71,9 +72,12 @@ def make_windows_at_samples(windows: Sequence[Windows], terms: Sequence[Term]) -
 def _join_joints(
     entries: Sequence[Sequence[Windows]], parts: Sequence[_Columns], terms: Sequence[type[Term] | Term]
 ) -> TorqueWindows:
-    """Join the windows of each joint and the links' columns there to equations of recordings."""
+    """Join windows of all recordings, and the links' columns there, to equations grouped by joint.
+
+    `entries` has per recording the windows of each joint, `parts` the links' columns of these.
+    """
     body, kinds = find_links(terms), dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms)
-    joints = range(len(body.joints))  # the windows of a joint stand in a row
+    joints = range(len(body.joints))
     linear, rates = (
         np.concatenate([own[k] for k in joints for own in each])
         for each in zip(*((part.linear, part.rates) for part in parts), strict=True)
@@ -91,38 +95,41 @@ def _join_joints(
 
 
 def _payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadColumns | None:
-    """Return the columns of known payloads by those of the links (R, P); None without a payload."""
+    """Return the columns of known payloads, made of the links' columns `linear` (R, P); None without a payload."""
     loads = [w.payload for w in data.windows]
-    known = list(dict.fromkeys(load for load in loads if load is not None))
-    if not known:
+    payloads = list(dict.fromkeys(load for load in loads if load is not None))
+    if not payloads:
         return None
-    owner = np.array([-1 if load is None else known.index(load) for load in loads])[data.recording_of_window]
-    columns = [linear @ body.link_columns(own.joint) * (owner == k)[:, None] for k, own in enumerate(known)]
-    torque = sum(each @ own.standard for each, own in zip(columns, known, strict=True))
+    owner = np.array([-1 if load is None else payloads.index(load) for load in loads])[data.recording_of_window]
+    columns = [linear @ body.link_columns(payload.joint) * (owner == k)[:, None] for k, payload in enumerate(payloads)]
+    torque = sum(each @ payload.standard for each, payload in zip(columns, payloads, strict=True))
     return PayloadColumns(np.asarray(torque), np.column_stack(columns))
 
 
 def _compute_coupling_columns(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> TermColumns:
-    """Compute the columns of a motor coupled to two joints, on the rows of all joints."""
-    parts = [_compute_shared_columns(own[k], own, kind()) for k in range(len(entries[0])) for own in entries]
-    linear, rates = (np.concatenate(each) for each in zip(*parts, strict=True))
+    """Compute the columns of a coupling of joints on the rows of all joints, and their rates; without inertia."""
+    parts = [_compute_shared_columns(joints[k], joints, kind()) for k in range(len(entries[0])) for joints in entries]
+    linear, rates = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     return TermColumns(linear, rates, np.zeros((len(entries[0]), linear.shape[1])))
 
 
 def _compute_shared_columns(w: Windows, entries: Sequence[Windows], term: Term) -> tuple[Array, Array]:
-    """Compute columns (R, P) of a motor coupled to several joints on the rows of a joint, and their rates."""
+    """Compute the columns of a coupling on the rows `w` of one joint, and their time derivatives, (R, P) each.
+
+    Its motion is the sum of the joints' motions in `entries`, times their factors; zero for a joint without factor.
+    """
     factors = list_loads(term.at)
     if w.at not in factors:
         return (np.zeros((len(w.centers), len(term.columns))),) * 2
-    turns = np.array([factors.get(own.at, 0.0) for own in entries])
-    position, velocity, acceleration = (series @ turns for series in _stack_motion(entries))
+    factor_of_joint = np.array([factors.get(windows.at, 0.0) for windows in entries])
+    position, velocity, acceleration = (series @ factor_of_joint for series in _stack_motion(entries))
     w = replace(w, samples=replace(w.samples, position=position, velocity=velocity), acceleration=acceleration)
     rates = np.column_stack([w.rates.column(column, w.samples) for column in term.columns])
     return factors[w.at] * w.columns([term])[0][0], factors[w.at] * rates
 
 
 def _stack_motion(entries: Sequence[Windows]) -> tuple[Array, Array, Array]:
-    """Stack position, velocity and acceleration of all joints (N, n) each."""
+    """Stack position, velocity and raw acceleration of all joints, (N, n) each."""
     parts = ((w.samples.position, w.samples.velocity, w.acceleration) for w in entries)
     q, v, a = (np.column_stack(series) for series in zip(*parts, strict=True))
     return q, v, a
@@ -130,39 +137,46 @@ def _stack_motion(entries: Sequence[Windows]) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Links' columns of one recording, joint by joint."""
+    """Links' columns of one recording.
 
-    linear: list[Array]  # (R_k, P)
+    Attributes:
+        linear: columns on the rows of each joint (R_k, P).
+        rates: their time derivatives (R_k, P).
+        masses: derivatives of the mass matrix by each parameter at S samples (S, P, n, n).
+    """
+
+    linear: list[Array]
     rates: list[Array]
-    masses: Array  # M_kj at some places, by each parameter (S, P, n, n)
+    masses: Array
 
 
 def _compute_link_columns(entries: Sequence[Windows], body: Body) -> _Columns:
+    """Compute the links' columns from the windows of each joint of one recording."""
     q, v, a = _stack_motion(entries)
-    smooth, heavy = body.torque(q, v, np.zeros_like(v)), body.momentum(q, a)  # (N, n, P)
+    smooth, inertial = body.torque(q, v, np.zeros_like(v)), body.momentum(q, a)  # (N, n, P)
 
-    def averaged(rows: WindowAverages, k: int) -> Array:
-        return np.asarray(rows.wider @ smooth[:, k] + rows.narrow @ heavy[:, k])
+    def average(rows: WindowAverages, k: int) -> Array:
+        return np.asarray(rows.wider @ smooth[:, k] + rows.narrow @ inertial[:, k])
 
-    some = q[:: max(1, len(q) // PLACES)]
-    masses = [body.momentum(some, np.broadcast_to(unit, some.shape)) for unit in np.eye(len(entries))]  # (S, n, P) each
+    places = q[:: max(1, len(q) // PLACES)]
+    masses = [body.momentum(places, np.broadcast_to(unit, places.shape)) for unit in np.eye(len(entries))]
     return _Columns(
-        [averaged(w.averages, k) for k, w in enumerate(entries)],
-        [averaged(w.rates, k) for k, w in enumerate(entries)],
+        [average(w.averages, k) for k, w in enumerate(entries)],
+        [average(w.rates, k) for k, w in enumerate(entries)],
         np.transpose(masses, (1, 3, 2, 0)),
     )
 
 
 def _calibrate_windows(entries: Sequence[Windows], k: int, columns: _Columns) -> Windows:
-    """Return windows of joint k with a noise estimate below the residual of links and all smooth laws of the joint.
+    """Return the windows of joint k with noise limited to the residual of a fit of links and all smooth laws.
 
-    The equation of a joint contains the accelerations of all joints, and so the noise of their encoders.
+    The acceleration noise becomes that of all joints, by their share in the torque of joint k, over the inertia M_kk.
     """
     w = entries[k]
     laws = [law for law in smooth_laws(w) if law.id not in ("inertia", "gravity")]
     phi = np.column_stack([columns.linear[k], *(w.columns([law])[0][0] for law in laws)])
     theta = solve_least_squares(phi, w.net_torque())[: columns.masses.shape[1]]
-    felt = np.sqrt(np.mean(np.einsum("p,spj->sj", theta, columns.masses[:, :, k]) ** 2, axis=0))  # |M_kj| (n,)
-    noise = float(np.linalg.norm(felt * [own.acceleration_noise for own in entries]))
-    w = replace(w, acceleration_noise=noise / max(float(felt[k]), 1e-300))
-    return limit_noise(w, phi, lambda _: float(felt[k]))
+    mass = np.sqrt(np.mean(np.einsum("p,spj->sj", theta, columns.masses[:, :, k]) ** 2, axis=0))  # |M_kj| (n,)
+    noise = float(np.linalg.norm(mass * [windows.acceleration_noise for windows in entries]))
+    w = replace(w, acceleration_noise=noise / max(float(mass[k]), 1e-300))
+    return limit_noise(w, phi, lambda _: float(mass[k]))

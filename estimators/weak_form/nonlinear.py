@@ -24,23 +24,23 @@ class NonlinearSettings:
     """Numbers of the searches over nonlinear parameters."""
 
     turns: int = 20  # largest number of Gauss-Newton steps
-    shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.02)  # tried of a Gauss-Newton step
-    leap: float = 0.7  # largest step, relative or of a logarithm: no longer than a factor of two
-    damping: float = 1e-12  # against parameters that tell the same
-    difference: float = 1e-3  # relative, of a parameter for derivatives
-    jump: float = 0.1  # of a law's change over the difference: what changes as much over a hundredth of it jumps
-    scanned: int = 21  # values of an edge that a scan tries at a time,
-    widths: tuple[float, ...] = (1.0, 0.1, 0.01, 1e-3)  # of its ranges, each a spacing of the one before
-    rounds: int = 6  # of the cross-entropy search,
-    draws: int = 48  # variants that each of them draws,
-    elite: int = 8  # and best ones so far that the next are drawn around
+    shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.02)  # of a Gauss-Newton step that are tried
+    leap: float = 0.7  # largest step [step units, or of the logarithm]: a factor of two
+    damping: float = 1e-12  # keeps a step finite with collinear slopes
+    difference: float = 1e-3  # step of a parameter for derivatives [step units]
+    jump: float = 0.1  # a law jumps if a hundredth of `difference` changes it by this share of the change over it
+    scanned: int = 21  # values of an edge per scan
+    widths: tuple[float, ...] = (1.0, 0.1, 0.01, 1e-3)  # half widths of successive scans, shares of the first
+    rounds: int = 6  # of the cross-entropy search
+    draws: int = 48  # variants per round
+    elite: int = 8  # best variants so far, around which the next round draws
 
 
 NONLINEAR = NonlinearSettings()
 
 
 def set_values(term: Term, sought: Sequence[NonlinearParameter], values: Sequence[float] | Array) -> Term:
-    """Return the term with new values of some nonlinear parameters, kept inside their limits."""
+    """Return the term with new values of some nonlinear parameters, clipped to their limits."""
     return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(sought, values, strict=True)})
 
 
@@ -50,20 +50,21 @@ def list_continuous_parameters(term: Term) -> list[NonlinearParameter]:
 
 
 def release(term: Term) -> list[list[Term]]:
-    """List variants of the term that release one nonlinear parameter from its nominal value, for a search.
+    """List, per nonlinear parameter at its nominal value, the variants with other values of it to start a search from.
 
-    An integer takes each of its values; only the first integer is released, since others are similar.
+    An integer takes each value from its start to its upper limit; only the first integer is released. Variants with a
+    `fault` are left out.
     """
-    found, is_whole, starts = [], False, find_hints(type(term)).alternative_starts
+    variants_of_each, has_integer, starts = [], False, find_hints(type(term)).alternative_starts
     for parameter in term.nonlinear_parameters:
         start = starts.get(parameter.name)
-        if start is None or parameter in term.free or (is_whole and parameter.integer):
+        if start is None or parameter in term.free or (has_integer and parameter.integer):
             continue
-        is_whole |= parameter.integer
+        has_integer |= parameter.integer
         values = range(int(start), int(parameter.high) + 1) if parameter.integer else [start]
         variants = [set_values(term, [parameter], [value]) for value in values]
-        found.append([variant for variant in variants if not variant.fault])
-    return found
+        variants_of_each.append([variant for variant in variants if not variant.fault])
+    return variants_of_each
 
 
 def reset(term: Term) -> list[Term]:
@@ -76,11 +77,9 @@ def reset(term: Term) -> list[Term]:
 
 
 def compute_nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]]) -> dict[str, Array]:
-    """Return derivatives (R,) of a term's torque by its continuous nonlinear parameters, by `id.parameter`.
+    """Return derivatives (R,) of a term's torque by its continuous nonlinear parameters, keyed by their full names.
 
-    Args:
-        term: at whose nonlinear parameters.
-        torques: torque (R,) of each variant of it [N m].
+    `torques` returns the torque (R,) of each of several variants of the term [N m].
     """
     slopes = {}
     for parameter in list_continuous_parameters(term):
@@ -93,10 +92,11 @@ def compute_nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Seq
 
 
 def refine_nonlinear(term: Term, residuals: Residuals, edges: Sequence[NonlinearParameter] = ()) -> Term:
-    """Find the variant with the least squared residual near `term`; edges stay.
+    """Find the variant of a term with locally least squared residual; parameters in `edges` stay.
 
-    The derivative of the projected residual is taken by differences; all differences of a turn, as well as all step
-    lengths, are judged as one batch. Parameters with a positive lower limit move by factors.
+    Gauss-Newton takes derivatives by differences, and evaluates all of an iteration, or all step lengths, in one batch.
+    Parameters with a positive lower limit move by factors.
+
     Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
     """
     sought = [parameter for parameter in list_continuous_parameters(term) if parameter not in edges]
@@ -106,13 +106,13 @@ def refine_nonlinear(term: Term, residuals: Residuals, edges: Sequence[Nonlinear
     known: dict[Term, Array] = {}  # residuals of the last batch
 
     def at(term: Term) -> tuple[Array, Array]:
-        """Return the values of the nonlinear parameters and the units of their steps."""
+        """Return the values of the sought parameters (S,), and the units of their steps (S,)."""
         values = np.array([term.nonlinear_values[parameter.name] for parameter in sought])
         return values, np.array(
             [get_step_unit(parameter, value) for parameter, value in zip(sought, values, strict=True)]
         )
 
-    def near(term: Term) -> Near[Term]:
+    def near(term: Term) -> Near[Term]:  # slopes per step unit
         values, unit = at(term)
         error = known[term] if term in known else residuals([term])[0]
         steps = NONLINEAR.difference * unit * np.eye(len(sought))
@@ -120,7 +120,7 @@ def refine_nonlinear(term: Term, residuals: Residuals, edges: Sequence[Nonlinear
         slopes = (np.column_stack(residuals(nearby)) - error[:, None]) / NONLINEAR.difference  # (R, S)
         return Near(term, float(error @ error), error, slopes)
 
-    def best(near: Near[Term], steps: list[Array]) -> tuple[Term, float]:
+    def best(near: Near[Term], steps: list[Array]) -> tuple[Term, float]:  # of all shares of the first step
         values, unit = at(near.known)
         step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / NONLINEAR.leap)
         tried = [
@@ -135,22 +135,22 @@ def refine_nonlinear(term: Term, residuals: Residuals, edges: Sequence[Nonlinear
 
 
 def find_edges(term: Term, x: Samples) -> list[NonlinearParameter]:
-    """List the continuous nonlinear parameters by which the laws of a term have no slope almost everywhere.
+    """List the continuous nonlinear parameters at which a law of a term jumps, so that derivatives are useless.
 
-    These are instants, and parameters at which a law jumps, as friction that ends at a speed: while one moves, the law
-    stays at most of the samples, and changes at others by an amount that does not shrink with the move. An impact has
-    slopes by its stop, also where the law jumps by damping.
+    These are instants, and parameters such as a speed at which friction ends. Terms with state or impacts have only
+    instants. `x` are the samples at which jumps are tested.
     """
     smooth = term.has_state() or term.has_impacts
-    return [own for own in list_continuous_parameters(term) if own.instant or (not smooth and _has_jumps(term, own, x))]
+    parameters = list_continuous_parameters(term)
+    return [each for each in parameters if each.instant or (not smooth and _has_jumps(term, each, x))]
 
 
 def _has_jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
-    """Return whether the laws of a term jump at some samples while a parameter moves."""
+    """Return whether a small change of a parameter changes the laws of a term at no sample, or by a jump."""
     value = term.nonlinear_values[parameter.name]
     unit = get_step_unit(parameter, value)
 
-    def change(share: float) -> float:
+    def change(share: float) -> float:  # largest, over samples, for a move by this many step units either way
         ends = [
             _evaluate_laws(set_values(term, [parameter], [value + step]), x) for step in (-share * unit, share * unit)
         ]
@@ -162,18 +162,21 @@ def _has_jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
 
 
 def get_step_unit(parameter: NonlinearParameter, value: float) -> float:
-    """Return the unit in which a parameter moves: its size, also near zero where it may be zero."""
+    """Return the step unit of a parameter: its absolute value, at least 0.1 if its lower limit is not positive."""
     return abs(value) if parameter.low > 0 else max(abs(value), 0.1)
 
 
 def _evaluate_laws(term: Term, x: Samples) -> Array:
-    """Return the laws of all columns of a term at N samples (3 P, N)."""
+    """Return mass, force and dry part of each of P columns of a term, also fixed ones, at N samples (3 P, N)."""
     laws = [law(x) for column in (*term.columns, *term.fixed) for law in (column.mass, column.force, column.dry)]
     return np.array([np.broadcast_to(law, np.shape(x.velocity)) for law in laws])
 
 
 def scan_edges(term: Term, residuals: Residuals, edges: Sequence[NonlinearParameter], reach: float) -> Term:
-    """Search edges on a grid, and on finer grids around the best; an instant within `reach` [s]."""
+    """Search each edge on a grid, then on finer grids around the best value; return the best variant.
+
+    The first grid reaches `reach` [s] to either side of an instant, else `NONLINEAR.leap` step units.
+    """
     for parameter in edges:
         for width in NONLINEAR.widths:
             value = term.nonlinear_values[parameter.name]
@@ -185,12 +188,13 @@ def scan_edges(term: Term, residuals: Residuals, edges: Sequence[NonlinearParame
 
 
 def cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
-    """Search by repeated draws around the best variants so far; for errors with many local minima.
+    """Return the best variant found by random draws around the best variants so far, for errors with many local minima.
 
-    Works on the logarithms of the free continuous parameters, which have to be positive.
+    The free continuous parameters have to be positive: the draws are normal in their logarithms. The seed is fixed.
+
     Source: Rubinstein and Kroese, The Cross-Entropy Method, 2004.
     """
-    rng = np.random.default_rng(0)  # the same data give the same answer
+    rng = np.random.default_rng(0)
     sought = list_continuous_parameters(variants[0])
 
     def errors(drawn: Sequence[Term]) -> list[float]:

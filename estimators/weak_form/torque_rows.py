@@ -1,8 +1,7 @@
 """Rows of the torque balance, averaged over windows: fits of sets of terms, also with variants of one effect.
 
-Recordings are weighted by their residual, so an unexplained recording does not bias the others. All nonlinear
-parameters of an effect are compared through Gram matrices of the rows, so that a fit of many variants costs one batch
-of small solves. Results are memoised.
+Recordings are weighted by their residual, so an unexplained recording does not bias the others. Many variants of an
+effect are fitted by one batch of small solves of Gram matrices. Results are memoised.
 """
 
 from __future__ import annotations
@@ -40,17 +39,17 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Term
 
 RECENT = 4  # sets of terms whose equations are kept
-PERTURBATION = 1e-6  # of the largest torque, for slopes by it
-PERTURBATIONS = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # of it, both ways, for nonlinear laws
+PERTURBATION = 1e-6  # of the torque for derivatives, share of the largest torque
+PERTURBATIONS = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # the same for nonlinear laws
 
 
 @dataclass(frozen=True)
 class VariantSettings:
     """Extent of the search for the best variant of an effect."""
 
-    exact: int = 3  # most promising variants of a law of the torque, fitted exactly
-    reach: float = 0.03  # of the recording, range of the scan for an instant
-    follows: int = 3  # iterations that set a nonlinear parameter to the parameter that it follows
+    exact: int = 3  # best variants of a law of the torque that are fitted exactly
+    reach: float = 0.03  # of the scan for an instant, to either side, share of the recorded time
+    follows: int = 3  # iterations that set a nonlinear parameter to the linear parameter that it follows
 
 
 VARIANTS = VariantSettings()
@@ -58,11 +57,7 @@ VARIANTS = VariantSettings()
 
 @dataclass(eq=False)
 class TorqueRows:
-    """Rows of the torque of some windows.
-
-    Attributes:
-        data: windows of recordings.
-    """
+    """Rows of the torque of the windows `data`; a `RowMaker`."""
 
     data: TorqueWindows
     _columns: dict[Term, Columns] = field(default_factory=dict, init=False)
@@ -84,10 +79,12 @@ class TorqueRows:
 
     @cached_property
     def _torque(self) -> Array:
+        """Left-hand side of all rows (R,) [N m]."""
         return self.data.net_torque()
 
     @memoized
     def _of_joint(self, joint: str) -> TorqueRows:
+        """Return the rows of one of several joints."""
         return TorqueRows(self.data.part(joint))
 
     def select_joint(self, joint: str) -> TorqueRows:
@@ -96,61 +93,65 @@ class TorqueRows:
 
     def columns(self, variants: Terms) -> list[Columns]:
         """Return the windowed columns of each variant of one effect, on the rows of its joint."""
-        if (own := self.select_joint(variants[0].at)) is not self:
-            return own.columns(variants)
+        if (of_joint := self.select_joint(variants[0].at)) is not self:
+            return of_joint.columns(variants)
         missing = [variant for variant in variants if variant not in self._columns]
         if missing:
             self._columns.update(zip(missing, self.make_columns(missing), strict=True))
         return [self._columns[variant] for variant in variants]
 
     def make_columns(self, variants: Terms) -> list[Columns]:
-        """Return the columns of variants that a search uses once: they are not memoised."""
-        if (own := self.select_joint(variants[0].at)) is not self:
-            return own.make_columns(variants)
-        plain, kind, torque = self.data.columns(variants), variants[0], self.data.torque()
-        if not is_torque_dependent(kind):
-            return [Columns(own, fixed, np.zeros_like(own)) for own, fixed in plain]
+        """Return the windowed columns of each variant of one effect, on the rows of its joint; not memoised."""
+        if (of_joint := self.select_joint(variants[0].at)) is not self:
+            return of_joint.make_columns(variants)
+        columns, effect, torque = self.data.columns(variants), variants[0], self.data.torque()
+        if not is_torque_dependent(effect):
+            return [Columns(linear, fixed, np.zeros_like(linear)) for linear, fixed in columns]
         step = PERTURBATION * self._largest_torque
-        pairs = zip(plain, self._perturbed.columns(variants), strict=True)
+        pairs = zip(columns, self._perturbed.columns(variants), strict=True)
         parts = [
-            Columns(own, fixed, (more - own) / step, (moved - fixed) / step) for (own, fixed), (more, moved) in pairs
+            Columns(linear, fixed, (moved_linear - linear) / step, (moved_fixed - fixed) / step)
+            for (linear, fixed), (moved_linear, moved_fixed) in pairs
         ]
-        if not (kind.fixed and kind.has_state()):
+        if not (effect.fixed and effect.has_state()):
             return parts
-        whole = float(np.linalg.norm(torque))
-        remaining = [float(np.linalg.norm(torque - part.fixed)) for part in parts]
+        torque_norm = float(np.linalg.norm(torque))
+        norms = [float(np.linalg.norm(torque - part.fixed)) for part in parts]
         return [
-            part if variant.delay or rest >= whole else part._replace(torque_share=max(rest / whole, 1e-12))
-            for variant, part, rest in zip(variants, parts, remaining, strict=True)
+            part if variant.delay or norm >= torque_norm else part._replace(torque_share=max(norm / torque_norm, 1e-12))
+            for variant, part, norm in zip(variants, parts, norms, strict=True)
         ]
 
     def _with_change(self, term: Term, part: Columns) -> Columns:
-        """Return the columns of a term with the change of its fixed ones under perturbations of the torque."""
-        if (own := self.select_joint(term.at)) is not self:
-            return own._with_change(term, part)
+        """Return the columns of a term with `fixed_change`, if its fixed columns depend on the present torque."""
+        if (rows := self.select_joint(term.at)) is not self:
+            return rows._with_change(term, part)
         if not term.fixed or term.has_state():
             return part
-        more = np.nan_to_num(self.data.averages.fixed_under(term, self._perturbations), nan=0.0, posinf=0.0, neginf=0.0)
-        return part._replace(fixed_change=more - part.fixed[:, None])
+        fixed = self.data.averages.fixed_under(term, self._perturbations)
+        fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
+        return part._replace(fixed_change=fixed - part.fixed[:, None])
 
     @property
     def _largest_torque(self) -> float:
+        """Largest absolute windowed torque [N m], above zero."""
         return max(float(np.abs(self.data.torque()).max()), 1e-12)
 
     @cached_property
     def _perturbed(self) -> TorqueWindows:
+        """Windows with a small offset of the torque, for derivatives."""
         return self.data.with_torque(offset=PERTURBATION * self._largest_torque)
 
     @property
     def _perturbations(self) -> Array:
-        """Increasing perturbations of the torque (J,) [N m], zero in the middle, to solve nonlinear laws for it."""
+        """Increasing perturbations of the torque (J,) [N m], zero in the middle, for nonlinear laws."""
         return self._largest_torque * np.concatenate([-PERTURBATIONS[::-1], [0.0], PERTURBATIONS])
 
     @cached_property
     def perturbations(self) -> Array:
         """Perturbations of the torque in each row of all joints (R, J) [N m]."""
         joints = [self.select_joint(at) for at in self.data.joints]
-        return np.concatenate([np.tile(own._perturbations, (len(own.data.weights), 1)) for own in joints])
+        return np.concatenate([np.tile(rows._perturbations, (len(rows.data.weights), 1)) for rows in joints])
 
     @memoized
     def _rates(self, term: Term) -> Array:
@@ -158,25 +159,32 @@ class TorqueRows:
         return self.data.rates(term)
 
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
-        """Return the rows of some terms, weighted as in a fit, or `by_noise` alone; the last sets are memoised."""
+        """Return the rows of some terms, weighted by residual and noise, or `by_noise` alone.
+
+        The rows of the last `RECENT` sets of terms are memoised.
+        """
         key = tuple(terms)
         if key not in self._recent:
             if len(self._recent) >= RECENT:
                 self._recent.pop(next(iter(self._recent)))
             self._recent[key] = self.assemble(terms, self.columns_of_each(terms), self.data.weights)
-        found = self._recent[key]
-        return found if by_noise else replace(found, weights=self.weights(terms))
+        balance = self._recent[key]
+        return balance if by_noise else replace(balance, weights=self.weights(terms))
 
     def columns_of_each(self, terms: Terms) -> list[Columns]:
-        """Return the columns of each of some terms."""
+        """Return the columns of each term, on the rows of its joint, with `fixed_change`."""
         return [self._whole_columns(term) for term in terms]
 
     @memoized
     def _whole_columns(self, term: Term) -> Columns:
+        """Return the columns of a term with `fixed_change`."""
         return self._with_change(term, self.columns([term])[0])
 
     def assemble(self, terms: Terms, parts: Sequence[Columns], weights: Array) -> Balance:
-        """Return the rows of some terms from the columns of each and weights (R,)."""
+        """Return the rows of some terms from the columns of each, `parts`, and weights (R,).
+
+        With a term that filters torque (`lead`), `unfiltered` holds the rows without its fixed columns.
+        """
         rows = [self.data.locate_rows(term.at) for term in terms]
         balance = Balance.from_target(self._torque, weights).with_columns(
             list(zip(rows, parts, strict=True)), *list_bounds(terms), self.perturbations
@@ -184,54 +192,56 @@ class TorqueRows:
         if not any(term.lead for term in terms):
             return balance
         unfiltered, lead = self._torque.copy(), np.zeros(len(weights))
-        for here, term, part in zip(rows, terms, parts, strict=True):
-            unfiltered[here] -= 0.0 if term.lead else part.fixed
-            lead[here] += term.lead
-        rates = place_columns(len(weights), [(here, self._rates(term)) for here, term in zip(rows, terms, strict=True)])
+        for place, term, part in zip(rows, terms, parts, strict=True):
+            unfiltered[place] -= 0.0 if term.lead else part.fixed
+            lead[place] += term.lead
+        rates = place_columns(len(weights), list(zip(rows, map(self._rates, terms), strict=True)))
         y = unfiltered - lead * self.data.load_rates
         return replace(
             balance, unfiltered=replace(balance, phi=balance.phi + lead[:, None] * rates, y=y, torque_share=1.0)
         )
 
     def with_variant(self, terms: Terms, here: slice) -> Callable[[Term, Columns], Balance]:
-        """Return a function that gives the rows of the terms and a variant, from the variant's columns.
+        """Return a function of a variant and its columns, which returns the rows of the terms plus the variant.
 
-        The part of the terms is computed once. Rows of other joints are condensed to the tangent of their errors, which
-        are linear unless friction there grows with the load.
+        `here` are the rows of the variant's joint. Weights are those of `terms` alone. Rows of other joints are
+        condensed to their tangent. Terms that filter torque (`lead`) are assembled anew for each variant.
         """
-        if not terms or any(term.lead for term in terms):  # no shared part, or one that each variant changes
+        if not terms or any(term.lead for term in terms):
             shared, w = self.columns_of_each(terms), self.weights(terms)
-            return lambda variant, own: self.assemble((*terms, variant), [*shared, self._with_change(variant, own)], w)
-        first, perturbations = self.equations(terms), self.perturbations
+            return lambda variant, columns: self.assemble(
+                (*terms, variant), [*shared, self._with_change(variant, columns)], w
+            )
+        shared_rows, perturbations = self.equations(terms), self.perturbations
         elsewhere = np.ones(len(perturbations), dtype=bool)
         elsewhere[here] = False
         if elsewhere.any():
-            near, own_rows = self.tangent(terms), perturbations[here]
-            first = condense(first, elsewhere, near.slopes[elsewhere], near.target[elsewhere])
-            wide = np.tile(perturbations.max(axis=0), (len(first.y) - len(own_rows), 1))
-            here, perturbations = slice(0, len(own_rows)), np.concatenate([own_rows, wide])
-        return lambda variant, own: first.with_columns(
-            [(here, self._with_change(variant, own))], *list_bounds((*terms, variant)), perturbations
+            tangent, of_joint = self.tangent(terms), perturbations[here]
+            shared_rows = condense(shared_rows, elsewhere, tangent.slopes[elsewhere], tangent.target[elsewhere])
+            largest = np.tile(perturbations.max(axis=0), (len(shared_rows.y) - len(of_joint), 1))
+            here, perturbations = slice(0, len(of_joint)), np.concatenate([of_joint, largest])
+        return lambda variant, columns: shared_rows.with_columns(
+            [(here, self._with_change(variant, columns))], *list_bounds((*terms, variant)), perturbations
         )
 
     def weights(self, terms: Terms) -> Array:
-        """Return the weight of each row (R,), smaller for recordings with larger residuals."""
+        """Return the weight of each row (R,), that of its entry: smaller with a larger residual of the terms."""
         return self._weight_of_each(terms)[self.data.recording_of_window]
 
     @memoized
     def _weight_of_each(self, terms: Terms) -> Array:
-        """Return the weight of each recording (E,)."""
+        """Return the weight of each recording, or recording of a joint (E,); by noise without terms or others."""
         if len(self.data.windows) == 1 or not terms:
             return self._noise_of_each
-        if (found := self._fit_linearly(terms)) is not None:
-            return found[1]
+        if (linear_fit := self._fit_linearly(terms)) is not None:
+            return linear_fit[1]
         balance, owner = self.equations(terms, by_noise=True), self.data.recording_of_window
         squares = np.bincount(owner, balance.error(self._solve_by_noise(terms)) ** 2).astype(float)
         return weigh_recordings(squares, np.bincount(owner), self.data.least())
 
     @memoized
     def _solve_by_noise(self, terms: Terms) -> Array:
-        """Fit the terms with the weights of noise alone, near the fit without the last if that is not linear."""
+        """Fit the linear parameters (P,) with the weights of noise; a nonlinear fit starts without the last term."""
         *others, last = terms
         start = None
         if is_torque_dependent(*others):
@@ -241,23 +251,23 @@ class TorqueRows:
     @memoized
     def solve(self, terms: Terms) -> Array:
         """Fit the linear parameters (P,) of the terms to all windows."""
-        if (found := self._fit_linearly(terms)) is not None:
-            return found[0].theta
+        if (linear_fit := self._fit_linearly(terms)) is not None:
+            return linear_fit[0].theta
         balance = self.equations(terms)
         return balance.solve(None if balance.is_linear or len(self.data.windows) == 1 else self._solve_by_noise(terms))
 
     @memoized
     def fit_folds(self, terms: Terms) -> FoldFits:
-        """Fit some terms to all rows and without each fold, to first order in the last term if that suffices."""
-        found = self._fit_linearly(terms) or self._fit_beside(terms)
-        if found is not None:
-            return found[0]
+        """Fit some terms to all rows and without each fold; linearised around the fit without the last, if accurate."""
+        linearised = self._fit_linearly(terms) or self._fit_beside(terms)
+        if linearised is not None:
+            return linearised[0]
         theta, balance = self.solve(terms), self.equations(terms)
         return FoldFits(tuple(terms), theta, balance.solve_without(self.layout.fold, FOLDS, theta))
 
     @memoized
     def _fit_linearly(self, terms: Terms) -> tuple[FoldFits, Array] | None:
-        """Return the fits of terms with linear equations, and the weights of recordings (E,); None of others."""
+        """Return the fits of terms, and the weights of recordings (E,); None if a term depends on the torque."""
         return None if is_torque_dependent(*terms) else self._fit_beside(terms)
 
     def _fit_beside(self, terms: Terms) -> tuple[FoldFits, Array] | None:
@@ -272,7 +282,7 @@ class TorqueRows:
             return None
 
         def linearise(by_noise: bool) -> tuple[Array, Array, Array, Array]:
-            """Return Gram matrices of the terms, parameters (P,) around which they are, and bounds of a step."""
+            """Return Gram matrices of the terms, parameters (P,) at a step of zero, and bounds of a step."""
             known, (part,), (least, most) = self._fold_grams(others, by_noise), self.columns([last]), list_bounds(terms)
             start = np.append(known.near.theta, np.zeros(len(last.columns)))
             return known.with_term(part, self.data.locate_rows(last.at)), start, least - start, most - start
@@ -297,7 +307,7 @@ class TorqueRows:
 
     @memoized
     def _fold_grams(self, terms: Terms, by_noise: bool = False) -> FoldGrams:
-        """Return the Gram matrices of the rows of some terms, near their fit, or near that `by_noise` alone."""
+        """Return the Gram matrices of the rows, linearised around the fit of the terms, or the fit `by_noise` alone."""
         if by_noise and not is_torque_dependent(*terms):
             return self._fold_grams(terms)  # they are the same around any fit
         balance = self.equations(terms, by_noise=True)
@@ -306,14 +316,14 @@ class TorqueRows:
 
     @cached_property
     def _noise_of_each(self) -> Array:
-        """Weight of each recording by its noise (E,)."""
+        """Weight of each recording by its noise (E,), the mean over its rows."""
         owner = self.data.recording_of_window
         counts = np.bincount(owner, minlength=len(self.data.windows))
         return np.bincount(owner, self.data.weights, len(counts)) / np.maximum(counts, 1)
 
     @cached_property
     def base_inertia(self) -> float:
-        """Inertia of the joint by the base model, clear of contacts [kg m^2], which scales the noise."""
+        """Inertia [kg m^2] by the base model without contacts, or the largest if known in all recordings."""
         if all(known := [w.recording.known_inertia for w in self.data.windows]):
             return max(known)
         if self.data.contacts:
@@ -324,7 +334,7 @@ class TorqueRows:
         return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
-        """Fit the linear parameters of some terms, always to convergence; a search sets nonlinear parameters."""
+        """Fit the linear parameters of some terms, to convergence also without `exactly`."""
         return FittedTerms(tuple(terms), self.solve(terms))
 
     def residual(self, terms: Terms, theta: Array) -> Array:
@@ -339,51 +349,54 @@ class TorqueRows:
 
     @memoized
     def _frame(self, terms: Terms) -> Array:
-        """Return an orthonormal basis (R, P) of changes of the weighted errors by the parameters."""
+        """Return an orthonormal basis (R, P) of the weighted derivatives of the errors by the parameters."""
         return np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
 
     def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
-        """Return the variance of torque noise that terms filter out of the rows, with these rows [(N m)^2].
+        """Return, per term that filters torque, its rows and the variance of torque noise that it removes [(N m)^2].
 
-        It still counts as error: a lag smooths the noise of the torque together with the torque, which must not raise
-        its likelihood.
+        Errors are increased by it: a lag must not become likelier by smoothing noise.
         """
         filters = [term for term in terms if term.fixed and term.has_state()]
         return [(self.data.locate_rows(term.at), self._absorbed(term)) for term in filters]
 
     @memoized
     def _absorbed(self, term: Term) -> float:
+        """Return the variance of torque noise that a term removes from the rows of its joint [(N m)^2]."""
         return self.data.part(term.at).absorbed(term)
 
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
-        """Return derivatives (R, S) of the modelled torque by continuous nonlinear parameters, and their names.
+        """Return derivatives (R, S) of the modelled torque by continuous nonlinear parameters, and their full names.
 
-        Those of a link with estimated states are left out, since its motion determines them. Along one motion its
-        torque J (q'' - w^2 s - c s' + g sin q) is the same for any J, if w, c, g and the joint's own parameters follow.
+        `theta` (P,) are the linear parameters. Links with estimated states are left out: along one motion their torque
+        J (q'' - w^2 s - c s' + g sin q) is the same for any J, if w, c, g and the joint's own parameters follow.
         """
         slopes: dict[str, Array] = {}
-        first = 0
+        start = 0
         for term in terms:
-            own = theta[first : (first := first + len(term.columns))]
+            parameters = theta[start : (start := start + len(term.columns))]
             if term.id in self.data.link_states:
                 continue
 
-            def torques(variants: Terms, own: Array = own) -> list[Array]:
-                return [linear @ own + fixed for linear, fixed in self.data.columns(variants)]
+            def torques(variants: Terms, parameters: Array = parameters) -> list[Array]:
+                return [linear @ parameters + fixed for linear, fixed in self.data.columns(variants)]
 
             for name, slope in compute_nonlinear_slopes(term, torques).items():
-                slopes[name] = whole = np.zeros(len(self.data.weights))
-                whole[self.data.locate_rows(term.at)] = slope
+                slopes[name] = slope_of_rows = np.zeros(len(self.data.weights))
+                slope_of_rows[self.data.locate_rows(term.at)] = slope
         return np.column_stack([np.empty((len(self.data.weights), 0)), *slopes.values()]), list(slopes)
 
     def compare(self, terms: Terms, variants: Terms) -> list[float]:
-        """Return the torque error of the fit of the terms with each of V variants of one further effect [N m]."""
+        """Return the weighted RMS torque error [N m] of the fit of the terms plus each of V variants of one effect.
+
+        It includes torque noise that terms remove. Of variants that depend on the torque, the best are fitted exactly.
+        """
         w, here = self.weights(terms), self.data.locate_rows(variants[0].at)
         parts = self.columns(variants)
         with_variant = cache(lambda: self.with_variant(terms, here))  # most variants do not need it
 
-        def exact(variant: Term, own: Columns) -> float:
-            return with_variant()(variant, own).least_squared()
+        def exact(variant: Term, columns: Columns) -> float:
+            return with_variant()(variant, columns).least_squared()
 
         if not terms or is_known(*terms, variants[0]):
             squares = np.array([exact(*pair) for pair in zip(variants, parts, strict=True)])
@@ -403,80 +416,84 @@ class TorqueRows:
         return np.sqrt(squares / (w @ w) + absorbed).tolist()
 
     def _mean_absorbed(self, terms: Terms, w: Array) -> float:
-        """Return the variance of torque noise that terms absorb, mean over all weighted rows (R,) [(N m)^2]."""
+        """Return the variance of torque noise that terms remove, mean over rows of weights (R,) [(N m)^2]."""
         absorbed = self.absorbed_noise(terms)
         return sum(float(w[here] @ w[here]) * variance for here, variance in absorbed) / float(w @ w)
 
     def trial(self, terms: Terms) -> ScoredTerms:
-        """Fit one set of terms."""
+        """Return a set of terms with the error of its fit, see `compare`."""
         *others, last = terms
         return ScoredTerms(tuple(terms), self.compare(others, [last])[0])
 
     def search_basins(self, terms: Terms, variants: Terms) -> ScoredTerms:
-        """Search from each value of the parameter over which the error is multimodal, and return the best trial."""
+        """Return the best trial of the terms with a variant, by one search per value of its multimodal parameter."""
         residuals, name = self._residuals(terms), find_hints(type(variants[0])).multimodal
-        places = {variant.nonlinear_values[name] for variant in variants}
-        basins = [[v for v in variants if v.nonlinear_values[name] == place] for place in sorted(places)]
-        found = [self.trial((*terms, cross_entropy(basin, residuals))) for basin in basins]
-        best = min(found, key=lambda trial: trial.fitted_rms)
-        closer = self.trial((*terms, refine_nonlinear(best.terms[-1], residuals)))
-        return min(best, closer, key=lambda trial: trial.fitted_rms)
+        values = {variant.nonlinear_values[name] for variant in variants}
+        basins = [[v for v in variants if v.nonlinear_values[name] == value] for value in sorted(values)]
+        trials = [self.trial((*terms, cross_entropy(basin, residuals))) for basin in basins]
+        best = min(trials, key=lambda trial: trial.fitted_rms)
+        refined = self.trial((*terms, refine_nonlinear(best.terms[-1], residuals)))
+        return min(best, refined, key=lambda trial: trial.fitted_rms)
 
     def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
-        """Search the continuous nonlinear parameters of one term of a trial from their values."""
-        place = next(i for i, term in enumerate(trial.terms) if term.id == id)
-        term = trial.terms[place]
+        """Return the trial with the nonlinear parameters of its term `id` optimised, or the trial itself if no better.
+
+        Parameters that follow a linear parameter are set to it. Multimodal terms stay.
+        """
+        index = next(i for i, term in enumerate(trial.terms) if term.id == id)
+        term = trial.terms[index]
         if find_hints(type(term)).multimodal:
             return trial
-        others = (*trial.terms[:place], *trial.terms[place + 1 :])
+        others = (*trial.terms[:index], *trial.terms[index + 1 :])
         following = [parameter for parameter in term.nonlinear_parameters if parameter.follows]
         for _ in range(VARIANTS.follows if following else 0):
             theta = self.solve((*others, term))
-            known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
-            term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
+            values = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
+            term = replace(term, **{s.name: float(values[s.follows]) for s in following if s.follows in values})
         residuals, samples = self._residuals(others), self.data.part(term.at).samples
-        reach, found, edges = VARIANTS.reach * float(np.ptp(samples.time)), term, find_edges(term, samples)
+        reach, refined, edges = VARIANTS.reach * float(np.ptp(samples.time)), term, find_edges(term, samples)
         for _ in range(1 + bool(edges and len(list_continuous_parameters(term)) > 1)):
-            found = scan_edges(refine_nonlinear(found, residuals, edges), residuals, edges, reach)
-        closer = self.trial((*trial.terms[:place], found, *trial.terms[place + 1 :]))
-        worse = closer.fitted_rms > trial.fitted_rms and not following
-        return trial if worse or not is_possible(found, samples) else closer
+            refined = scan_edges(refine_nonlinear(refined, residuals, edges), residuals, edges, reach)
+        refined_trial = self.trial((*trial.terms[:index], refined, *trial.terms[index + 1 :]))
+        is_worse = refined_trial.fitted_rms > trial.fitted_rms and not following
+        return trial if is_worse or not is_possible(refined, samples) else refined_trial
 
     def _residuals(self, terms: Terms) -> Residuals:
-        """Return a function that gives the weighted residual (R,) of the best fit of the terms with each variant.
+        """Return a function of variants that returns the weighted residual (R,) of the fit of the terms plus each.
 
-        The columns of the terms are projected out once; each variant then takes a small solve.
+        The columns of the terms are projected out once, so each variant takes a small solve. A variant whose fit leaves
+        the bounds, has known parameters or depends on the torque is fitted exactly.
         """
         shared, w = self.columns_of_each(terms), self.weights(terms)
-        near, frame = self.tangent(terms), self._frame(terms)
-        scale, target = w * near.scale, w * near.error
-        inverse = np.linalg.pinv(frame.T @ (w[:, None] * near.slopes))
+        tangent, frame = self.tangent(terms), self._frame(terms)
+        scale, target = w * tangent.scale, w * tangent.error
+        inverse = np.linalg.pinv(frame.T @ (w[:, None] * tangent.slopes))
 
-        def clear(columns: Array, here: slice) -> Array:
-            cleared = -frame @ (frame[here].T @ columns)
-            cleared[here] += columns
-            return np.asarray(cleared)
+        def project_out(columns: Array, here: slice) -> Array:
+            projected = -frame @ (frame[here].T @ columns)
+            projected[here] += columns
+            return np.asarray(projected)
 
-        remaining = clear(target, slice(None))
+        remaining = project_out(target, slice(None))
         with_variant = cache(lambda at: self.with_variant(terms, self.data.locate_rows(at)))
 
         def exact(balance: Balance) -> Array:
             return balance.weights * balance.error(balance.solve())
 
-        def residual(variant: Term, own: Columns) -> Array:
+        def residual(variant: Term, variant_columns: Columns) -> Array:
             if is_known(*terms, variant) or not variant.columns:
-                return exact(self.assemble((*terms, variant), [*shared, own], w))
+                return exact(self.assemble((*terms, variant), [*shared, variant_columns], w))
             here = self.data.locate_rows(variant.at)
-            columns = scale[here, None] * own.linear
-            extra = clear(columns, here)
-            size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
-            extra = extra / size
-            theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ remaining) / size
-            others = near.theta + inverse @ (frame.T @ target - frame[here].T @ (columns @ theta))
-            (least, most), whole = list_bounds((*terms, variant)), np.append(others, theta)
-            if np.any((whole < least) | (whole > most)):
-                return exact(self.assemble((*terms, variant), [*shared, own], w))
-            return np.asarray(remaining - (extra * size) @ theta)
+            columns = scale[here, None] * variant_columns.linear
+            free = project_out(columns, here)
+            size = np.maximum(np.linalg.norm(free, axis=0), 1e-300)
+            free = free / size
+            theta = np.linalg.solve(free.T @ free + 1e-12 * np.eye(len(size)), free.T @ remaining) / size
+            others = tangent.theta + inverse @ (frame.T @ target - frame[here].T @ (columns @ theta))
+            (least, most), parameters = list_bounds((*terms, variant)), np.append(others, theta)
+            if np.any((parameters < least) | (parameters > most)):
+                return exact(self.assemble((*terms, variant), [*shared, variant_columns], w))
+            return np.asarray(remaining - (free * size) @ theta)
 
         def residuals(variants: Terms) -> list[Array]:
             pairs = list(zip(variants, self.make_columns(variants), strict=True))
@@ -488,19 +505,19 @@ class TorqueRows:
 
 
 def _at_prediction(part: Columns, near: Tangent, here: slice) -> Columns:
-    """Return the columns of a term under the torque that other terms predict, in the place of the recorded torque."""
+    """Return the columns of a term at the torque that other terms predict, to first order from the recorded torque."""
     return part._replace(linear=part.linear - near.error[here, None] * part.slope)
 
 
 def _refit_exactly(
     pairs: Sequence[tuple[Term, Columns]], estimates: Sequence[Array], exact: Callable[[Term, Columns], float]
 ) -> Array:
-    """Return squared errors (V,) of variants that depend on the torque, exact for the best of them.
+    """Return squared errors (V,) of variants that depend on the torque, exact for the best by each of the estimates.
 
-    The best are those of the fit with the recorded torque, and of the fit with the predicted torque.
+    The other squared errors are those of the first estimate (V,), at least the smallest exact one.
     """
-    tried = np.unique([np.argsort(estimate)[: VARIANTS.exact] for estimate in estimates])
-    squares = np.array([exact(*pairs[k]) for k in tried.tolist()])
-    found = np.maximum(estimates[0], squares.min())
-    found[tried] = squares
-    return found
+    best = np.unique([np.argsort(estimate)[: VARIANTS.exact] for estimate in estimates])
+    exact_squares = np.array([exact(*pairs[k]) for k in best.tolist()])
+    squares = np.maximum(estimates[0], exact_squares.min())
+    squares[best] = exact_squares
+    return squares

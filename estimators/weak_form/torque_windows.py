@@ -1,4 +1,4 @@
-"""Windows of several recordings that share one set of parameters; noise sets the window length."""
+"""Windows of several recordings that share one set of parameters, with lengths chosen by noise."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from pendulum_env.physics.potential import Cogging, GravityTilt, HardStop
 from pendulum_env.recording import Recording
 from pendulum_env.recording.sampling import SAMPLING
 
-NEGLIGIBLE = 0.01  # share of the torque; encoder noise below it hides no effect of practical use
+NEGLIGIBLE = 0.01  # share of the torque below which encoder noise hides no effect of practical use
 NEGLIGIBLE_SWING = 0.002  # the same of a free swing, in which friction is a small share of the torque
 
 
@@ -39,13 +39,13 @@ NEGLIGIBLE_SWING = 0.002  # the same of a free swing, in which friction is a sma
 class WeakFormSettings:
     """Numbers of windowed equations: their length, their errors and their clusters."""
 
-    precision: float = 5e-4  # of the RMS torque, error of smoothing and integration
-    fewest: int = 10  # windows, below which no error can be estimated
-    enough: int = 100  # windows clear of stick that a window length has to leave,
-    clear: float = 0.3  # or share of the recording
-    clusters: int = 4  # per parameter of an arm's links: with fewer, some combination would never vary,
-    shortest: int = 4  # half windows, the least length of a cluster: errors are correlated over less
-    significant: float = 5.0  # standard errors from which the residual of a reversal exceeds friction
+    precision: float = 5e-4  # error of smoothing and integration, share of the standard deviation of torque
+    fewest: int = 10  # least number of windows, to estimate errors
+    enough: int = 100  # number of windows clear of stick that is enough for a window length,
+    clear: float = 0.3  # or share of the recording in such windows, half a window each
+    clusters: int = 4  # least number of clusters per parameter of an arm's links, so that all combinations vary
+    shortest: int = 4  # least length of a cluster of an arm [half windows]: errors are correlated over less
+    significant: float = 5.0  # standard errors by which the residual of a contact exceeds friction
 
 
 WEAK_FORM = WeakFormSettings()
@@ -55,9 +55,9 @@ class TermColumns(NamedTuple):
     """Windowed columns of a term that depends on the motion of all joints.
 
     Attributes:
-        linear: (R, P).
-        rates: their time derivatives (R, P).
-        inertia: mean contribution of each parameter to the inertia at each joint (n, P).
+        linear: column of each parameter (R, P).
+        rates: time derivatives of the columns (R, P).
+        inertia: mean contribution of one unit of each parameter to the inertia at each of n joints (n, P).
     """
 
     linear: Array
@@ -69,8 +69,8 @@ class PayloadColumns(NamedTuple):
     """Windowed torque of known payloads of an arm.
 
     Attributes:
-        torque: of all links (R,) [N m].
-        columns: derivatives of the torque by the parameters of each payload (R, S).
+        torque: of all payloads (R,) [N m].
+        columns: derivatives of the torque by the parameters of all payloads (R, S).
     """
 
     torque: Array
@@ -85,10 +85,10 @@ class TorqueWindows:
         windows: one entry per recording, or per recording and joint, grouped by joint.
         weights: relative weight of each equation (R,), smaller for recordings with more noise.
         clusters: block of time of each equation (R,), for standard errors under correlated residuals.
-        link_states: samples with the estimated state variables of a term, by its id, one entry per recording; other
-            states are propagated along the measured motion from the start.
-        shared_columns: columns of terms that belong to no single joint, by id.
-        payload: torque of what an arm is known to carry; None if nothing is.
+        link_states: by the id of a link, samples with its estimated states, one entry per recording. States of other
+            terms are simulated along the measured motion.
+        shared_columns: by id, columns of terms at no single joint.
+        payload: torque of known payloads of an arm, or None.
     """
 
     windows: tuple[Windows, ...]
@@ -105,13 +105,14 @@ class TorqueWindows:
 
     @cached_property
     def _parts(self) -> dict[str, tuple[slice, TorqueWindows]]:
-        found, first = {}, 0
+        """Rows and windows of each of several joints, by name; empty for one joint."""
+        found, start = {}, 0
         for joint in self.joints if len(self.joints) > 1 else ():
-            own = tuple(w for w in self.windows if w.at == joint)
-            here = slice(first, first := first + sum(len(w.centers) for w in own))
-            clusters = np.unique(self.clusters[here], return_inverse=True)[1]
-            payload = None if self.payload is None else PayloadColumns(*(series[here] for series in self.payload))
-            found[joint] = here, TorqueWindows(own, self.weights[here], clusters, payload=payload)
+            of_joint = tuple(w for w in self.windows if w.at == joint)
+            rows = slice(start, start := start + sum(len(w.centers) for w in of_joint))
+            clusters = np.unique(self.clusters[rows], return_inverse=True)[1]
+            payload = None if self.payload is None else PayloadColumns(*(series[rows] for series in self.payload))
+            found[joint] = rows, TorqueWindows(of_joint, self.weights[rows], clusters, payload=payload)
         return found
 
     def locate_rows(self, at: str) -> slice:
@@ -124,25 +125,26 @@ class TorqueWindows:
 
     @cached_property
     def samples(self) -> Samples:
-        """Samples at the windows' centres, all recordings in a row, (R,) each."""
+        """Samples at the middle of each window, all recordings concatenated, (R,) each."""
         return concatenate_samples([w.at_centers() for w in self.windows])
 
     @cached_property
     def averages(self) -> WindowAverages:
-        """Averages over the windows, all recordings in a row."""
+        """Averages over the windows, all recordings concatenated."""
         return WindowAverages.join([w.averages for w in self.windows])
 
     @cached_property
     def _rates(self) -> WindowAverages:
+        """Averages of time derivatives over the windows, all recordings concatenated."""
         return WindowAverages.join([w.rates for w in self.windows])
 
     @cached_property
     def _unsmoothed(self) -> Samples:
-        """Samples of all recordings in a row as an effect with impacts needs them."""
+        """Concatenated samples of all recordings that drive an effect with impacts."""
         return concatenate_samples([w.select_driving_samples(HardStop) for w in self.windows])
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
-        """Trace the states of variants of one effect along all recordings in a row, one result for each variant."""
+        """Return for each variant of one effect the concatenated driving samples of all recordings, with its states."""
         known = self.link_states.get(variants[0].id)
         if known:
             return [concatenate_samples(known)] * len(variants)
@@ -151,26 +153,26 @@ class TorqueWindows:
         if not kind.has_state():
             return [driving] * len(variants)
         traced = zip(*trace_all(self.windows, variants), strict=True)
-        return [replace(driving, memory=concatenate_memory(own)) for own in traced]
+        return [replace(driving, memory=concatenate_memory(states)) for states in traced]
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
         """Return the linear columns (R, P) and the sum of the fixed columns (R,) of each variant of one effect.
 
-        Only the rows of its joint are returned: an effect is zero at all others.
+        R counts the rows of the effect's joint; its columns are zero in all other rows.
         """
         if variants[0].id in self.shared_columns:
             return [(self.shared_columns[variant.id].linear, np.zeros(len(self.weights))) for variant in variants]
-        own = self.part(variants[0].at)
-        return own.averages.columns(variants, own.trace(variants))
+        of_joint = self.part(variants[0].at)
+        return of_joint.averages.columns(variants, of_joint.trace(variants))
 
     def rates(self, term: Term) -> Array:
         """Return time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
         if term.id in self.shared_columns:
             return self.shared_columns[term.id].rates
-        own = self.part(term.at)
-        (x,) = own.trace([term])
-        columns = [own._rates.column(column, x) for column in term.columns]
-        return np.column_stack(columns) if columns else np.empty((len(own.weights), 0))
+        of_joint = self.part(term.at)
+        (x,) = of_joint.trace([term])
+        columns = [of_joint._rates.column(column, x) for column in term.columns]
+        return np.column_stack(columns) if columns else np.empty((len(of_joint.weights), 0))
 
     @cached_property
     def load_rates(self) -> Array:
@@ -179,13 +181,13 @@ class TorqueWindows:
 
     @property
     def recording_of_window(self) -> Index:
-        """Recording of each equation (R,)."""
+        """Index of the entry of `windows` of each equation (R,)."""
         return np.repeat(np.arange(len(self.windows)), [len(w.centers) for w in self.windows])
 
     def blocks(self, length: float) -> tuple[Index, Index, Index]:
-        """Return block of about `length` seconds and entry of each equation (R,); recording of each block (S,).
+        """Return block and entry of each equation (R,), and the recording of each block (S,).
 
-        The joints of an arm share their blocks.
+        A block lasts about `length` seconds. The joints of an arm share their blocks. An entry is one of `windows`.
         """
         block, entry = _number_blocks(self.windows, length), self.recording_of_window
         recording_of_block = np.zeros(int(block.max()) + 1, dtype=np.intp)
@@ -193,29 +195,30 @@ class TorqueWindows:
         return block, entry, recording_of_block
 
     def structure(self, residual: Array, inertia: float) -> ResidualStructure:
-        """Measure the size and the correlation of a residual (R,) [N m] between adjacent windows.
+        """Measure the size of a residual (R,) [N m], and its correlation between windows half a window apart.
 
-        Adjacent windows overlap, so the covariance due to white sensor noise is subtracted. The correlation is
-        normalised in blocks of one second, so that blocks of large and of small residuals have equal weights.
+        The covariance due to white sensor noise, of a joint with an inertia [kg m^2], is subtracted. The correlation is
+        normalised in blocks of one second, so that blocks with large residuals do not dominate. A correlated part below
+        `precision` counts as zero.
         """
-        block, first = _number_blocks(self.windows, 1.0), 0
-        shared, powers, owners = [], [], []
+        block, start = _number_blocks(self.windows, 1.0), 0
+        products, squares, owners = [], [], []
         for w in self.windows:
             count, m = len(w.centers), len(w.kernel) // 2
-            own = residual[first : first + count]
+            of_recording = residual[start : start + count]
             adjacent = np.flatnonzero(np.diff(w.centers) == m)
-            shared.append(own[adjacent] * own[adjacent + 1] - w.shared_noise(inertia))
-            powers.append(0.5 * (own[adjacent] ** 2 + own[adjacent + 1] ** 2))
-            owners.append(block[first + adjacent])
-            first += count
-        product, power, owner = np.concatenate(shared), np.concatenate(powers), np.concatenate(owners)
+            products.append(of_recording[adjacent] * of_recording[adjacent + 1] - w.shared_noise(inertia))
+            squares.append(0.5 * (of_recording[adjacent] ** 2 + of_recording[adjacent + 1] ** 2))
+            owners.append(block[start + adjacent])
+            start += count
+        product, square, owner = np.concatenate(products), np.concatenate(squares), np.concatenate(owners)
         rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
         if len(product) == 0:
             return ResidualStructure(0.0, 0.0, rms)
-        number = np.bincount(owner)
-        is_filled = number > 0
-        correlation = np.bincount(owner, product)[is_filled] / np.maximum(np.bincount(owner, power)[is_filled], 1e-300)
-        z_score = float(number[is_filled] @ correlation) / float(np.sqrt(len(product)))
+        counts = np.bincount(owner)
+        is_filled = counts > 0
+        correlation = np.bincount(owner, product)[is_filled] / np.maximum(np.bincount(owner, square)[is_filled], 1e-300)
+        z_score = float(counts[is_filled] @ correlation) / float(np.sqrt(len(product)))
         size = float(np.sqrt(max(product.mean(), 0.0)))
         return ResidualStructure(size if size > self.precision() else 0.0, z_score, rms)
 
@@ -224,15 +227,15 @@ class TorqueWindows:
         return WEAK_FORM.precision * float(np.std(self.applied_torque()))
 
     def least(self) -> float:
-        """Return the largest error of smoothing and integration of all joints [N m], also for one without a motor."""
+        """Return the largest `precision` of all joints [N m]."""
         return max(self.part(at).precision() for at in self.joints)
 
     def negligible(self, at: str) -> float:
-        """Return the residual below which a joint of an arm has no structure [N m]: errors of other joints enter it."""
+        """Return the residual below which a joint of an arm has no structure [N m]; 0 for a pendulum."""
         return max(NEGLIGIBLE * float(np.std(self.part(at).torque())), self.least()) if self.shared_columns else 0.0
 
     def with_torque(self, factor: float = 1.0, offset: float = 0.0) -> TorqueWindows:
-        """Return the motion under a torque, with its noise, larger by a factor, and with an offset [N m]."""
+        """Return the windows with torque and its noise times a factor, and an offset added to the torque [N m]."""
         changed = (
             w.with_torque(factor * w.recording.torque + offset, factor * w.samples.torque + offset)
             for w in self.windows
@@ -242,44 +245,43 @@ class TorqueWindows:
     def with_contacts(
         self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float, free: tuple[float, float]
     ) -> TorqueWindows:
-        """Return the windows with those, not clear of stick, whose residual exceeds dry friction: contacts.
+        """Return the windows with contacts: windows not clear of stick whose residual exceeds dry friction.
 
-        At a reversal and at rest friction is unknown, but it lies between its values in motion in either direction,
-        unless it is far larger at rest. A residual significantly above their difference is the force of a stop: a joint
-        meets a stop at a reversal, and stands on it at rest. At rest a stop is told from friction that is larger than
-        in motion: the joint stands beyond all angles of free motion, and the torque presses it outwards.
+        At a reversal, a residual above twice the dry friction plus noise is the force of a stop. At rest, friction may
+        be larger: a contact must also lie beyond all angles of free motion, and the residual press outwards.
 
-        The force of a stop is known less well than other torque, and its equations are scaled by that: at rest to
-        within dry friction and the part that varies at the same angle, where the stop yields less than the encoder
-        resolves; at a reversal, where n samples show it, to a share of 1 / n^2.
+        Equations of contacts are scaled by the error of the force: at rest twice the dry friction and the variation at
+        the same angle; at a reversal that lasts n samples, 1 / n^2 of the force.
 
         Args:
             terms: of a model without a link.
-            theta: its linear parameters (P,).
-            covariance: of these (P, P).
+            theta, covariance: linear parameters of the terms (P,), and their covariance (P, P).
             inertia: of the joint [kg m^2].
             free: range of free motion [rad], see `free_range`.
         """
         unclear = join_windows([replace(w, centers=w.unclear) for w in self.windows])
         residual, friction, noise = unclear._residual(terms, theta, covariance, inertia)
         angle = unclear.samples.position
-        presses = ((residual > 0) & (angle > free[1])) | ((residual < 0) & (angle < free[0]))
-        rests = np.concatenate([np.isin(w.unclear, w.resting) for w in self.windows])
-        is_contact = (np.abs(residual) > 2 * friction + noise) & (presses | ~rests)
+        is_outwards = ((residual > 0) & (angle > free[1])) | ((residual < 0) & (angle < free[0]))
+        is_at_rest = np.concatenate([np.isin(w.unclear, w.resting) for w in self.windows])
+        is_contact = (np.abs(residual) > 2 * friction + noise) & (is_outwards | ~is_at_rest)
         error = np.abs(residual) / np.concatenate([_durations(w) for w in unclear.windows]) ** 2
         for side in (residual > 0, residual < 0):
-            own = is_contact & rests & side
-            error[own] = 2 * np.hypot(friction[own], _spread(angle[own], residual[own]))
+            selected = is_contact & is_at_rest & side
+            error[selected] = 2 * np.hypot(friction[selected], _spread(angle[selected], residual[selected]))
         ends = np.cumsum([len(w.unclear) for w in self.windows])[:-1]
-        found = []
-        for w, own, errors in zip(self.windows, np.split(is_contact, ends), np.split(error, ends), strict=True):
-            centers, scale = w.unclear[own], np.ones(len(w.moving))
-            scale[centers] = 1.0 / np.hypot(1.0, errors[own] / max(w.noise(inertia), 1e-300))
-            found.append(replace(w, centers=np.sort(np.r_[w.centers, centers]), scale=scale))
-        return join_windows(found)
+        windows = []
+        for w, selected, errors in zip(self.windows, np.split(is_contact, ends), np.split(error, ends), strict=True):
+            centers, scale = w.unclear[selected], np.ones(len(w.moving))
+            scale[centers] = 1.0 / np.hypot(1.0, errors[selected] / max(w.noise(inertia), 1e-300))
+            windows.append(replace(w, centers=np.sort(np.r_[w.centers, centers]), scale=scale))
+        return join_windows(windows)
 
     def free_range(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> tuple[float, float]:
-        """Return the range of angles [rad] at which the joint moves clear of stick with no residual above friction."""
+        """Return the least and largest angle [rad] in windows clear of stick without a residual above friction.
+
+        The arguments are those of `with_contacts`; without such a window, the range is (inf, -inf).
+        """
         residual, friction, noise = self._residual(terms, theta, covariance, inertia)
         angle = self.samples.position[np.abs(residual) <= 2 * friction + noise]
         return float(angle.min(initial=np.inf)), float(angle.max(initial=-np.inf))
@@ -287,7 +289,7 @@ class TorqueWindows:
     def _residual(
         self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float
     ) -> tuple[Array, Array, Array]:
-        """Return the residual of each window, its dry friction, and its largest error by noise, (R,) [N m] each."""
+        """Return the residual of each window, and bounds of its dry friction and its noise, (R,) [N m] each."""
         equations = self.equations(terms)
         noise = np.repeat([w.noise(inertia) for w in self.windows], [len(w.centers) for w in self.windows])
         deviation = np.hypot(noise, _compute_deviations(equations.phi, covariance))
@@ -296,12 +298,12 @@ class TorqueWindows:
 
     @property
     def contacts(self) -> int:
-        """Number of contacts with a stop, each second of a lasting contact counted."""
+        """Number of contacts with a stop; a lasting contact counts once a second."""
         return sum(len(instants) for instants in self.contact_instants)
 
     @property
     def contact_instants(self) -> list[Array]:
-        """Instants of contacts with a stop, as shares of each recording, each second of a lasting contact counted."""
+        """Instants of contacts of each entry, as shares of the recording; a lasting contact counts once a second."""
         found = []
         for w in self.windows:
             period, instants = len(w.kernel) // 2 / w.recording.rate, list[float]()
@@ -313,7 +315,7 @@ class TorqueWindows:
 
     @property
     def without_contacts(self) -> TorqueWindows:
-        """The data without contacts."""
+        """Windows without contacts."""
         return join_windows([replace(w, centers=w.centers[~np.isin(w.centers, w.unclear)]) for w in self.windows])
 
     def torque(self) -> Array:
@@ -321,11 +323,11 @@ class TorqueWindows:
         return np.concatenate([w.torque() for w in self.windows])
 
     def applied_torque(self) -> Array:
-        """Return the applied torque, in free swings -I q'' (R,) [N m]."""
+        """Return the applied torque (R,) [N m], in free swings -I q'' with the known inertia I."""
         return np.concatenate([w.applied_torque() for w in self.windows])
 
     def net_torque(self) -> Array:
-        """Return the measured torque less that of known loads and payloads (R,) [N m]: the model's left-hand side."""
+        """Return the measured torque less that of known loads and payloads (R,) [N m], the left-hand side."""
         net = np.concatenate([w.net_torque() for w in self.windows])
         return net if self.payload is None else net - self.payload.torque
 
@@ -336,13 +338,13 @@ class TorqueWindows:
         return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
 
     def absorbed(self, term: Term) -> float:
-        """Return the variance of torque noise that the term absorbs, mean over the equations [(N m)^2]."""
+        """Return the variance of torque noise that a term's fixed columns absorb, mean over all rows [(N m)^2]."""
         counts = [len(w.centers) for w in self.windows]
         parts = [count * w.absorbed(term) for count, w in zip(counts, self.windows, strict=True) if count]
         return sum(parts) / max(1, sum(counts))
 
     def noise(self, inertia: float) -> float:
-        """Return the noise floor: root mean square over the windows of the error due to measurement noise [N m]."""
+        """Return the noise floor [N m]: RMS over the windows of the error by noise, at least `precision`."""
         counts = np.array([len(w.centers) for w in self.windows])
         levels = np.array([w.noise(inertia) for w in self.windows])
         return max(self.precision(), float(np.sqrt(np.sum(counts * levels**2) / max(1, counts.sum()))))
@@ -351,7 +353,7 @@ class TorqueWindows:
 def _bound_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: Array) -> Array:
     """Return an upper bound of dry friction in each window (R,) [N m], in either direction.
 
-    Bristles replace dry friction, so that both together have the same bound.
+    It is the largest in the window, plus `WEAK_FORM.significant` standard errors; terms with state are not counted.
     """
     if len(w.centers) == 0:
         return np.empty(0)
@@ -362,30 +364,33 @@ def _bound_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance:
             for column in term.columns
         ]
     )
-    most = np.abs(rows @ theta) + WEAK_FORM.significant * _compute_deviations(rows, covariance)
-    return np.asarray(sliding_window_view(most, len(w.kernel))[w.centers - len(w.kernel) // 2].max(axis=1))
+    bound = np.abs(rows @ theta) + WEAK_FORM.significant * _compute_deviations(rows, covariance)
+    return np.asarray(sliding_window_view(bound, len(w.kernel))[w.centers - len(w.kernel) // 2].max(axis=1))
 
 
 def _spread(angle: Array, force: Array) -> float:
-    """Return the part of forces (R,) of a stop [N m] that is no linear function of the angle (R,)."""
-    about = angle - angle.mean() if len(angle) else angle
-    slope = max(float(about @ force) / max(float(about @ about), 1e-300), 0.0)
-    return float(np.std(force - slope * about)) if len(force) else 0.0
+    """Return the standard deviation of torques (R,) about their linear function of the angle (R,) [N m].
+
+    The slope is at least zero; the result is 0 without torques.
+    """
+    deviation = angle - angle.mean() if len(angle) else angle
+    slope = max(float(deviation @ force) / max(float(deviation @ deviation), 1e-300), 0.0)
+    return float(np.std(force - slope * deviation)) if len(force) else 0.0
 
 
 def _durations(w: Windows) -> Array:
-    """Return the effective number of samples over which the joint is accelerated in each window, at least one (R,)."""
-    around = sliding_window_view(w.acceleration, len(w.kernel))[w.centers - len(w.kernel) // 2]
-    return np.asarray(np.maximum(around.sum(axis=1) ** 2 / np.maximum((around**2).sum(axis=1), 1e-300), 1.0))
+    """Return the effective number of samples of the acceleration a in each window, (sum a)^2 / sum a^2 >= 1 (R,)."""
+    a = sliding_window_view(w.acceleration, len(w.kernel))[w.centers - len(w.kernel) // 2]
+    return np.asarray(np.maximum(a.sum(axis=1) ** 2 / np.maximum((a**2).sum(axis=1), 1e-300), 1.0))
 
 
 def _compute_deviations(rows: Array, covariance: Array) -> Array:
-    """Return standard errors (R,) of sums of parameters, each with its factors (R, P)."""
+    """Return the standard error of each row (R, P) times the parameters, of covariance (P, P)."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("rp,pq,rq->r", rows, covariance, rows), 0.0)))
 
 
 def _number_blocks(windows: Sequence[Windows], length: float) -> Index:
-    """Return the number of the block of about `length` seconds of each equation (R,), within its recording."""
+    """Return the block of about `length` seconds of each equation (R,), numbered from 0 over all recordings."""
     numbers, offset, first = [], 0, {}
     for w, run in zip(windows, _list_recordings(windows), strict=True):
         count = max(1, round(w.recording.duration / length))
@@ -398,12 +403,16 @@ def _number_blocks(windows: Sequence[Windows], length: float) -> Index:
 
 
 def _list_recordings(windows: Sequence[Windows]) -> list[int]:
-    """Return the recording of each entry: its own, or one shared with other joints."""
+    """Return the recording of each entry: its `run`, or its index for a pendulum."""
     return [k if w.run is None else w.run for k, w in enumerate(windows)]
 
 
 def _list_half_widths(recording: Recording) -> tuple[float, ...]:
-    """Return the half widths of at least two samples whose windows are shorter than the recording."""
+    """Return those of `HALF_WIDTHS` [s] that have two samples and fit into the recording; else two samples.
+
+    Raises:
+        IdentificationError: if the recording is too short.
+    """
     shortest, duration = 2.0 / recording.rate, len(recording) / recording.rate
     if duration < SAMPLING.shortest:
         raise IdentificationError(
@@ -413,7 +422,7 @@ def _list_half_widths(recording: Recording) -> tuple[float, ...]:
 
 
 def smooth_laws(w: Windows) -> tuple[Term, ...]:
-    """Return terms that together follow nearly any smooth torque: their residual is noise."""
+    """Return terms that together fit nearly any smooth torque, so that their residual is noise."""
     fast = max(float(np.percentile(np.abs(w.samples.velocity), 95)), 0.1)
     return (
         *BASE,
@@ -430,8 +439,8 @@ def smooth_laws(w: Windows) -> tuple[Term, ...]:
 def calibrate(w: Windows) -> Windows:
     """Limit the noise estimate of windows to the residual of a fit of all smooth laws.
 
-    Torque that changes from sample to sample, under fast control or a random binary signal, looks like noise; but the
-    acceleration follows a real torque, so that it leaves no residual.
+    Torque that changes from sample to sample, as under fast control, is estimated as noise. The acceleration follows a
+    real torque, which leaves no residual.
     """
     phi = np.column_stack([w.columns([law])[0][0] for law in smooth_laws(w)])
     if known := w.recording.known_inertia:
@@ -440,9 +449,10 @@ def calibrate(w: Windows) -> Windows:
 
 
 def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known: Array | float = 0.0) -> Windows:
-    """Limit the noise estimate of windows to the residual of columns (R, P) and a known torque (R,) [N m].
+    """Scale the noise estimates of windows down so that their floor is at most the residual of a linear fit.
 
-    `inertia` maps parameters (P,) to it.
+    The fit has columns `phi` (R, P) and a known torque (R,) [N m]; with fewer than 2 P rows nothing changes. `inertia`
+    maps parameters (P,) to the inertia [kg m^2].
     """
     freedom = len(phi) - phi.shape[1]
     if freedom < phi.shape[1]:
@@ -456,21 +466,21 @@ def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known
 
 
 def choose_half_width(recording: Recording) -> float:
-    """Choose the shortest half width [s] at which encoder noise no longer dominates torque noise.
+    """Choose the shortest half width [s] at which encoder noise is below torque noise, or negligible.
 
-    Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
-    is mainly noise, which falls with the window length to the power 2.5.
+    It has to leave enough windows clear of stick; else the longest that does, or that with the longest clear time, is
+    taken. Short windows keep samples near reversals, which show friction; encoder noise falls with length^2.5.
     """
     widths, cut_at = _list_half_widths(recording), cache(partial(cut, recording))
     longest = cut_at(widths[-1])
-    carried = float(np.max(longest.samples.load.inertia))
-    inertia, real = carried, 1.0  # and share of the torque noise that is real
-    for w in map(cut_at, reversed(widths)):  # the longest with enough windows has the least noise
+    load_inertia = float(np.max(longest.samples.load.inertia))
+    inertia, noise_factor = load_inertia, 1.0  # [kg m^2], and factor on the torque noise by calibration
+    for w in map(cut_at, reversed(widths)):  # long windows have less noise
         equations = join_windows((w,)).equations(BASE)
         if len(equations.y) >= 40:
             fitted = recording.known_inertia or np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]
-            inertia = carried + abs(float(fitted))
-            real = calibrate(w).torque_noise / max(w.torque_noise, 1e-300)
+            inertia = load_inertia + abs(float(fitted))
+            noise_factor = calibrate(w).torque_noise / max(w.torque_noise, 1e-300)
             break
     negligible = (NEGLIGIBLE_SWING if recording.known_inertia else NEGLIGIBLE) * longest.torque_scale
 
@@ -483,23 +493,23 @@ def choose_half_width(recording: Recording) -> float:
 
     def is_quiet(width: float) -> bool:
         w = cut_at(width)
-        return inertia * w.acceleration_noise <= max(0.7 * real * w.torque_noise, negligible)
+        return inertia * w.acceleration_noise <= max(0.7 * noise_factor * w.torque_noise, negligible)
 
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
     return quiet or next(filter(is_feasible, reversed(widths)), None) or max(widths, key=measure_clear_time)
 
 
 def join_windows(windows: Sequence[Windows], shared_columns: Mapping[str, TermColumns] | None = None) -> TorqueWindows:
-    """Join windows of several recordings, weighted by their noise."""
-    joints, count = {w.at for w in windows}, sum(own.linear.shape[1] for own in (shared_columns or {}).values())
+    """Join windows of several recordings, with weights from 0 to 1 by their noise, and columns at no single joint."""
+    joints, count = {w.at for w in windows}, sum(columns.linear.shape[1] for columns in (shared_columns or {}).values())
     total = sum(w.recording.duration for w in windows) / len(joints)
-    half = max(len(w.kernel) // 2 / w.recording.rate for w in windows)
-    shortest = WEAK_FORM.shortest * half if count else 0.0
-    sizes = [w.torque_scale for w in windows]
+    half_width = max(len(w.kernel) // 2 / w.recording.rate for w in windows)
+    shortest = WEAK_FORM.shortest * half_width if count else 0.0
+    scales = [w.torque_scale for w in windows]
     typical = {
-        at: float(np.median([size for size, w in zip(sizes, windows, strict=True) if w.at == at])) for at in joints
+        at: float(np.median([scale for scale, w in zip(scales, windows, strict=True) if w.at == at])) for at in joints
     }
-    least = WEAK_FORM.precision * max(typical.values())  # a joint without a motor has no torque, but no smaller error
+    least = WEAK_FORM.precision * max(typical.values())  # also of a joint without a motor
     levels = [max(w.noise(0.05), 0.003 * typical[w.at], least, 1e-12) for w in windows]
     weights = [np.full(len(w.centers), min(levels) / level) for w, level in zip(windows, levels, strict=True)]
     return TorqueWindows(
@@ -513,7 +523,7 @@ def join_windows(windows: Sequence[Windows], shared_columns: Mapping[str, TermCo
 def cut_all(
     recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
 ) -> TorqueWindows:
-    """Cut recordings, or a part of each, into windows, with lengths chosen by their noise unless given."""
+    """Cut recordings, or a part of each, into windows, with half widths [s] chosen by their noise unless given."""
     widths = half_widths or [choose_half_width(recording) for recording in recordings]
     return join_windows([calibrate(cut(own, width, part)) for own, width in zip(recordings, widths, strict=True)])
 

@@ -5,9 +5,9 @@ Multiplying the balance by a smooth window w of compact support and integrating 
     <w tau> = sum_k theta_k <w (mass_k q'' + force_k + dry_k sgn q')>,
 
 in which both sides pass the same zero-phase low-pass filter. Windows that overlap little have nearly uncorrelated
-errors, so ordinary least squares on them is close to efficient; windows that touch stick are left out.
+errors, so ordinary least squares on them is close to efficient. Windows that touch stick are left out.
 
-Two facts about sampled data are built in. The command is held: the second difference of the position at sample k is
+The command is held: the second difference of the position at sample k is
 the average acceleration under a triangle over samples k - 1 to k + 1, whose torque is exactly the mean of commands
 k - 1 and k. The same triangle acts on smooth functions as (f[k-1] + 10 f[k] + f[k+1]) / 12 (Numerov).
 
@@ -46,14 +46,14 @@ DENSEST = 4  # entries of a matrix of averages per sample, above which averages 
 
 @dataclass(frozen=True, eq=False)
 class WindowAverages:
-    """Averages over the windows of one recording, or of several in a row: rows of a regression.
+    """Averages over the R windows of one recording, or of several concatenated ones: rows of a regression.
 
     Attributes:
         samples: at N instants.
-        moving: instants at which the velocity has a sign (N,); at others dry friction has none.
-        acceleration: there, see `Windows`.
-        narrow: averages (R, N) of series held from sample to sample, like torque.
-        wider: of smooth functions, which pass the triangle first.
+        moving: instants at which the velocity has a sign (N,); dry friction counts as zero at others.
+        acceleration: at the instants (N,), see `Windows`.
+        narrow: matrix (R, N) that averages series that are averages over the triangle already, as held torque is.
+        wider: matrix (R, N) that averages smooth functions, over the triangle first.
     """
 
     samples: Samples
@@ -69,12 +69,12 @@ class WindowAverages:
             return parts[0]
         narrow, wider = (_join_diagonally(every) for every in zip(*((p.narrow, p.wider) for p in parts), strict=True))
         moving, acceleration = (
-            np.concatenate(own) for own in zip(*((p.moving, p.acceleration) for p in parts), strict=True)
+            np.concatenate(series) for series in zip(*((p.moving, p.acceleration) for p in parts), strict=True)
         )
-        return cls(concatenate_samples([own.samples for own in parts]), moving, acceleration, narrow, wider)
+        return cls(concatenate_samples([series.samples for series in parts]), moving, acceleration, narrow, wider)
 
     def column(self, column: Column, x: Samples) -> Array:
-        """Average a column of the regressor (R,), along samples with the term's state variables."""
+        """Return a column of the regressor (R,), averaged over the windows, from samples with states (N,)."""
         smooth, dry = column.force(x), column.dry(x)
         if np.ndim(dry) or dry:
             smooth = smooth + dry * np.sign(x.velocity) * self.moving
@@ -88,56 +88,55 @@ class WindowAverages:
     def columns(self, variants: Sequence[Term], traced: Sequence[Samples]) -> list[tuple[Array, Array]]:
         """Return the linear columns (R, P) and the sum of the fixed columns (R,) of each variant of one effect.
 
-        Args:
-            variants: of one effect.
-            traced: samples with the state variables of each.
+        `traced` has for each variant the samples with its state variables.
         """
         parts = []
-        none = np.zeros(self.narrow.shape[0])
+        zeros = np.zeros(self.narrow.shape[0])
         for variant, x in zip(variants, traced, strict=True):
             linear = [self.column(c, x) for c in variant.columns]
             # fixed columns are torques that hold like the command, and already averages over the triangle
-            fixed = sum((_average_series(self.narrow, c.force(x)) for c in variant.fixed), none)
+            fixed = sum((_average_series(self.narrow, c.force(x)) for c in variant.fixed), zeros)
             fixed = np.where(np.isfinite(fixed), fixed, 0.0)
-            parts.append((np.column_stack(linear) if linear else np.empty((len(none), 0)), fixed))
+            parts.append((np.column_stack(linear) if linear else np.empty((len(zeros), 0)), fixed))
         return parts
 
     def fixed_under(self, term: Term, perturbations: Array) -> Array:
         """Return the fixed columns of a term without memory (R, J) under perturbations of the torque (J,) [N m]."""
         x, size = self.samples, (self.narrow.shape[1], len(perturbations))
-        under = [replace(x, torque=x.torque + own) for own in perturbations]  # one by one, within the processor's cache
+        perturbed = [replace(x, torque=x.torque + perturbation) for perturbation in perturbations]
         total = np.zeros((self.narrow.shape[0], len(perturbations)))
         for column in term.fixed:
             forces = np.empty(size)
-            for k, own in enumerate(under):
-                forces[:, k] = column.force(own)
+            for k, samples in enumerate(perturbed):  # one by one, to stay in the processor cache
+                forces[:, k] = column.force(samples)
             total += self.narrow @ forces
         return total
 
 
 def _join_diagonally(parts: Sequence[Averages]) -> Averages:
-    """Join averages of several recordings, each over its own samples."""
-    if all(scipy.sparse.issparse(own) for own in parts):
+    """Join the averages of several recordings to one block-diagonal matrix or operator."""
+    if all(scipy.sparse.issparse(averages) for averages in parts):
         return scipy.sparse.csr_array(scipy.sparse.block_diag(parts, "csr"))
-    rows, columns = (sum(own.shape[axis] for own in parts) for axis in (0, 1))
-    ends = np.cumsum([own.shape[1] for own in parts])[:-1]
+    rows, columns = (sum(averages.shape[axis] for averages in parts) for axis in (0, 1))
+    ends = np.cumsum([averages.shape[1] for averages in parts])[:-1]
 
     def average(series: Array) -> Array:
-        return np.concatenate([own @ piece for own, piece in zip(parts, np.split(np.ravel(series), ends), strict=True)])
+        pieces = np.split(np.ravel(series), ends)
+        return np.concatenate([averages @ piece for averages, piece in zip(parts, pieces, strict=True)])
 
     return scipy.sparse.linalg.LinearOperator((rows, columns), matvec=average, dtype=np.float64)
 
 
 def _average_series(averages: Averages, series: ArrayLike) -> Array:
-    """Average a series, or a constant (R,)."""
+    """Average a series (N,), or a constant, over the windows (R,)."""
     return np.asarray(averages @ np.broadcast_to(np.asarray(series, dtype=float), averages.shape[1:]))
 
 
 def concatenate_samples(parts: Sequence[Samples]) -> Samples:
     """Concatenate samples of several recordings, with the states of the same terms."""
     loads = [
-        np.concatenate([np.broadcast_to(own, x.time.shape) for own, x in zip(of_each, parts, strict=True)])
-        for of_each in zip(*(x.load for x in parts), strict=True)
+        np.concatenate([np.broadcast_to(value, x.time.shape) for value, x in zip(values, parts, strict=True)])
+        for values in zip(*(x.load for x in parts), strict=True)
     ]
     return Samples(
         np.concatenate([x.time for x in parts]),
@@ -160,28 +159,28 @@ def concatenate_memory(parts: Sequence[Samples]) -> dict[str, Memory]:
 
 @dataclass(frozen=True)
 class Windows:
-    """Windowed equations of one recording; build them with `cut`.
+    """Windowed equations of one recording of N samples; build them with `cut`.
 
     Attributes:
         recording: the recording.
         samples: time, smoothed position and velocity, and torque at the instants, each (N,).
         acceleration: raw second difference of the position (N,) [rad/s^2]; only its averages are meaningful.
-        kernel: window w, (2 m + 1,), summing to one.
-        centers: sample index of each window that is clear of stick, (R,).
-        turning: the same for other windows with mostly motion, near a reversal, a start or a halt; four times as dense.
-        resting: the same for windows with mostly rest.
-        moving: samples whose velocity has a sign, (N,).
-        is_clear: samples whose window is clear of stick, as those of `centers` are, (N,).
-        torque_noise: standard deviation of a window's torque from white noise [N m].
-        acceleration_noise: the same for its acceleration [rad/s^2].
-        acceleration_shared: correlation of that noise between windows half a window apart.
+        kernel: weights of a window (2 m + 1,), summing to one.
+        centers: index of the middle sample of each window in the equations (R,): those clear of stick, m samples
+            apart, and contacts with a stop if added.
+        turning: middle samples of other windows with mostly motion, near a reversal, a start or a halt, m / 4 apart.
+        resting: middle samples of other windows with mostly rest, m apart.
+        moving: samples whose speed exceeds its noise (N,).
+        is_clear: samples about which a window is clear of stick (N,).
+        torque_noise: standard deviation of a window's torque by white noise [N m].
+        acceleration_noise: the same of its acceleration [rad/s^2].
+        acceleration_shared: correlation of the acceleration noise of windows half a window apart.
         velocity_noise: standard deviation of the smoothed velocity [rad/s].
-        first, stop: range of samples with windows; those before it initialise terms with memory.
-        scale: factor on the equation about each sample (N,), below one where its torque is known less well than
-            elsewhere; None if it is one everywhere.
-        at: name of the recorded joint of an arm.
-        run: number of the arm's recording, which its joints share.
-        payload: what the arm is known to carry.
+        first, stop: range of samples with windows; earlier samples only drive terms with memory.
+        at: name of the recorded joint of an arm; empty for a pendulum.
+        run: number of the arm's recording, which its joints share; None for a pendulum.
+        payload: known payload of the arm.
+        scale: factor on the equation about each sample (N,), below one where its torque is less certain; None if one.
     """
 
     recording: Recording
@@ -206,12 +205,12 @@ class Windows:
 
     @cached_property
     def programs(self) -> StepPrograms:
-        """Compiled steps of models that simulate parts of the recording."""
+        """Cache of compiled steps of models, for simulations of parts of the recording."""
         return StepPrograms()
 
     @cached_property
     def torque_scale(self) -> float:
-        """Standard deviation of the recorded torque; in a free swing, of that which accelerates the inertia [N m]."""
+        """Standard deviation of recorded plus known load torque [N m]; in a free swing, of the inertia's torque."""
         if not self.recording.known_inertia:
             return float(np.std(self.recording.torque + self.samples.load.torque))
         bounds = pairwise((*self.recording.starts, len(self.moving)))
@@ -225,7 +224,7 @@ class Windows:
 
     @property
     def unclear(self) -> Index:
-        """Sample index of each window that is not clear of stick."""
+        """Middle samples of the windows that are not clear of stick, `turning` and `resting`, ascending."""
         return np.sort(np.concatenate([self.turning, self.resting]))
 
     @cached_property
@@ -235,11 +234,12 @@ class Windows:
 
     @cached_property
     def rates(self) -> WindowAverages:
-        """Averages of time derivatives, for torque with a lag: <w f'> = -<w' f>."""
+        """Averages of time derivatives of series, by <w f'> = -<w' f>, for torque with a lag."""
         padded = np.pad(self.kernel, 2)
         return self._averages_by(0.5 * self.recording.rate * (padded[:-2] - padded[2:]))
 
     def _averages_by(self, kernel: Array) -> WindowAverages:
+        """Return the averages with a kernel in the place of the window."""
         narrow, wider = self._averages(kernel), self._averages(np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12]))
         return WindowAverages(self.samples, self.moving, self.acceleration, narrow, wider)
 
@@ -248,6 +248,7 @@ class Windows:
         return replace(self, centers=np.flatnonzero(self.is_clear), scale=None)
 
     def _averages(self, kernel: Array) -> Averages:
+        """Return the sparse matrix (R, N) of averages with a kernel, or an operator if it would be dense."""
         count, length = len(self.centers), len(kernel)
         first = self.centers - length // 2
         scale = np.ones(count) if self.scale is None else self.scale[self.centers]
@@ -257,12 +258,12 @@ class Windows:
                 matvec=lambda series: scale * np.correlate(np.ravel(series), kernel, "valid")[first],
                 dtype=np.float64,
             )
-        place = first[:, None] + np.arange(length)
-        parts = np.outer(scale, kernel).ravel(), place.ravel(), length * np.arange(count + 1)
+        samples = first[:, None] + np.arange(length)
+        parts = np.outer(scale, kernel).ravel(), samples.ravel(), length * np.arange(count + 1)
         return scipy.sparse.csr_array(parts, shape=(count, len(self.moving)))
 
     def with_torque(self, torque: Array, averages: Array) -> Windows:
-        """Return the motion under another torque (N,) [N m], with its averages by `average_held_torque` (N,)."""
+        """Return the windows with another torque (N,) [N m]; `averages` (N,) are its `average_held_torque`."""
         samples = replace(self.samples, torque=averages)
         return replace(self, recording=replace(self.recording, torque=torque), samples=samples)
 
@@ -271,15 +272,16 @@ class Windows:
         return np.asarray(self.averages.narrow @ series)
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
-        """Trace the states of variants of one effect along the recording, one result for each variant."""
+        """Return for each variant of one effect the driving samples, with its states along the recording."""
         return trace_all([self], variants)[0]
 
     def select_driving_samples(self, kind: type[Term]) -> Samples:
-        """Return the samples that drive an effect: not smoothed for one with impacts."""
+        """Return the samples (N,) that drive an effect: raw positions for impacts and transmissions, else smoothed."""
         return self._unsmoothed if kind.has_impacts or kind.kind == "transmission" else self.samples
 
     @cached_property
     def _unsmoothed(self) -> Samples:
+        """Samples with the recorded position and its central differences (N,)."""
         q = self.recording.position
         return replace(self.samples, position=q, velocity=np.gradient(q, 1.0 / self.recording.rate))
 
@@ -288,85 +290,92 @@ class Windows:
         return self.averages.columns(variants, self.trace(variants))
 
     def absorbed(self, term: Term) -> float:
-        """Return the variance of white torque noise that the term's fixed columns absorb [(N m)^2]."""
+        """Return the variance of white torque noise that a term's fixed columns absorb [(N m)^2], by random noise."""
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
         noisier = self.with_torque(self.recording.torque + noise, self.samples.torque + average_held_torque(noise))
-        ((_, more),), ((_, taken),) = noisier.columns([term]), self.columns([term])
-        raw = self.average(average_held_torque(noise))
-        return float(np.var(raw) - np.var(raw - (more - taken)))
+        ((_, noisy_fixed),), ((_, fixed),) = noisier.columns([term]), self.columns([term])
+        averaged_noise = self.average(average_held_torque(noise))
+        return float(np.var(averaged_noise) - np.var(averaged_noise - (noisy_fixed - fixed)))
 
     def torque(self) -> Array:
-        """Return averages (R,) of the measured torque [N m]."""
+        """Return the averages (R,) of the recorded torque [N m]."""
         return self.average(self.samples.torque)
 
     def applied_torque(self) -> Array:
-        """Return the applied torque; in a free swing -I q'', which a model has to explain."""
+        """Return the averages (R,) of the recorded torque; in a free swing -I q'' with the known inertia I [N m]."""
         known = self.recording.known_inertia
         return -known * self.average(self.acceleration) if known else self.torque()
 
     def net_torque(self) -> Array:
-        """Return averages (R,) of the torque less that of the known load: the model's left-hand side [N m]."""
+        """Return the averages (R,) of the recorded torque less that of the known load, the left-hand side [N m]."""
         return self.torque() - self.averages.column(LOAD, self.samples) if self.samples.load else self.torque()
 
     def at_centers(self) -> Samples:
-        """Return the samples at the windows' centres, (R,) each."""
+        """Return the samples at the middle of each window, without states, (R,) each."""
         x, c = self.samples, self.centers
-        warm = np.broadcast_to(x.temperature, x.time.shape)[c]
-        return Samples(x.time[c], x.position[c], x.velocity[c], x.torque[c], load=x.load.select(c), temperature=warm)
+        load, temperature = x.load.select(c), np.broadcast_to(x.temperature, x.time.shape)[c]
+        return Samples(x.time[c], x.position[c], x.velocity[c], x.torque[c], load=load, temperature=temperature)
 
     def noise(self, inertia: float) -> float:
-        """Return the standard deviation of a window's residual due to noise [N m]; known loads add inertia."""
-        return float(np.hypot(self.torque_noise, self._moved(inertia) * self.acceleration_noise))
+        """Return the standard deviation of a window's residual by noise [N m]; known loads add inertia."""
+        return float(np.hypot(self.torque_noise, self._add_load(inertia) * self.acceleration_noise))
 
     def rate_noise(self, inertia: float) -> float:
-        """Return the standard deviation of the rate of the torque that moves an inertia, due to noise [N m/s]."""
+        """Return the standard deviation by noise of a window's rate of the torque of an inertia [N m/s]."""
         padded = np.pad(self.kernel, 3)
         bend, slope = (float(np.linalg.norm(np.diff(padded, order))) for order in (2, 3))
-        return self._moved(inertia) * self.acceleration_noise * self.recording.rate * slope / bend
+        return self._add_load(inertia) * self.acceleration_noise * self.recording.rate * slope / bend
 
     def shared_noise(self, inertia: float) -> float:
-        """Return the covariance of the residuals of adjacent windows due to measurement noise [(N m)^2]."""
+        """Return the covariance by noise of the residuals of windows half a window apart [(N m)^2]."""
         of_torque = self.torque_noise**2 * correlate_averages(
             np.convolve(self.kernel, [0.5, 0.5]), len(self.kernel) // 2
         )
-        return of_torque + (self._moved(inertia) * self.acceleration_noise) ** 2 * self.acceleration_shared
+        return of_torque + (self._add_load(inertia) * self.acceleration_noise) ** 2 * self.acceleration_shared
 
-    def _moved(self, inertia: float) -> float:
-        """Return the inertia with that of the known load [kg m^2]."""
+    def _add_load(self, inertia: float) -> float:
+        """Return the inertia plus the largest inertia of the known load [kg m^2]."""
         return inertia + float(np.max(self.samples.load.inertia))
 
 
 def average_held_torque(torque: Array) -> Array:
-    """Average a torque (N,) that is held from sample to sample over the triangle about each sample."""
+    """Return the average (N,) under the triangle about each sample of a torque that is held until the next sample.
+
+    It is the mean of this and the torque before; the first value stays.
+    """
     averages = torque.copy()
     averages[1:] = 0.5 * (torque[1:] + torque[:-1])
     return averages
 
 
 def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list[Samples]]:
-    """Trace the states of variants of one effect, one result for each recording and variant."""
+    """Return, per recording and variant of one effect, the driving samples with the variant's states.
+
+    States start anew in each segment. An effect without state returns its driving samples unchanged.
+    """
     kind = type(variants[0])
     driving = [w.select_driving_samples(kind) for w in windows]
     if not kind.has_state():
         return [[x] * len(variants) for x in driving]
-    runs, commands, periods = [], [], []  # one for each segment: the motion in a gap is unknown
+    segments, commands, periods = [], [], []  # one of each segment
     for w, x in zip(windows, driving, strict=True):
         for begin, end in pairwise((*w.recording.starts, len(w.recording))):
-            part = slice(begin, end)
-            warm = np.broadcast_to(x.temperature, x.time.shape)[part]
-            runs.append(Samples(x.time[part], x.position[part], x.velocity[part], x.torque[part], temperature=warm))
+            rows = slice(begin, end)
+            temperature = np.broadcast_to(x.temperature, x.time.shape)[rows]
+            motion = x.time[rows], x.position[rows], x.velocity[rows], x.torque[rows]
+            segments.append(Samples(*motion, temperature=temperature))
             commands.append(w.recording.torque[begin:end])
             periods.append(1.0 / w.recording.rate)
     if kind.has_own_trace():
-        every = zip(runs, commands, periods, strict=True)
-        memories = iter([kind.trace_each(variants, *run) for run in every])
+        arguments = zip(segments, commands, periods, strict=True)
+        memories = iter([kind.trace_each(variants, *segment) for segment in arguments])
     else:
-        memories = iter(trace_variants(variants, runs, commands, periods))
+        memories = iter(trace_variants(variants, segments, commands, periods))
     traced = []
     for w, x in zip(windows, driving, strict=True):
-        segments = [next(memories) for _ in w.recording.starts]
+        of_segments = [next(memories) for _ in w.recording.starts]
         states = [
-            tuple(np.concatenate(series) for series in zip(*(own[v] for own in segments), strict=True))
+            tuple(np.concatenate(series) for series in zip(*(segment[v] for segment in of_segments), strict=True))
             for v in range(len(variants))
         ]
         traced.append([replace(x, memory=kind.name_memory(memory)) for memory in states])
@@ -374,7 +383,7 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
 
 
 def make_bump(half_width: int) -> Array:
-    """Return the window (1 - s^2)^3 over 2 half_width + 1 samples, summing to one."""
+    """Return the weights (1 - s^2)^3, -1 < s < 1, of 2 half_width + 1 samples, summing to one."""
     s = np.arange(-half_width, half_width + 1) / (half_width + 1)
     weights = (1.0 - s**2) ** 3
     return weights / weights.sum()
@@ -385,12 +394,14 @@ WHOLE: Part = (0.0, 1.0)
 
 
 def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
-    """Cut a recording, or a part of it, into windows.
+    """Cut a recording into windows.
+
+    Windows never overlap gaps, the lead-in of a segment, or instants with an open motor.
 
     Args:
         recording: at least 0.1 s longer than a window.
-        half_width: of a window [s]; at least two samples are taken.
-        part: range of the recording with windows.
+        half_width: of a window [s], at least two samples.
+        part: begin and end of the range with windows, as shares of the recording.
     """
     m = max(2, round(half_width * recording.rate))
     smoothing = max(2, round(0.75 * m))
@@ -400,17 +411,17 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     v = motion.velocity
     moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
     guard = m + 1 + smoothing // 3  # the smoothed velocity may cross zero a little off the true one
-    near, outside = find_near_reversals(v, moving, guard), np.zeros(len(v), dtype=bool)
+    near_stick, outside = find_near_reversals(v, moving, guard), np.zeros(len(v), dtype=bool)
     for begin, end in pairwise((*recording.starts, len(recording))):
         lead_in = round(min(LEAD_IN * recording.rate, 0.1 * (end - begin)))
         outside[begin : begin + guard + 1 + lead_in] = outside[end - guard - 1 : end] = True
-    if not recording.powered.all():  # an open motor has no back-EMF
+    if not recording.powered.all():
         outside |= np.convolve(recording.powered == 0.0, np.ones(2 * guard + 1))[guard : guard + len(v)] > 0
     first, stop = (round(share * len(v)) for share in part)
     candidates, dense = (np.arange(first + m, stop - m, step) for step in (m, max(1, m // 4)))
-    candidates, dense = candidates[~outside[candidates]], dense[~outside[dense] & near[dense]]
-    stuck = near[candidates]
-    is_clear = ~(near | outside)
+    candidates, dense = candidates[~outside[candidates]], dense[~outside[dense] & near_stick[dense]]
+    stuck = near_stick[candidates]
+    is_clear = ~(near_stick | outside)
     is_clear[: first + m] = is_clear[stop - m :] = False
     mostly_moving = np.convolve(moving, window, "same") > 0.5
     return Windows(
