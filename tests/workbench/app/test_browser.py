@@ -251,6 +251,34 @@ def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(browser,
         tab.context.close()
 
 
+def test_a_fit_that_ends_while_its_stage_is_drawn_is_shown(tab, loose):
+    page, drawings, polls = tab.page, [], []
+
+    def hold(route) -> None:
+        """Hold the drawing of a state that is being fitted, and polls that come after the fit."""
+        asked, answer = route.request.post_data or "", route.fetch()
+        fits = "stage.children" in asked and "Fitting the model" in answer.text()
+        told = ".n_intervals" in asked and '"version"' in answer.text()
+        if fits or told:
+            (drawings if fits else polls).append((route, answer))
+        else:
+            route.fulfill(response=answer)
+
+    page.route(re.compile("_dash-update-component"), hold)
+    tab.choose_files("upload", str(loose))  # it is fitted for more than the 0.4 s that the answer waits
+    for _ in range(int(MS / 100)):
+        if not (drawings and polls):
+            page.wait_for_timeout(100)
+    with page.expect_response(lambda answer: ".n_clicks" in (answer.request.post_data or "")):  # of its new buttons
+        for route, answer in drawings:
+            route.fulfill(response=answer)
+    page.wait_for_selector("h1:has-text('Fitting the model')")
+    for route, answer in polls:
+        route.fulfill(response=answer)
+    page.unroute_all()
+    page.wait_for_selector("h1:not(:text-is('Fitting the model'))")
+
+
 def number_after(words: str, text: str) -> float:
     return float(re.search(rf"{words} ([\d.]+)", text.replace("\N{NO-BREAK SPACE}", " "))[1])
 

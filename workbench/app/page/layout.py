@@ -63,7 +63,7 @@ def make_page() -> Component:
             dcc.Store(id="version", data=0),  # of the session's state; 0 until something changes
             dcc.Store(id="theme-now"),
             dcc.Download(id="download"),
-            dcc.Interval(id="poll", interval=300, disabled=True),  # [ms] between two looks at a job
+            dcc.Interval(id="poll", interval=300),  # [ms] between two looks at the session
             html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
             html.Header(html.Div([brand, stages, theme], className="inner"), className="bar"),
             html.Div("Working …", id="waiting", role="status"),
@@ -149,14 +149,13 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
 
     @app.callback(
         Output("job", "children"),
-        Output("poll", "disabled"),
         VERSION,
         *inputs,
         Input("poll", "n_intervals"),
         prevent_initial_call="initial_duplicate",
     )
     def watch(id: str | None, _: str | None, version: int, __: int) -> tuple[Any, ...]:
-        """Draw the progress bar, whose one owner this is: no late answer brings it back."""
+        """Draw the progress bar, and tell the page of changes that no other answer told it."""
         if id is None:
             raise PreventUpdate
         session = sessions.find_session(id)
@@ -164,7 +163,7 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
             runs = session.job is not None and session.job.running
             # a page that has just been loaded is drawn already: it only has to learn when its job is over
             changed = session.version != version if version else ctx.triggered_id == "poll" and not runs
-            return show_job(session), not runs, session.version if changed else no_update
+            return show_job(session), session.version if changed else no_update
 
 
 def _connect_actions(app: Dash, sessions: Sessions) -> None:
@@ -184,16 +183,13 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
         VERSION,
         Input({"do": ALL, "of": ALL}, "n_clicks"),
         *fields,
-        State("version", "data"),
         State("session", "data"),
         prevent_initial_call=True,
     )
     def press(*values: Any) -> int:
         session, clicks = sessions.find_session(values[-1]), ctx.triggered[0]["value"]
-        if not clicks:  # buttons that have just appeared, and may have come before the answer to another
-            if values[-2] in (0, session.version):
-                raise PreventUpdate
-            return session.version
+        if not clicks:  # buttons that have just appeared; Dash would not draw again for an answer to its own drawing
+            raise PreventUpdate
         asked = ctx.triggered_id
         if asked["do"] == "cancel":  # at once, whatever goes on
             session.cancel()
