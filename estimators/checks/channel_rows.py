@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -117,8 +116,7 @@ def _find_clear_windows(data: TorqueWindows) -> Index:
     found = []
     for w in data.windows:
         beyond = len(w.kernel) // 2 + int(np.ceil(SEARCH.reach * w.recording.rate)) + 2
-        bounds = pairwise((*w.recording.starts, len(w.recording)))
-        found.append(
-            np.any([(w.centers >= begin + beyond) & (w.centers < end - beyond) for begin, end in bounds], axis=0)
-        )
+        bounds = np.array([*w.recording.starts, len(w.recording)])
+        segment = np.searchsorted(bounds, w.centers, side="right")
+        found.append((w.centers >= bounds[segment - 1] + beyond) & (w.centers < bounds[segment] - beyond))
     return np.flatnonzero(np.concatenate(found))

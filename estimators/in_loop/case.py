@@ -20,7 +20,6 @@ from estimators.in_loop.goals import make_base, read_goals, reverse_reading, wit
 from estimators.in_loop.refit import refine, refine_rows, refit
 from estimators.in_loop.rollouts import are_driven
 from estimators.in_loop.split import choose_parts, split_rollouts
-from estimators.selection.errors import get_single
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
 from pendulum_env.physics import Term, has_transmission
@@ -69,7 +68,7 @@ def reread_goals(trial: Trial) -> FitData | None:
     data, unseen = trial.data, refine_rows(trial.evaluator)[1]
     readings = [one for one in data.treatments if one.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
     error = trial.found.steps[-1].errors["holdout"].in_loop
-    if len(readings) != 1 or error < LOOP.faithful * get_single(unseen.rollouts.encoder):
+    if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
         return None
     fitted, held_out = (reverse_reading(part, readings[0]) for part in (data.recordings, data.holdout))
     if fitted is None or held_out is None:

@@ -13,7 +13,6 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.refit import refine_rows
-from estimators.selection.errors import get_single
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Model, list_ids
 from pendulum_env.recording import Recording
@@ -54,11 +53,12 @@ def find_speed_rate(model: Model, recordings: Sequence[Recording]) -> Finding | 
 
 def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
     """Return a finding where the logged torque is not the torque that the drive asks for, but a multiple of it."""
-    told = [own for own in recordings if own.has_logged_torque and own.drive and own.torque_unit == own.drive.unit]
-    if not told:
+    recorded = [own for own in recordings if own.has_logged_torque and own.drive and own.torque_unit == own.drive.unit]
+    if not recorded:
         return None
     logged, asked = (
-        np.concatenate(every) for every in zip(*((own.torque, compute_asked_torque(own)) for own in told), strict=True)
+        np.concatenate(every)
+        for every in zip(*((own.torque, compute_asked_torque(own)) for own in recorded), strict=True)
     )
     share = float(logged @ asked / max(asked @ asked, np.finfo(float).tiny))
     if abs(share - 1.0) < LOOP.scale:
@@ -75,7 +75,7 @@ def find_regions(trial: Trial) -> Sequence[Region]:
         return []
     sizes = np.array([np.mean(np.abs(residual[data.recording_of == k])) for k in range(len(data.recordings))])
     worst = int(np.argmax(sizes))
-    error, floor = float(np.mean(np.abs(residual))), get_single(data.encoder)
+    error, floor = float(np.mean(np.abs(residual))), data.encoder[""]
     unit = last.model.units().unit("rad")
     numbers = {"error": Quantity(error, unit=unit), "times": Quantity(error / floor)}
     if len(sizes) > 1:

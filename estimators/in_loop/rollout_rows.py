@@ -6,11 +6,9 @@ positions in y and their derivatives in phi.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Self
 
 import numpy as np
 
@@ -77,12 +75,12 @@ class RolloutRows:
         """Data of the regression with these rows."""
         return RegressionData(self.torque.data, rollouts=self)
 
-    def with_steps(self, steps: int, guide: RolloutRows | None = None) -> Self:
+    def with_steps(self, steps: int, guide: RolloutRows | None = None) -> RolloutRows:
         """Return the rows with more or fewer steps of the integrator, and nothing fitted."""
         return replace(self, rollouts=replace(self.rollouts, steps=steps), guide=guide)
 
     @cached_property
-    def fine(self) -> Self:
+    def fine(self) -> RolloutRows:
         """The rows with shorter steps of the integrator."""
         return self.with_steps(FINE, self.guide and self.guide.fine)
 
@@ -202,7 +200,7 @@ class RolloutRows:
             self._linear, key=lambda other: (len(known ^ {term.id for term in other}), -len(set(other) & set(terms)))
         )
         if not parents:
-            return self._starts.get(terms) or choose_likeliest_point(self.rollouts, [*self._first(terms)])[0]
+            return self._starts.get(terms) or choose_likeliest_point(self.rollouts, self._first(terms))[0]
         parent = self._linear[parents[0]].point
         values = parent.linear_values
         names = [column.name for term in terms for column in term.columns]
@@ -217,12 +215,11 @@ class RolloutRows:
             starts.append(self._starts[terms])
         return starts[0] if len(starts) == 1 else choose_likeliest_point(self.rollouts, starts)[0]
 
-    def _first(self, terms: Key) -> Iterator[Point]:
-        """Yield starts of the first fit: the parameters fitted to torque, with several least sizes."""
+    def _first(self, terms: Key) -> list[Point]:
+        """Return starts of the first fit: the parameters fitted to torque, with several least sizes."""
         theta, typical = self.torque.solve(terms), self.typical(terms)
-        for share in (0.0, 1.0, 5.0):
-            values = np.maximum(np.abs(theta), share * typical) if share else theta
-            yield Point.from_parameters(terms, values)
+        sizes = [theta, *(np.maximum(np.abs(theta), share * typical) for share in (1.0, 5.0))]
+        return [Point.from_parameters(terms, values) for values in sizes]
 
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
         """Return the rows around the fit of some terms, weighted by the size of each error, also `by_noise`."""
