@@ -86,12 +86,12 @@ def predict_recordings(model: Model, data: FitData | None) -> tuple[Prediction, 
     if data is None:
         raise IdentificationError("the result has no data: compare its model with the recordings")
     found, loop = [_make_empty_prediction(model, recording) for recording in data.every], data.simulate_in_loop(model)
-    if data.is_same:
+    if data.is_comparison:
         found = [replace(own, is_held_out=None) for own in found]
     with suppress(*[IdentificationError] * bool(loop)):  # a servo may move too little for a regression of its torque
         fitted, unseen = data.parts
         _predict(model, fitted, found[: len(data.recordings)], False)
-        if not data.is_same:
+        if not data.is_comparison:
             _predict(model, unseen, found[len(data.recordings) if data.holdout else 0 :], True)
     if loop:
         for k, recording in enumerate(data.every):

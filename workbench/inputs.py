@@ -15,7 +15,7 @@ from pendulum_env.physics.limits import collect_limits
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import apply_log_format
 from workbench.narrator.findings import describe_late
-from workbench.reading import list_sources, read_all, read_source_names
+from workbench.reading import read_all, read_source_names
 from workbench.robot import make_robot, report_held
 from workbench.terminal import Terminal
 
@@ -74,13 +74,6 @@ class Inputs:
         if not self.body.can_simulate:
             align = align or None  # looking takes long, so none is warned unasked
         return report_timing(given, align, terminal)
-
-
-def open_inputs(
-    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, holdout: bool = True
-) -> Inputs:
-    """Read what the arguments name, in none of which the outputs are written; raises as `open_sources`."""
-    return open_sources(arguments, list_sources(arguments, outputs), terminal, holdout)
 
 
 def open_sources(

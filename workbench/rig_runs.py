@@ -10,8 +10,7 @@ from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.wrappers import RecordMeasurements
 from workbench.errors import InputError, Interrupted
 from workbench.outputs import report_files
-from workbench.runs import Plan
-from workbench.simulated_runs import make_controller, make_environment
+from workbench.runs import Plan, make_controller, make_environment
 from workbench.terminal import Terminal
 
 

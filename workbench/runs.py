@@ -2,15 +2,20 @@
 
 import argparse
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
+import gymnasium as gym
 import numpy as np
 
 from agents.network import load
 from agents.observer import CONSTRAINTS, EPISODE, Pilot
-from pendulum_env.backends.hardware import config
+from pendulum_env.backends.hardware import DriveError, config
+from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import STILL, Excitation, excitation
 from pendulum_env.physics import Model
+from pendulum_env.policy import OpenLoop
+from pendulum_env.registration import PENDULUM
+from pendulum_env.spaces import MAX_TORQUE
 from workbench.errors import InputError
 from workbench.options import make_plant
 from workbench.suggestions import read_suggestion
@@ -102,3 +107,32 @@ def _load_config(arguments: argparse.Namespace) -> config.RigConfig | None:
     if not arguments.output.lower().endswith(".csv"):
         raise InputError(f"{arguments.output}: a rig is recorded row by row as it runs: let the name end in .csv")
     return config.load(arguments.config)
+
+
+def make_environment(plan: Plan) -> gym.Env[Any, Any]:
+    """Create the environment: a simulated plant, a replayed recording, or a rig without power.
+
+    The rig is owned and connected from now on; raises InputError if it is out of reach, or in use.
+    """
+    asked = plan.arguments
+    if plan.rig is not None:
+        try:
+            return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(plan.rig.path))
+        except DriveError as error:
+            raise InputError(str(error)) from None
+    return gym.make(
+        PENDULUM,
+        max_episode_steps=-1,
+        backend=asked.backend or "pymunk",
+        model=None if asked.replay is not None else plan.plant,
+        rate=asked.rate,
+        counts=asked.counts,
+        torque_noise=TORQUE_NOISE,
+        max_torque=max(MAX_TORQUE, plan.command.amplitude),
+        recording=asked.replay,
+    )
+
+
+def make_controller(plan: Plan, rate: float) -> OpenLoop | Pilot:
+    """Create the controller at a rate [Hz]; a replay has its own torque."""
+    return plan.command if isinstance(plan.command, Pilot) else OpenLoop(plan.command, rate)

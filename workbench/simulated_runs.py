@@ -1,49 +1,14 @@
-"""Runs of a simulated pendulum, and the environment of any run."""
+"""Runs of a simulated pendulum."""
 
-from typing import Any
-
-import gymnasium as gym
 import numpy as np
 
 from agents.observer import Pilot
-from pendulum_env.backends.hardware import DriveError
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
-from pendulum_env.policy import OpenLoop, rollout
+from pendulum_env.policy import rollout
 from pendulum_env.recording import Recording
-from pendulum_env.registration import PENDULUM
-from pendulum_env.spaces import MAX_TORQUE
 from workbench.errors import InputError
-from workbench.runs import Plan
+from workbench.runs import Plan, make_controller, make_environment
 from workbench.terminal import Terminal
-
-
-def make_environment(plan: Plan) -> gym.Env[Any, Any]:
-    """Create the environment: a simulated plant, a replayed recording, or a rig without power.
-
-    The rig is owned and connected from now on; raises InputError if it is out of reach, or in use.
-    """
-    asked = plan.arguments
-    if plan.rig is not None:
-        try:
-            return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(plan.rig.path))
-        except DriveError as error:
-            raise InputError(str(error)) from None
-    return gym.make(
-        PENDULUM,
-        max_episode_steps=-1,
-        backend=asked.backend or "pymunk",
-        model=None if asked.replay is not None else plan.plant,
-        rate=asked.rate,
-        counts=asked.counts,
-        torque_noise=TORQUE_NOISE,
-        max_torque=max(MAX_TORQUE, plan.command.amplitude),
-        recording=asked.replay,
-    )
-
-
-def make_controller(plan: Plan, rate: float) -> OpenLoop | Pilot:
-    """Create the controller at a rate [Hz]; a replay has its own torque."""
-    return plan.command if isinstance(plan.command, Pilot) else OpenLoop(plan.command, rate)
 
 
 def simulate(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Recording:

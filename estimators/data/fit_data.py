@@ -20,7 +20,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.split import Parts, split_arm, split_recordings, with_contacts
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import find_known_values
-from estimators.in_loop.simulation import LoopMotion, simulate_in_loop
+from estimators.in_loop.rollouts import LoopMotion, simulate_in_loop
 from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording, TorqueConstant
@@ -111,7 +111,7 @@ class FitData:
         if self.whole is not None:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
         raw, terms = self.untimed or self, [term for term in self.terms if isinstance(term, Term)]
-        every, count = (*raw.recordings, *raw.holdout), len(raw.recordings)
+        every, count = raw.every, len(raw.recordings)
         alignments = align_each(every, [*terms, *effects])
         moved = tuple(one.apply(recording) for one, recording in zip(alignments, every, strict=True))
         earlier = tuple(treatment for treatment in self.treatments if treatment not in self.corrections)
@@ -138,7 +138,7 @@ class FitData:
 
     def with_changes(self, change: Callable[[Recording], Recording], numbers: Collection[int]) -> Self:
         """Return the data after a change of some recordings, held-out ones numbered behind the fitted ones."""
-        every = tuple(change(own) if k in numbers else own for k, own in enumerate((*self.recordings, *self.holdout)))
+        every = tuple(change(own) if k in numbers else own for k, own in enumerate(self.every))
         untimed = None if self.untimed is None else self.untimed.with_changes(change, numbers)
         count = len(self.recordings)
         return replace(self, recordings=every[:count], holdout=every[count:], untimed=untimed)
@@ -191,14 +191,14 @@ class FitData:
         return {name: value for name, value in vars(self).items() if name != "parts"}
 
     @property
-    def is_same(self) -> bool:
+    def is_comparison(self) -> bool:
         """Return whether the recordings are compared, all alike, so that nothing is fitted."""
         return self.holdout is self.recordings
 
     @property
     def every(self) -> tuple[Recording, ...]:
         """All recordings, fitted ones first."""
-        return self.recordings if self.is_same else (*self.recordings, *self.holdout)
+        return self.recordings if self.is_comparison else (*self.recordings, *self.holdout)
 
     @property
     def constant(self) -> TorqueConstant | None:
@@ -237,7 +237,7 @@ class FitData:
 
     def find_timing(self, is_late: bool) -> tuple[Finding, ...]:
         """Return findings on torque that is logged late, or acts late; with names of recordings if these differ."""
-        every = zip((*self.recordings, *self.holdout), self.alignments, strict=bool(self.alignments))
+        every = zip(self.every, self.alignments, strict=bool(self.alignments))
         found: list[Finding] = []
         names: list[list[str]] = []
         for recording, one in every:

@@ -105,7 +105,7 @@ def include_payload(trial: Trial) -> FitData | None:
         return None
     parts = [part.data for part in (data.parts if data.holdout else data.parts[:1])]
     for payload, numbers in find_carried(parts, trial.found.terms):
-        names = tuple((*data.recordings, *data.holdout)[k].name for k in numbers)
+        names = tuple(data.every[k].name for k in numbers)
         finding = payload_finding(payload, find_links(trial.setting.base), names)
         data = data.with_changes(partial(add_payload, load=payload.load), numbers).with_treatment(finding)
     return None if data is trial.data else data

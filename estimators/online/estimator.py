@@ -1,22 +1,51 @@
 """The six schemes online, for one pendulum, for many at once, or for an arm."""
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
 
 from estimators.online.arm_stream import make_stream
 from estimators.online.confidence import ClusterCovariance
-from estimators.online.encoder import SampleBuffer
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.stream import check_rate
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Scheme, scheme
+from estimators.signals.differentiation import STILL, estimate_encoder_noise
 from estimators.signals.measurements import Smoothing, compute_encoder_noise
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import BASE, Term
+
+SAMPLES = 256  # in motion, of the first joint that has so many
+SHARE = 0.25  # of these samples that another joint needs
+KEPT = 2048  # samples, rest included
+
+
+class SampleBuffer:
+    """Samples of N pendulums or joints, until their encoder noise can be estimated.
+
+    Attributes:
+        samples: time, position and torque of each sample.
+    """
+
+    def __init__(self) -> None:
+        """Create an empty buffer."""
+        self.samples: deque[tuple[Array, Array, Array]] = deque(maxlen=KEPT)
+        self._moved: Array = np.zeros(1)  # number of samples in motion (N,)
+
+    def take(self, time: Array, position: Array, torque: Array) -> float | None:
+        """Add a sample; return the largest standard deviation of the position noise [rad] after enough motion."""
+        if self.samples:
+            self._moved = self._moved + (np.abs(position - self.samples[-1][1]) > STILL).ravel()
+        self.samples.append((time.copy(), position.copy(), torque.copy()))
+        if np.max(self._moved) < SAMPLES:
+            return None
+        series = np.array([np.ravel(own) for _, own, _ in self.samples]).T  # (N, K)
+        moving = series[self._moved >= SHARE * SAMPLES]
+        return max(estimate_encoder_noise(own[np.isfinite(own)]) for own in moving)
 
 
 class OnlineEstimator:

@@ -19,11 +19,14 @@ from estimators.online.rows import (
     VELOCITY,
     History,
     StickGuards,
+    apply_gate,
     balance_rows,
     compute_stick_mask,
+    list_guards,
     list_laws,
+    list_windows,
+    scheme_equations,
 )
-from estimators.online.scheme_equations import apply_gate, list_guards, list_windows, scheme_equations
 from estimators.schemes.six import Scheme
 from estimators.signals.measurements import Smoothing
 from estimators.signals.motion import LEAD_IN

@@ -55,6 +55,11 @@ class Identification(Mapping[str, Identified]):
         """Return the joints of the model."""
         return next(iter(self.schemes.values())).model.body
 
+    @property
+    def primary(self) -> Identified:
+        """Result with the model of an arm to go on with."""
+        return self.schemes.get(SAVED, next(iter(self.schemes.values())))
+
     def __getitem__(self, scheme: str) -> Identified:
         return find("scheme", scheme, self.schemes)
 

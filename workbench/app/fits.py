@@ -11,7 +11,6 @@ from estimators.data.split import split_arm
 from estimators.findings import Finding
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.progress import Progress
-from estimators.schemes.result import SAVED
 from estimators.selection.errors import Step
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import PER_INERTIA, Recording
@@ -73,7 +72,7 @@ def fit_arm(
 ) -> BaseFit:
     """Fit the base model of an arm; raises IdentificationError if there is too little motion."""
     found = identify(split_arm(recordings, holdout)[0], terms, SCHEMES_OF_ARM)
-    model = found[SAVED].model
+    model = found.primary.model
     data = FitData.from_recordings(recordings, holdout, model.terms)
     errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
     return BaseFit(data, Step(None, model, errors), found)

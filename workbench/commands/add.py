@@ -9,11 +9,12 @@ from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics.library import find_addition
 from workbench import options
 from workbench.errors import InputError
-from workbench.inputs import open_inputs
+from workbench.inputs import open_sources
 from workbench.narrator.effects import find_description
 from workbench.narrator.results import narrate_addition
 from workbench.outputs import report_files, write_model
 from workbench.printing import print_parts
+from workbench.reading import list_sources
 from workbench.terminal import Terminal
 
 
@@ -38,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
-    asked = open_inputs(arguments, [arguments.output], terminal)
+    asked = open_sources(arguments, list_sources(arguments, [arguments.output]), terminal)
     given = asked.calibrate(terminal, arguments.align, find_scaling_values(asked.model, arguments.fixed))
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}

@@ -11,12 +11,13 @@ from pendulum_env.arms.joints import find_links
 from pendulum_env.recording import Recording
 from workbench import options
 from workbench.errors import InputError
-from workbench.inputs import Inputs, open_inputs
+from workbench.inputs import Inputs, open_sources
 from workbench.narrator.diagnosis import write_comparison
 from workbench.narrator.payload import narrate_payload
 from workbench.narrator.results import narrate_comparison
 from workbench.outputs import check_outputs, report_files, write_json, write_page
 from workbench.printing import print_parts
+from workbench.reading import list_sources
 from workbench.terminal import Terminal
 
 
@@ -58,9 +59,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, [arguments.model])
-    asked = open_inputs(arguments, outputs, terminal)
+    asked = open_sources(arguments, list_sources(arguments, outputs), terminal)
     given, model = asked.convert(terminal, arguments.align), asked.model
-    recordings = [*given.recordings, *given.holdout]
+    recordings = list(given.every)
     with terminal.progress("comparing"):
         found = compare(model, recordings, horizon=arguments.horizon)
     payload, is_asked = None, arguments.payload is not None

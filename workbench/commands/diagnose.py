@@ -9,10 +9,11 @@ from estimators.selection.criterion import Criterion
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from workbench import options
-from workbench.inputs import open_inputs
+from workbench.inputs import open_sources
 from workbench.narrator.diagnosis import write_diagnosis
 from workbench.outputs import report_files, write_json, write_model, write_page
 from workbench.printing import MORE, print_diagnosis
+from workbench.reading import list_sources
 from workbench.terminal import Terminal
 
 ASKED = "only without fixed bounds max_torque max_angle max_speed horizon".split()  # of a diagnosis, as it is
@@ -66,7 +67,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the story, write what is asked for."""
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
-    asked = open_inputs(arguments, outputs, terminal)
+    asked = open_sources(arguments, list_sources(arguments, outputs), terminal)
     given = asked.calibrate(terminal, fixed=arguments.fixed)
     with terminal.progress("diagnosing") as progress:
         found = diagnose(

@@ -8,15 +8,15 @@ from estimators import SCHEMES, Identification, identify, scheme
 from estimators.arguments import apply_limits
 from estimators.arms.standard import nearest_body
 from estimators.findings import Kind
-from estimators.schemes.result import SAVED
 from estimators.schemes.six import PAPER, Scheme
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
 from workbench import options
-from workbench.inputs import open_inputs
+from workbench.inputs import open_sources
 from workbench.narrator.findings import describe_nearest_body
 from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes, write_identification
 from workbench.outputs import report_files, write_json, write_model
+from workbench.reading import list_sources
 from workbench.robot import describe_links
 from workbench.terminal import Terminal
 
@@ -56,7 +56,7 @@ def _parse_schemes(text: str) -> Sequence[Scheme]:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
     outputs = [arguments.json, arguments.output]
-    asked = open_inputs(arguments, outputs, terminal, holdout=arguments.align)
+    asked = open_sources(arguments, list_sources(arguments, outputs), terminal, holdout=arguments.align)
     given = asked.calibrate(terminal, True if arguments.align else None, arguments.fixed)
     terms, body = asked.model.terms, asked.body
     with terminal.progress("identifying"):
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         if arguments.instruments is not None:  # the remedy of this finding
             others = [own for own in found.findings if own.kind is not Kind.FEEDBACK_WITH_REFERENCE]
             found = replace(found, findings=tuple(others))
-        one = found.schemes.get(SAVED, next(iter(found.schemes.values())))
+        one = found.primary
         nearest = nearest_body(one.model) if not body.can_simulate else None
         model = one.model if nearest is not None else _choose_model(found, arguments)
     for text in describe_links(body):

@@ -33,7 +33,7 @@ def make_comparison(case: ReportData) -> Section:
         position = plot_position(case, f"position-{k}", [own.segments[k] for own in case.with_link_states(prepared)])
         drawn = plot_torque(case, f"torque-{k}", f"recording {name}", time, torque[k], left, noise)
         runs += [Part(f"Torque, {name}", [drawn]), Part(f"Position in free run, {name}", [position])]
-    held_out = "Held-out data. " * (not case.data.is_same)
+    held_out = "Held-out data. " * (not case.data.is_comparison)
     about = (
         f"{held_out}Torque is averaged over short windows that stay clear of stick and of reversals; gaps are where "
         "the joint stuck or turned. Each simulation of the position starts from the measured state and then runs "

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimators.online import OnlineEstimator
-from estimators.online.encoder import SampleBuffer
+from estimators.online.estimator import SampleBuffer
 from estimators.wrappers import EstimateParameters
 from pendulum_env.plant import PAPER
 from pendulum_env.registration import PENDULUM
