@@ -179,7 +179,7 @@ def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Gene
     arm = PlanarArm(links, rate=RATE, torque_noise=NOISE, max_torque=TORQUE)
     truth = find_body(arm)
     recording = follow(arm, motion, round(MOMENTS[-1] * RATE), TORQUE, rng=rng)
-    smoothing = Smoothing.of_encoder(arm.counts, RATE)
+    smoothing = Smoothing.from_encoder(arm.counts, RATE)
     estimator = OnlineEstimator(RATE, arm_base(file), [scheme("filtered_dynamic")], smoothing=smoothing)
     own = np.concatenate([truth.values, *np.array([(link.viscous, link.coulomb) for link in links]).T])
     names = [*file.names, *(f"{kind}@{joint}" for kind in ("viscous", "coulomb") for joint in file.joints)]

@@ -72,7 +72,7 @@ def seven(runs: Sequence[SimulatedRecording], rate: float, counts: int) -> dict[
         rate,
         schemes=[*can, JointState()],
         batch=len(runs),
-        smoothing=Smoothing.of_encoder(counts, rate),
+        smoothing=Smoothing.from_encoder(counts, rate),
         position_noise=compute_encoder_noise(counts),
     )
     now, _ = feed(estimator, runs)

@@ -141,7 +141,7 @@ def diagnose_run(run: Joined, diagnoser: Diagnoser) -> Verdicts:
 
 def diagnoser_of(experiment: Experiment) -> Diagnoser:
     """Return a diagnoser of a pendulum with its four terms."""
-    return Diagnoser(experiment.rate, smoothing=Smoothing.of_encoder(experiment.counts or 0, experiment.rate))
+    return Diagnoser(experiment.rate, smoothing=Smoothing.from_encoder(experiment.counts or 0, experiment.rate))
 
 
 def names(verdict: OnlineDiagnosis) -> tuple[str, ...]:
@@ -324,7 +324,7 @@ def diagnose_arms(n: int, terminal: Terminal) -> None:
             position = np.round(np.vstack([begun, rest[1:]]) * counts / (2 * np.pi)) * 2 * np.pi / counts
             noise = 0.02 * np.random.default_rng(seed).normal(size=position.shape)
             run = instants, position, signal.held(instants - 1 / rate, 1 / rate) + noise
-            one = Diagnoser(rate, arm_base(body), library=library, smoothing=Smoothing.of_encoder(counts, rate))
+            one = Diagnoser(rate, arm_base(body), library=library, smoothing=Smoothing.from_encoder(counts, rate))
             found.append(score_verdicts(what, diagnose_run(run, one)))
         rows.append((what, *summary(found)))
     terminal.heading(f"An arm of two links; n = {n}")

@@ -82,7 +82,7 @@ class Limits:
         usual = max(bold, largest)
         return replace(self, torque=self.torque or usual, usual=usual)
 
-    def reach(self, recordings: Sequence[Recording]) -> tuple[float, float]:
+    def find_angle_range(self, recordings: Sequence[Recording]) -> tuple[float, float]:
         """Return the lowest and highest angle of a motion [rad]; a joint that turned may turn as far either way.
 
         Any motion begins hanging down, which may be beyond the angles that were recorded.
@@ -96,12 +96,12 @@ class Limits:
             return low - high, high - low
         return (safe * min(low, 0.0), safe * max(high, 0.0)) if -hanging < high and low < hanging else (low, high)
 
-    def of_release(self, recordings: Sequence[Recording]) -> tuple[float, float]:
+    def find_release_range(self, recordings: Sequence[Recording]) -> tuple[float, float]:
         """Return the lowest and highest angle from which a joint may be released [rad]; it swings no further."""
         bound = self.angle or max(float(np.abs(recording.position).max()) for recording in recordings)
         return -bound, bound
 
-    def fastest(self, recorded: Samples) -> float:
+    def find_largest_speed(self, recorded: Samples) -> float:
         """Return the highest speed of a motion [rad/s]."""
         return DESIGN.safe * (float(np.abs(recorded.velocity).max()) if self.speed is None else self.speed)
 
@@ -122,10 +122,10 @@ def suggest_experiment(
     if not asked:
         return None, [], None
     recorded, torque = evaluator.train.samples, limits.torque or limits.usual
-    (low, high), fastest = limits.reach(evaluator.train.recordings), limits.fastest(recorded)
+    (low, high), fastest = limits.find_angle_range(evaluator.train.recordings), limits.find_largest_speed(recorded)
     is_free = evaluator.train.recordings[0].known_inertia > 0
     if is_free:
-        runs, (low, high) = simulate_releases(evaluator, model), limits.of_release(evaluator.train.recordings)
+        runs, (low, high) = simulate_releases(evaluator, model), limits.find_release_range(evaluator.train.recordings)
     else:
         runs = simulate_candidates(evaluator, model, torque)
     allowed = [run for run in runs if low <= run.reach[0] and run.reach[1] <= high and run.peak_speed <= fastest]

@@ -16,7 +16,7 @@ from estimators.findings import Finding, Kind
 from estimators.in_loop.back_emf import include_back_emf, present, setting_with_back_emf
 from estimators.in_loop.conclusion import conclude, find_regions
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.goals import make_base, read_goals, reverse_reading, with_goals
+from estimators.in_loop.goals import change_reading, make_base, read_goals, with_goals
 from estimators.in_loop.refit import refine, refine_rows, refit
 from estimators.in_loop.rollouts import are_driven
 from estimators.in_loop.split import choose_parts, split_rollouts
@@ -70,7 +70,7 @@ def reread_goals(trial: Trial) -> FitData | None:
     error = trial.found.steps[-1].errors["holdout"].in_loop
     if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
         return None
-    fitted, held_out = (reverse_reading(part, readings[0]) for part in (data.recordings, data.holdout))
+    fitted, held_out = (change_reading(part, readings[0]) for part in (data.recordings, data.holdout))
     if fitted is None or held_out is None:
         return None
     other = Kind.GOALS_RUN_ON if readings[0].kind is Kind.GOALS_HELD else Kind.GOALS_HELD

@@ -79,7 +79,7 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
     return Finding(Kind.GOALS_HELD if chosen.is_held else Kind.GOALS_RUN_ON, numbers, effects=effects, recordings=names)
 
 
-def reverse_reading(recordings: Sequence[Recording], reading: Finding) -> tuple[Recording, ...] | None:
+def change_reading(recordings: Sequence[Recording], reading: Finding) -> tuple[Recording, ...] | None:
     """Return the recordings with goals read the other way; None if drives or the base model decide the reading."""
     gain = reading.numbers.get("gain")
     if gain is None or reading.recordings or abs(gain.value) > TIE * (gain.std or 0.0):

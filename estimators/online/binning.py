@@ -164,7 +164,7 @@ class Bins:
         """Return the instants in the middle of the bins, (R,) each."""
         return Samples(*self.series[:, :, self.series.shape[2] // 2])
 
-    def rows(self, terms: Sequence[Term], count: int = 1) -> ModelRows:
+    def evaluate_rows(self, terms: Sequence[Term], count: int = 1) -> ModelRows:
         """Evaluate the equations of terms, with nonlinear parameters of one variant or of `count` variants.
 
         The left-hand side is the torque minus all fixed columns.

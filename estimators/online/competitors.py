@@ -128,14 +128,14 @@ class CompetingModels:
     def _effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
         """Evaluate the columns that a family adds to the running model, padded to K columns."""
         models = self.models[family]
-        own = bins.rows(self._stacked[family], models.stop - models.start)
+        own = bins.evaluate_rows(self._stacked[family], models.stop - models.start)
         phi, slope = np.zeros((2, *own.y.shape, self._least.shape[1]))
         phi[..., : own.phi.shape[-1]], slope[..., : own.phi.shape[-1]] = own.phi, own.slope
         return ModelRows(phi, base.y + own.y - bins.y[:, None], slope, base.y_slope + own.y_slope - 1.0)
 
     def _fit(self, bins: Bins) -> None:
         """Fit family by family, which limits the memory."""
-        base, root, self.residual = _fit_running(bins.rows(self.terms))
+        base, root, self.residual = _fit_running(bins.evaluate_rows(self.terms))
         phi, (count, width) = base.phi[:, 0], self._least.shape
         weak, spread = _prior_information(np.einsum("rp,rp->p", phi, phi)), root @ root.T
         self.y_on_base, self.columns_on_base = np.zeros((count, len(weak))), np.zeros((count, width, len(weak)))
@@ -190,7 +190,7 @@ class CompetingModels:
 
     def running_rows(self, bins: Bins) -> tuple[Array, Array]:
         """Linearise the rows of the running model over R bins at its estimates: phi (R, P) and y (R,)."""
-        base, theta = bins.rows(self.terms), self.y_on_base[0]
+        base, theta = bins.evaluate_rows(self.terms), self.y_on_base[0]
         phi, y, slope = base.phi[:, 0], base.y[:, 0], base.slope[:, 0]
         return linearise(
             phi, y, slope, theta, (y - phi @ theta) / np.maximum(base.y_slope[:, 0] - slope @ theta, LEAST_SLOPE)
@@ -203,7 +203,7 @@ class CompetingModels:
             Log density of each bin under each family and, last, under the models with forgetting (R, F); and errors of
             the running model (R,) [N m].
         """
-        base = bins.rows(self.terms)
+        base = bins.evaluate_rows(self.terms)
         parts = [self._effect_rows(family, bins, base) for family in range(len(self.families))]
         own = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*parts, strict=True)))
         rows = zip(base.phi[:, 0], base.slope[:, 0], *own, strict=True)

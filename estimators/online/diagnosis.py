@@ -144,7 +144,7 @@ class Diagnoser:
         library = {id: effect for id, effect in library.items() if id not in self.not_run}
         links = [term for term in terms if isinstance(term, Links)]  # whose columns come with the bins
         self.rate, self.batch = rate, batch
-        self._binner = binner = Binner(rate, links, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
+        self._binner = binner = Binner(rate, links, smoothing or Smoothing.from_encoder(COUNTS, rate), batch)
         length, joints = binner.every / rate, binner.joints  # of a bin [s]
         self.threshold = compute_threshold(alarms_per_hour, BLOCK * length / len(joints))
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
@@ -306,7 +306,7 @@ class EffectMonitor:
             return None
         last = len(recent) - needed
         first = min(max(calibrate, len(recent) - risen - calibrate), last)
-        row = find_change(*self._comparison.rows(recent), first, last + BLOCK)
+        row = find_change(*self._comparison.linearise_rows(recent), first, last + BLOCK)
         return min(row, last) if row <= last or risen >= 2 * needed else None
 
     def _accept_change(self, change: int) -> bool:
@@ -320,7 +320,7 @@ class EffectMonitor:
         blocks = len(comparison.blocks)
         if comparison.best_density(blocks) < self._comparison.best_density(blocks) + self._blank.threshold:
             return False
-        before = fit_rows(*self._comparison.rows(recent[:change]), self._block)
+        before = fit_rows(*self._comparison.linearise_rows(recent[:change]), self._block)
         self._change = self._change_from(before, CHANGE.report_time, recent[change].time)
         self._comparison = comparison
         self._recent = deque(since, maxlen=self._recent.maxlen)
@@ -403,7 +403,7 @@ class EffectMonitor:
         comparison = self._comparison
         if self._change is not None and not self._is_changing:
             if self._change.is_due(len(comparison.fit_bins)):
-                self._change.compare(*comparison.rows(comparison.fit_bins), self._block)
+                self._change.compare(*comparison.linearise_rows(comparison.fit_bins), self._block)
 
     def _theta(self, more: tuple[Term, ...], theta: Array) -> dict[str, float]:
         names = [column.name for term in (*self.terms, *more) for column in term.columns]

@@ -103,7 +103,7 @@ class OnlineEstimator:
         if noise is None:
             noise = compute_encoder_noise(COUNTS)
             self._buffer = SampleBuffer() if smoothing is None else None
-        self._smooth(smoothing or Smoothing.of_noise(noise, rate))
+        self._smooth(smoothing or Smoothing.from_noise(noise, rate))
         period /= len(self._stream.joints)  # between equations
         self._squares = SquareRootLeastSquares(shape, parameters, prior, forgetting)
         self._clusters = ClusterCovariance(shape, parameters, period, forgetting)
@@ -176,7 +176,7 @@ class OnlineEstimator:
             self._now = self._regressions(np.full(self.batch, -1), taken.time, np.zeros_like(taken.usable), row)
         if (noise := buffer.take(time, position, torque)) is not None:
             self._buffer = None
-            self._smooth(Smoothing.of_noise(noise, self.rate))
+            self._smooth(Smoothing.from_noise(noise, self.rate))
             if self._joint is not None:
                 self._joint.position_noise = noise
             for sample in buffer.samples:

@@ -139,7 +139,7 @@ class ModelComparison:
         """Stack several bins."""
         return Bins.stack(bins, self._plant.period, self._plant.joints, self._scale)
 
-    def rows(self, bins: Sequence[Bin]) -> tuple[Array, Array]:
+    def linearise_rows(self, bins: Sequence[Bin]) -> tuple[Array, Array]:
         """Return rows of the running model, which has been fitted, over R bins: phi (R, P) and y (R,)."""
         assert self._models is not None
         return self._models.running_rows(self.bins(bins))

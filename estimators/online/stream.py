@@ -115,9 +115,9 @@ class Stream:
         # newest torque acted until the newest position
         weights = np.zeros((INSTANT, length, 4))
         weights[TIME, smoothing.reach, 0] = 1.0
-        weights[POSITION, :, 1] = smoothing.of_position()[::-1]
-        weights[VELOCITY:TORQUE, 1:, 2] = smoothing.of_steps(period)[:, ::-1]
-        weights[TORQUE:, 1:, 3] = smoothing.of_torque()[:, :0:-1]
+        weights[POSITION, :, 1] = smoothing.make_position_kernel()[::-1]
+        weights[VELOCITY:TORQUE, 1:, 2] = smoothing.make_step_kernels(period)[:, ::-1]
+        weights[TORQUE:, 1:, 3] = smoothing.make_torque_kernels()[:, :0:-1]
         self._weights = weights.reshape(INSTANT, 4 * length)
         # each sample is written twice, so that the last ones are contiguous
         self._samples = np.zeros((2, length, 4, batch))

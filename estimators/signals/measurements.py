@@ -123,12 +123,12 @@ class Smoothing:
     slowest: float = SLOWEST
 
     @classmethod
-    def of_encoder(cls, counts: int, rate: float) -> Smoothing:
-        """Choose the window for an encoder of some counts per turn at a sampling rate [Hz], see `of_noise`."""
-        return cls.of_noise(compute_encoder_noise(counts), rate)
+    def from_encoder(cls, counts: int, rate: float) -> Smoothing:
+        """Choose the window for an encoder of some counts per turn at a sampling rate [Hz], see `from_noise`."""
+        return cls.from_noise(compute_encoder_noise(counts), rate)
 
     @classmethod
-    def of_noise(cls, noise: float, rate: float) -> Smoothing:
+    def from_noise(cls, noise: float, rate: float) -> Smoothing:
         """Choose the smallest half width of at least two samples that keeps noise of the acceleration below a limit.
 
         The limit is `CLEAN` times `TYPICAL_ACCELERATION`, as future motion is unknown online. The largest candidate is
@@ -143,11 +143,11 @@ class Smoothing:
                 break
         return cls(m, max(SLOWEST, 5 * noise * rate * _compute_noise_gain(np.convolve(make_window(m), SLOPE))))
 
-    def of_position(self) -> Array:
+    def make_position_kernel(self) -> Array:
         """Return weights (2 reach + 1,) of positions, newest first, for the smoothed position."""
         return np.convolve(make_window(self.half_width), VALUE)
 
-    def of_steps(self, period: float) -> Array:
+    def make_step_kernels(self, period: float) -> Array:
         """Return weights (2, 2 reach) of position steps, newest first, for velocity and acceleration.
 
         With steps in the place of positions, the velocity of a resting encoder is exactly 0. `period` in [s].
@@ -156,7 +156,7 @@ class Smoothing:
         kernels = np.array([np.convolve(w, SLOPE) / period, np.convolve(w, CURVATURE) / period**2])
         return np.cumsum(kernels, axis=1)[:, :-1]
 
-    def of_torque(self) -> Array:
+    def make_torque_kernels(self) -> Array:
         """Return weights (2, 2 reach + 1) of commands, newest first, for `Measurements.torque` and `.held`."""
         w = make_window(self.half_width)
         return np.array([np.convolve(w, AT_INSTANT), np.convolve(w, BEFORE)])
@@ -188,16 +188,18 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
             "needed: record longer"
         )
     smoothing = smoothing or choose_smoothing(recording)
-    slope, curvature = smoothing.of_steps(period)
-    at_instant, before = smoothing.of_torque()
+    slope, curvature = smoothing.make_step_kernels(period)
+    at_instant, before = smoothing.make_torque_kernels()
     steps = np.diff(recording.position)
     load = get_known_load(recording)
     if np.ndim(load.torque):
-        load = load._replace(torque=np.convolve(load.get_torque(recording.time), smoothing.of_position(), "valid"))
+        load = load._replace(
+            torque=np.convolve(load.get_torque(recording.time), smoothing.make_position_kernel(), "valid")
+        )
     velocity = np.convolve(steps, slope, "valid")
     return Measurements(
         time=recording.time[smoothing.reach : -smoothing.reach],
-        position=np.convolve(recording.position, smoothing.of_position(), "valid"),
+        position=np.convolve(recording.position, smoothing.make_position_kernel(), "valid"),
         velocity=velocity,
         acceleration=np.convolve(steps, curvature, "valid"),
         torque=np.convolve(recording.torque, at_instant, "valid"),

@@ -73,7 +73,7 @@ def find_smoothing(env: AnyEnv, rate: float) -> Smoothing:
     if isinstance(recording, Recording):
         return choose_smoothing(recording)
     noise = find_position_noise(env)
-    return Smoothing.of_noise(compute_encoder_noise(COUNTS) if noise is None else noise, rate)
+    return Smoothing.from_noise(compute_encoder_noise(COUNTS) if noise is None else noise, rate)
 
 
 def find_position_noise(env: AnyEnv) -> float | None:

@@ -16,7 +16,7 @@ from pendulum_env.recording.channel import NEWTON_METRE, Load, TorqueConstant
 from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, find_date, is_uniform, sum_durations
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.sampling import even_clock
+from pendulum_env.recording.sampling import make_uniform
 from pendulum_env.recording.vocabulary import QUANTITIES
 from pendulum_env.servo import ServoDrive
 from pendulum_env.units import JointUnits
@@ -95,7 +95,7 @@ class Recording:
                 "the first starts at 0, and each needs at least 2"
             )
         is_one_joint = self.position.ndim == 1
-        if not is_uniform(self.time, self.starts, LOOSE) and not (is_one_joint and self._even_clock()):
+        if not is_uniform(self.time, self.starts, LOOSE) and not (is_one_joint and self._make_time_uniform()):
             raise RecordingError(
                 f"recording {self.name!r} has time that is not uniform and increasing: read it with "
                 f"read_recording({ARRAYS}), which ends segments at gaps"
@@ -109,9 +109,9 @@ class Recording:
             self._check_unit()
         object.__setattr__(self, "is_checked", True)
 
-    def _even_clock(self) -> bool:
+    def _make_time_uniform(self) -> bool:
         """Make time uniform as that of a file, with a note; False if it has gaps or falls."""
-        log = even_clock(self.series) if len(self.starts) == 1 else None
+        log = make_uniform(self.series) if len(self.starts) == 1 else None
         if log is None:
             return False
         object.__setattr__(self, "start_date", self.start_date or log.clock.date)

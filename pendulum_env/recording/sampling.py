@@ -183,7 +183,7 @@ def resample_uniformly(log: Log) -> None:
     log.notes.append(Note(NoteKind.RESAMPLED, numbers=numbers))
 
 
-def even_clock(series: Mapping[str, Array]) -> Log | None:
+def make_uniform(series: Mapping[str, Array]) -> Log | None:
     """Make the time of arrays uniform and count it from 0; None if it has gaps or falls."""
     if np.diff(series["time"]).min() <= 0:
         return None

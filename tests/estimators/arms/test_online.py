@@ -51,7 +51,7 @@ def taken(learner, time, position, held):
 
 def known(links, recording, schemes=(SCHEMES[1],), torque=None, some=slice(None)):
     """What is estimated of a recording in the end, or of some of its samples."""
-    learner = OnlineEstimator(RATE, links, schemes, smoothing=Smoothing.of_encoder(0, RATE))
+    learner = OnlineEstimator(RATE, links, schemes, smoothing=Smoothing.from_encoder(0, RATE))
     held = np.vstack([np.zeros((1, 2)), (recording.torque if torque is None else torque)[:-1]])
     *_, (_, now) = taken(learner, recording.time[some], recording.position[some], held[some])
     return now
@@ -123,7 +123,7 @@ def test_what_is_missing_is_told_with_its_joint(links, plant, group):
     run = recorded(plant, seconds=9.0, rate=RATE, scale=LIVELY, counts=COUNTS)
     names = ("quadratic_drag", "cogging", "stribeck", "torque_offset")
     library = {f"{id}@{joint}": place_effect(effects()[id], joint) for id in names for joint in run.names}
-    diagnoser = Diagnoser(RATE, links, library=library, smoothing=Smoothing.of_encoder(COUNTS, RATE))
+    diagnoser = Diagnoser(RATE, links, library=library, smoothing=Smoothing.from_encoder(COUNTS, RATE))
     *_, (_, (said,)) = taken(diagnoser, run.time[1:], run.position[1:], run.torque[:-1])
     assert said.group == group and said.kind == ("missing" if group else "nothing")
     if group == ("quadratic_drag@elbow",):
@@ -150,7 +150,7 @@ def test_what_changes_in_an_arm_is_told_with_its_joint(links, after, kind, name)
     library = {
         f"{id}@{joint}": place_effect(effects()[id], joint) for id in ("cogging", "stribeck") for joint in JOINTS
     }
-    diagnoser = Diagnoser(RATE, links, library=library, smoothing=Smoothing.of_encoder(COUNTS, RATE))
+    diagnoser = Diagnoser(RATE, links, library=library, smoothing=Smoothing.from_encoder(COUNTS, RATE))
     for t, (said,) in taken(diagnoser, time, step * np.round(position / step), torque):
         assert t > CHANGE or said.kind in ("calibrating", "nothing")
     assert said.kind == kind and said.since == pytest.approx(CHANGE, abs=0.3)

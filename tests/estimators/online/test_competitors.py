@@ -35,7 +35,7 @@ def test_each_variant_is_least_squares_in_all_columns(id, shapes):
         models = models.refine(part, {id: variants})
     for variant, theta in zip(variants, models.theta_of(models.models[1]), strict=True):
         columns = sum(len(term.columns) for term in (*BASE, variant))
-        rows = [part.rows([*BASE, variant]) for part in parts]
+        rows = [part.evaluate_rows([*BASE, variant]) for part in parts]
         phi, y = np.concatenate([one.phi[:, 0] for one in rows]), np.concatenate([one.y[:, 0] for one in rows])
         expected = np.linalg.solve(phi.T @ phi + np.eye(columns) / PRIOR, phi.T @ y)
         np.testing.assert_allclose(theta[:columns], expected, rtol=1e-6, atol=1e-9)
@@ -49,8 +49,8 @@ def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():
     models = CompetingModels(BASE, first, [[variant]])
     square = float(models.square[1])
     (densities,), _ = models.take(then)
-    phi = first.rows([*BASE, variant]).phi[:, 0]
-    new = then.rows([*BASE, variant])
+    phi = first.evaluate_rows([*BASE, variant]).phi[:, 0]
+    new = then.evaluate_rows([*BASE, variant])
     spread = np.linalg.inv(phi.T @ phi + np.eye(phi.shape[1]) / PRIOR)
     theta = spread @ phi.T @ first.y
     unsure = 1 + new.phi[0, 0] @ spread @ new.phi[0, 0]

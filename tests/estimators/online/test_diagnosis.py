@@ -51,7 +51,7 @@ def recorded(hidden):
 
 
 def diagnoser(terms=BASE, **options):
-    return Diagnoser(RATE, terms, smoothing=Smoothing.of_encoder(COUNTS, RATE), **options)
+    return Diagnoser(RATE, terms, smoothing=Smoothing.from_encoder(COUNTS, RATE), **options)
 
 
 def run(one, recording, first=0.0, last=SECONDS):

@@ -53,7 +53,7 @@ def test_estimates_while_it_runs_are_those_of_the_recording_and_converge_to_the_
     env = EstimateParameters(env, schemes=["dynamic", "filtered_dynamic", "energy", "hamiltonian"])
     infos = []
     recording = rollout(env, POLICY, 4000, seed=0, watch=infos.append)
-    smoothing = Smoothing.of_encoder(1_024_000, 1000.0)
+    smoothing = Smoothing.from_encoder(1_024_000, 1000.0)
     for last in (500, 3500):
         # the wrapper sees the start as sample 0, and each later sample one step later than it is indexed
         info = infos[last + smoothing.reach + env.estimator.delay - 1]
