@@ -96,16 +96,15 @@ def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Reco
         unit = find_torque_unit(driven) if driven else model.torque_unit
         recordings = [scale_swing(own, inertia["inertia"], unit) for own in recordings]
     unit, known, constant = find_torque_unit(recordings), model.torque_constant, None
-    if unit == model.torque_unit:
-        return in_loop.decide_goals(recordings)
-    if model.torque_unit != NEWTON_METRE:
-        raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
-    if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
-        constant = TorqueConstant(known.value, known.std, unit)
-    converted, _, doubt = calibrate(recordings, (), constant, inertia)
-    if doubt is not None:
-        raise IdentificationError(
-            f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: record "
-            "under known loads that differ, or identify the model with a torque constant"
-        )
-    return in_loop.decide_goals(converted)
+    if unit != model.torque_unit:
+        if model.torque_unit != NEWTON_METRE:
+            raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
+        if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
+            constant = TorqueConstant(known.value, known.std, unit)
+        recordings, _, doubt = calibrate(recordings, (), constant, inertia)
+        if doubt is not None:
+            raise IdentificationError(
+                f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: "
+                "record under known loads that differ, or identify the model with a torque constant"
+            )
+    return in_loop.decide_goals(recordings)

@@ -73,9 +73,14 @@ class Errors:
         """Unit of the error at a joint."""
         return next(iter(self.kinds.values()))
 
+    @property
+    def total(self) -> float:
+        """Error of the first kind, of all joints together."""
+        return float(getattr(self, next(iter(self.kinds))))
+
     def get_joint_error(self, joint: str) -> float:
-        """Return the torque error at a joint [N m], or the error in the loop [rad]."""
-        return self.in_loop if self.is_in_loop else get_error_at(self.joints, joint, self.torque_rms)
+        """Return the torque error at a joint [N m]; without joints, the error in the loop [rad]."""
+        return get_error_at(self.joints, joint, self.total)
 
     @property
     def _totals(self) -> dict[str, float]:

@@ -232,10 +232,10 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
         study = convert(content, _Study)
         if not study.recording:
             raise StudyError('names no recordings: write [[recording]] and below it file = "run.csv"')
-        shared, drive = _check_columns(study.columns), _join_drive(study.drive, {})
+        shared = _check_columns(study.columns)
         for k, data in enumerate(study.recording):
             where = f"'recording[{k}]': "
-            source = _build_source(path.parent, data, shared, drive)
+            source = _build_source(path.parent, data, shared, study.drive)
             sources.append(replace(source, joints=study.joints, of_study=True))
     except ValueError as error:
         raise StudyError(f"{path}: {where}{error}") from None
@@ -269,7 +269,7 @@ def write_study(sources: Sequence[Source], path: str | os.PathLike[str]) -> None
 def _build_source(folder: Path, data: _Recording, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
     if data.range is not None and data.range[0] >= data.range[1]:
         raise StudyError(f"range is {list(data.range)}: expected [from, to] in seconds from the first sample")
-    own = _join_drive(data.drive, drive)
+    own = {**drive, **data.drive}
     return Source(
         folder / data.file, data.role, {**shared, **_check_columns(data.columns)}, data.unwrap, data.range,
         None if data.load is None else data.load.known, ServoDrive.from_settings(own) if own else None,
@@ -280,11 +280,3 @@ def _check_columns(table: Mapping[str, Any]) -> dict[str, str]:
     for quantity in table:
         refuse_unknown_quantity(strip_joint(quantity))
     return {quantity: convert(text, Text, f"columns.{quantity}") for quantity, text in table.items()}
-
-
-def _join_drive(table: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
-    """Join the settings of a drive with those that all recordings share."""
-    joined = {**shared, **table}
-    if table:
-        ServoDrive.from_settings({"kp": 1.0, **joined})  # an error names the recording
-    return joined

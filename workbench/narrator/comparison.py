@@ -36,6 +36,6 @@ def describe_unstable(found: Comparison) -> str | None:
 
 def describe_loop(found: Comparison) -> str | None:
     """State the error in the loop; None where the controller is unknown."""
-    error = Quantity(found.joint.errors.get_joint_error(""), unit=found.model.units().unit("rad"))
+    error = Quantity(found.joint.errors.total, unit=found.model.units().unit("rad"))
     text = f"Simulated from its goals alone, the model is off by {measure(error)} on average."
     return text if found.joint.errors.is_in_loop else None
