@@ -49,12 +49,7 @@ def find_scaling_values(model: Model, fixed: Mapping[str, float] | None) -> dict
 
 
 def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) -> float | None:
-    """Return the inertia [kg m^2] of free swings: known, or by another known parameter of the base; None if none is.
-
-    Raises:
-        IdentificationError: if the recordings hold too little motion, or do not show the parameter that is known, or if
-            their known loads differ and the inertia is not known.
-    """
+    """Return the inertia [kg m^2] of free swings: known, or by another known parameter of the base; None if none is."""
     if (inertia := known.get("inertia")) is not None:
         return inertia
     names = join_words([recording.name for recording in recordings])

@@ -78,11 +78,7 @@ class Prediction:
 
 
 def predict_recordings(model: Model, data: FitData | None) -> tuple[Prediction, ...]:
-    """Predict the recordings that a result is of: those that were fitted, then those that were held out.
-
-    Raises:
-        IdentificationError: if the result has no data.
-    """
+    """Predict the recordings that a result is of: those that were fitted, then those that were held out."""
     if data is None:
         raise IdentificationError("the result has no data: compare its model with the recordings")
     found, loop = [_make_empty_prediction(model, recording) for recording in data.every], data.simulate_in_loop(model)

@@ -33,11 +33,7 @@ LEAST = 5.0  # standard errors that the constant has to be from none
 
 
 def find_torque_unit(recordings: Sequence[Recording]) -> str:
-    """Return the common unit of torque of recordings.
-
-    Raises:
-        IdentificationError: if they differ.
-    """
+    """Return the common unit of torque of recordings."""
     units = list(dict.fromkeys(recording.torque_unit for recording in recordings))
     if len(units) > 1:
         one, other = (next(r.name for r in recordings if r.torque_unit == unit) for unit in units[:2])

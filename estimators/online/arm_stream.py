@@ -29,11 +29,7 @@ class ArmStream:
     """
 
     def __init__(self, terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float) -> None:
-        """Create a stream of samples with a period between them [s]; the links are the first term.
-
-        Raises:
-            ValueError: if a scheme borrows its inertia or sums from the start, which needs a whole recording.
-        """
+        """Create a stream of samples with a period between them [s]; the links are the first term."""
         for one in schemes:
             if one.borrows is not None or one.drifts:
                 raise ValueError(f"{one.id} needs the whole recording of an arm: set borrows=None, and give a window")
@@ -129,11 +125,7 @@ class ArmStream:
 def make_stream(
     terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float, batch: int
 ) -> Stream | ArmStream:
-    """Create the stream of B pendulums, or of an arm if a term is its links.
-
-    Raises:
-        ValueError: if there are several arms.
-    """
+    """Create the stream of B pendulums, or of an arm if a term is its links."""
     if any(isinstance(term, Links) for term in terms):
         if batch != 1:
             raise ValueError(f"batch is {batch}, but an arm has a stream of its own: use one estimator per arm")

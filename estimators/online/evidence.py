@@ -36,11 +36,7 @@ OUTLIER_LIMIT = 2.0  # standard deviations above the mean, to which larger gains
 
 
 def compute_threshold(alarms_per_hour: float, block: float) -> float:
-    """Compute the log wealth of an alarm [nat] for a duration of blocks [s].
-
-    Raises:
-        ValueError: if the number of alarms is not positive, or more than one per block.
-    """
+    """Compute the log wealth of an alarm [nat] for a duration of blocks [s]."""
     if not 0 < alarms_per_hour < HOUR / block:
         raise ValueError(
             f"alarms_per_hour is {alarms_per_hour:g}: give a positive number below {HOUR / block:g}, one per block"

@@ -26,11 +26,7 @@ class SquareRootLeastSquares:
     """
 
     def __init__(self, batch: tuple[int, int], parameters: int, prior: float = PRIOR, forgetting: float = 1.0) -> None:
-        """Create the recursions of a batch (B, S), with P(0) = prior on the diagonal and the factor lambda.
-
-        Raises:
-            ValueError: if prior or forgetting is out of its range.
-        """
+        """Create the recursions of a batch (B, S), with P(0) = prior on the diagonal and the factor lambda."""
         if not 0 < prior < np.inf:
             raise ValueError(f"prior P(0) is {prior:g}: give a positive number")
         if not 0 < forgetting <= 1:

@@ -89,11 +89,7 @@ class Stream:
     def __init__(
         self, terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float, batch: int
     ) -> None:
-        """Create a stream of samples of B pendulums, with a period between them [s].
-
-        Raises:
-            ValueError: if a scheme borrows its inertia, which needs a whole recording, or a filter is too fast.
-        """
+        """Create a stream of samples of B pendulums, with a period between them [s]."""
         for scheme in schemes:
             if scheme.borrows is not None:
                 raise ValueError(f"{scheme.id} borrows its inertia, which needs a whole recording: set borrows=None")
@@ -297,11 +293,7 @@ class Clock:
         self.time = -math.inf
 
     def tick(self, time: float) -> bool:
-        """Check the time of a sample [s], and return whether a gap lies before it.
-
-        Raises:
-            ValueError: if time does not increase, or differs by more than a tenth of a period from the rate.
-        """
+        """Check the time of a sample [s], and return whether a gap lies before it."""
         passed = time - self.time
         if passed <= 0:
             raise ValueError(
@@ -316,11 +308,7 @@ class Clock:
 
 
 def check_rate(rate: float) -> float:
-    """Return a rate [Hz].
-
-    Raises:
-        ValueError: if it is not positive and finite.
-    """
+    """Return a rate [Hz]."""
     if not 0 < rate < math.inf:
         raise ValueError(f"the rate cannot be {rate:g} Hz: give a positive number")
     return rate

@@ -87,11 +87,7 @@ class Identification(Mapping[str, Identified]):
         return model.mark_biased(disputed).withhold(unknown)
 
     def fit_windows(self, fit: Callable[[TorqueWindows], Model]) -> Model:
-        """Return the model of the fit over windows, in the unit of the recorded torque, with the torque constant.
-
-        Raises:
-            IdentificationError: if there are none.
-        """
+        """Return the model of the fit over windows, in the unit of the recorded torque, with the torque constant."""
         if self.data is None:
             names = join_words(self.recordings)
             raise IdentificationError(

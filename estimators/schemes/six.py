@@ -138,11 +138,7 @@ def apply_low_pass(series: Array, cutoff: float, period: float, order: int = 1) 
 
 
 def compute_decay(cutoff: float, period: float) -> float:
-    """Compute the decay of F over a sample.
-
-    Raises:
-        ValueError: if lambda is beyond the Nyquist frequency.
-    """
+    """Compute the decay of F over a sample."""
     if not 0 < cutoff < np.pi / period:
         raise ValueError(
             f"a filter at {cutoff:g} rad/s needs samples at more than {cutoff / np.pi:.4g} Hz, these are at "

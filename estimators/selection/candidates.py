@@ -173,11 +173,7 @@ def release_significant(evaluator: ModelEvaluator, terms: Terms) -> Terms:
 
 
 def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step]:
-    """Fit the base model, and the base model with the best variant of an effect.
-
-    Raises:
-        IdentificationError: if the motion does not show the effect.
-    """
+    """Fit the base model, and the base model with the best variant of an effect."""
     evaluator.progress("fitting without it", 0.1)
     before = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
     evaluator.progress(f"searching {kind.id}", 0.3)

@@ -531,11 +531,7 @@ def cut_all(
 def prepare(
     recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
 ) -> TorqueWindows:
-    """Cut recordings, or a part of each, into windows: see `cut_all`.
-
-    Raises:
-        IdentificationError: if too little of the motion is clear of stick to fit anything.
-    """
+    """Cut recordings, or a part of each, into windows: see `cut_all`."""
     data = cut_all(recordings, half_widths, part)
     if (usable := len(data.weights)) < WEAK_FORM.fewest:
         names = ", ".join(recording.name for recording in recordings)

@@ -153,12 +153,7 @@ def make_diagnoser(
 
 
 def load_reference(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...], Fit]:
-    """Return terms and estimates of a model or its file; standard errors of unknown estimates are infinite.
-
-    Raises:
-        ValueError: if the joints or the torque unit of the model are wrong, the model lacks inertia, or a file holds no
-            model.
-    """
+    """Return terms and estimates of a model or its file; standard errors of unknown estimates are infinite."""
     if isinstance(model, str | Path):
         model = load_model(model, plant.body)
     if model.body.joints != plant.body.joints:

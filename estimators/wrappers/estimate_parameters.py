@@ -177,11 +177,7 @@ def observe_estimates(now: Estimates) -> Array:
 
 
 def extend_space(space: gym.Space[Any], estimator: OnlineEstimator) -> gym.spaces.Box:
-    """Extend an observation space by theta and standard errors.
-
-    Raises:
-        ValueError: if the space is not a one-dimensional Box.
-    """
+    """Extend an observation space by theta and standard errors."""
     if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
         raise ValueError(f"in_observation needs a Box of one dimension, not {space}: flatten the observation first")
     more = np.full(2 * len(estimator.schemes) * len(estimator.names), OBSERVATION_BOUND, dtype=np.float32)

@@ -18,11 +18,7 @@ class Information:
     """
 
     def __init__(self, prior: float) -> None:
-        """Create the matrices with a prior on the diagonal, which keeps the first log det finite.
-
-        Raises:
-            ValueError: if it is not positive.
-        """
+        """Create the matrices with a prior on the diagonal, which keeps the first log det finite."""
         if not 0 < prior < np.inf:
             raise ValueError(f"prior is {prior:g}: give a small positive number")
         self._prior = prior
@@ -103,11 +99,7 @@ class InformationRewardVector(VectorWrapper):
 
 
 def get_regressor(info: dict[str, Any]) -> Any:
-    """Return the regressor of an info.
-
-    Raises:
-        ValueError: if the info has none.
-    """
+    """Return the regressor of an info."""
     if "regressor" not in info:
         raise ValueError(
             "info lacks 'regressor': wrap the environment in EstimateParameters first, as "

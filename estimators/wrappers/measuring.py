@@ -27,11 +27,7 @@ class OnlineAlgorithm(Protocol):
 
 
 def get_measurement(info: dict[str, Any]) -> tuple[Any, Any, Any]:
-    """Return time, position and torque of a sample.
-
-    Raises:
-        ValueError: if the info lacks one of them.
-    """
+    """Return time, position and torque of a sample."""
     try:
         return info["time"], info["position"], info["torque"]
     except KeyError as error:

@@ -35,12 +35,7 @@ class EstimatorOptions(TypedDict, total=False):
 
 
 def choose_online_schemes(names: Names) -> tuple[Scheme | JointState, ...]:
-    """Return schemes by id or object; "all" for the six. The joint state is the last.
-
-    Raises:
-        ValueError: if a name is unknown, or a scheme needs whole recordings.
-        TypeError: if an object is no scheme.
-    """
+    """Return schemes by id or object; "all" for the six. The joint state is the last."""
     if names == "all":
         return SCHEMES
     each = [names] if isinstance(names, str) or not isinstance(names, Sequence) else names
@@ -56,11 +51,7 @@ def choose_online_schemes(names: Names) -> tuple[Scheme | JointState, ...]:
 
 
 def find_rate(env: AnyEnv, rate: float | None) -> float:
-    """Return the sampling rate of an environment [Hz].
-
-    Raises:
-        ValueError: if the rate is unknown or not positive.
-    """
+    """Return the sampling rate of an environment [Hz]."""
     known = _get_attribute(env, "rate") if rate is None else rate
     if known is None:
         raise ValueError("the environment has no attribute rate: pass rate=... in Hz")
@@ -94,11 +85,7 @@ def _get_attribute(env: AnyEnv, name: str) -> Any:
 
 
 def find_body(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
-    """Read the links of a file, or of an environment with the attribute `urdf`.
-
-    Raises:
-        ValueError: if both are missing, or the number of joints differs.
-    """
+    """Read the links of a file, or of an environment with the attribute `urdf`."""
     if robot is not None:
         body = read_body(robot)
         joints = tuple(getattr(env.unwrapped, "joints", body.joints))
