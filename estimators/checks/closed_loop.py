@@ -31,14 +31,19 @@ ANSWER = FeedbackSettings()
 
 
 def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
-    """Find recordings in which torque answers the motion: by an unexpected change of position, sample to sample."""
-    found = []
+    """Find recordings in which torque answers the motion: by an unexpected change of position, sample to sample.
+
+    Recordings with a reference and recordings without are a finding each, with the median of their gains.
+    """
+    gains: dict[tuple[Kind, str], dict[str, float]] = {}
     for recording in recordings:
         if (gain := _estimate_feedback_gain(recording)) is not None:
             kind = Kind.FEEDBACK if recording.reference is None else Kind.FEEDBACK_WITH_REFERENCE
-            unit = recording.units.unit("N m/rad")
-            found.append(Finding(kind, {"gain": Quantity(gain, unit=unit)}, recordings=(recording.name,)))
-    return found
+            gains.setdefault((kind, recording.units.unit("N m/rad")), {})[recording.name] = gain
+    return [
+        Finding(kind, {"gain": Quantity(float(np.median([*own.values()])), unit=unit)}, recordings=tuple(own))
+        for (kind, unit), own in gains.items()
+    ]
 
 
 def _estimate_feedback_gain(recording: Recording) -> float | None:

@@ -229,6 +229,8 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
     except FileError as error:
         raise StudyError(str(error)) from None
     try:
+        if isinstance(content.get("recording"), dict):  # [recording] instead of [[recording]]
+            content["recording"] = [content["recording"]]
         study = convert(content, _Study)
         if not study.recording:
             raise StudyError('names no recordings: write [[recording]] and below it file = "run.csv"')

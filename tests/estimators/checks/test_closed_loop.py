@@ -1,5 +1,7 @@
 """Closed loop: torque that answers the motion is told from torque that was planned."""
 
+from dataclasses import replace
+
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
@@ -25,6 +27,13 @@ def test_a_controller_is_told_with_the_gain_by_which_it_answers():
     assert found.numbers["gain"].value == pytest.approx(-(12 + 1.2 * 500 * 0.314), rel=0.2)
     assert found.kind is Kind.FEEDBACK and found.recordings == ("run 1",)
     assert any(own.kind is Kind.FEEDBACK for own in identify([recording]).findings)
+
+
+def test_recordings_of_one_controller_are_one_finding():
+    recordings = [replace(run("pd_loop"), name="first"), replace(run("pd_loop"), name="second"), run(PLANNED[0])]
+    (found,) = find_feedback(recordings)
+    assert found.recordings == ("first", "second")
+    assert found.numbers == find_feedback(recordings[:1])[0].numbers
 
 
 @pytest.mark.parametrize("excitation", PLANNED)

@@ -124,6 +124,14 @@ def test_a_study_reads_its_recordings(bench: Path) -> None:
     assert all(part.load == a.load for part in a.segments)
 
 
+def test_a_study_of_one_recording_may_be_a_plain_table(bench: Path) -> None:
+    one = STUDY[: STUDY.rindex("[[recording]]")]
+    for text in (one, one.replace("[[recording]]", "[recording]")):
+        (bench / "study.toml").write_text(text)
+        (a,) = read_study(bench / "study.toml").recordings
+        assert (a.name, len(a)) == ("a", 3000)
+
+
 def test_a_range_needs_samples(bench: Path) -> None:
     (bench / "study.toml").write_text(STUDY.replace("[2, 8]", "[20, 30]"))
     with pytest.raises(RecordingError, match=r"a\.csv: holds no two samples from 20 to 30 s: it lasts 10 s"):
