@@ -20,70 +20,79 @@ def calibrate(
     constant: TorqueConstant | None,
     known: Mapping[str, float],
 ) -> tuple[Recordings, Recordings, Finding | None]:
-    """Return recordings in N m, and a finding if the torque constant is unknown; see `FitData.from_recordings`.
+    """Return fitted and held-out recordings in N m, and a finding if the torque constant or the inertia is unknown.
 
-    Torque of a controller with an integral part stays in the unit of the log: the state of the integral is unknown.
+    See `FitData.from_recordings` for the arguments. Currents stay with a controller with an integral part, whose state
+    is unknown. Free swings beside driven recordings get the known inertia, or that of a fit to the driven ones.
     """
-    every, count = (*recordings, *holdout), len(recordings)
-    driven, doubt = [own for own in every if not own.is_free], None
-    if any(own.has_unknown_integral for own in every):
-        doubt = explain_unknown_constant(Kind.INTEGRAL_CONTROLLER, every[0].torque_unit)
-    elif len(driven) == len(every):
-        every, doubt = _convert_by_constant(every, count, constant)
-    elif all(own.is_free for own in recordings):
-        every, doubt = _scale_by_known_value(every, count, driven, known)
+    combined, count = (*recordings, *holdout), len(recordings)
+    driven, doubt = [recording for recording in combined if not recording.is_free], None
+    if any(recording.has_unknown_integral for recording in combined):
+        doubt = explain_unknown_constant(Kind.INTEGRAL_CONTROLLER, combined[0].torque_unit)
+    elif len(driven) == len(combined):
+        combined, doubt = _convert_by_constant(combined, count, constant)
+    elif all(recording.is_free for recording in recordings):
+        combined, doubt = _scale_by_known_value(combined, count, driven, known)
     else:
-        every, doubt = _convert_by_constant(_scale_swings(every, 0.0, find_torque_unit(driven)), count, constant)
-        inertia = known.get("inertia") or fit_inertia([own for own in every[:count] if not own.is_free])
-        every = _scale_swings(every, inertia, every[0].torque_unit)
-    return every[:count], every[count:], doubt
+        combined = _scale_swings(combined, 0.0, find_torque_unit(driven))
+        combined, doubt = _convert_by_constant(combined, count, constant)
+        fitted = [recording for recording in combined[:count] if not recording.is_free]
+        inertia = known.get("inertia") or fit_inertia(fitted)
+        combined = _scale_swings(combined, inertia, combined[0].torque_unit)
+    return combined[:count], combined[count:], doubt
 
 
 def _scale_by_known_value(
-    every: Recordings, count: int, driven: Sequence[Recording], known: Mapping[str, float]
+    combined: Recordings, count: int, driven: Sequence[Recording], known: Mapping[str, float]
 ) -> tuple[Recordings, Finding | None]:
-    """Scale free swings by a known parameter, else by an inertia of 1; some held-out recordings may be driven.
+    """Scale free swings by the inertia from known parameters, else by 1, and return a finding in that case.
 
-    The first recordings, by their count, are fitted.
+    The first `count` of all recordings are fitted, all of them free swings. `driven` are held-out recordings with
+    torque, which need the unit of the scaled swings.
     """
-    inertia = scale_swings(every[:count], known)
+    inertia = scale_swings(combined[:count], known)
     unit = PER_INERTIA if inertia is None else NEWTON_METRE
     if driven and find_torque_unit(driven) != unit:
         raise IdentificationError(
             f"{driven[0].name}: has torque, but no recording that is fitted has any: fit one with torque, or give "
             f"the inertia, {format_setting('fixed', {'inertia': Blank('VALUE')})}, and torque in N m"
         )
-    loaded = tuple(own.name for own in every[:count] if own.load is not None)
+    loaded = tuple(recording.name for recording in combined[:count] if recording.load is not None)
     doubt = Finding(Kind.RELATIVE_TO_INERTIA, recordings=loaded) if inertia is None else None
-    return _scale_swings(every, inertia or 1.0, unit), doubt
+    return _scale_swings(combined, inertia or 1.0, unit), doubt
 
 
 def _convert_by_constant(
-    every: Recordings, count: int, constant: TorqueConstant | None
+    combined: Recordings, count: int, constant: TorqueConstant | None
 ) -> tuple[Recordings, Finding | None]:
-    """Convert logged currents into torque, by a constant that is known or that loads of the first ones determine."""
-    unit = find_torque_unit(every)
+    """Convert logged currents into N m by the known constant, or one estimated from the first `count` recordings.
+
+    If it cannot be estimated, return the recordings unchanged and a finding.
+    """
+    unit = find_torque_unit(combined)
     if unit == NEWTON_METRE:
-        return every, None
+        return combined, None
     if constant is not None and constant.of != unit:
         raise IdentificationError(f"torque is in {unit}, but the torque constant is of {constant.of}: convert the log")
-    found = constant or estimate_torque_constant(every[:count])
+    found = constant or estimate_torque_constant(combined[:count])
     if isinstance(found, Finding):
-        return every, found
-    return tuple(own.convert_to_newton_metres(found) for own in every), None
+        return combined, found
+    return tuple(recording.convert_to_newton_metres(found) for recording in combined), None
 
 
 def _scale_swings(recordings: Recordings, inertia: float, torque_unit: str) -> Recordings:
-    """Return the recordings, with free swings scaled by an inertia."""
+    """Return the recordings, with the torque of free swings scaled by an inertia, in a torque unit."""
     return tuple(scale_swing(recording, inertia, torque_unit) for recording in recordings)
 
 
 def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Recordings:
-    """Return recordings as a model takes them: in its unit of torque, with goals that are held or run on.
+    """Return recordings in the unit of torque of a model, with decided goals of controllers.
+
+    Currents are converted by the model's torque constant, else by known loads.
 
     Raises:
-        IdentificationError: if a current is to be turned into torque, and nothing tells the torque constant.
-        ModelError: if the model is of a current and the recordings are not.
+        IdentificationError: if the torque constant is unknown.
+        ModelError: if the recordings cannot be converted to the unit of the model.
     """
     driven, inertia = [recording for recording in recordings if not recording.is_free], dict[str, float]()
     if driven and model.torque_unit == PER_INERTIA:
@@ -94,7 +103,7 @@ def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Reco
     if len(driven) < len(recordings):
         inertia = {"inertia": model.estimates["inertia"].value}
         unit = find_torque_unit(driven) if driven else model.torque_unit
-        recordings = [scale_swing(own, inertia["inertia"], unit) for own in recordings]
+        recordings = [scale_swing(recording, inertia["inertia"], unit) for recording in recordings]
     unit, known, constant = find_torque_unit(recordings), model.torque_constant, None
     if unit != model.torque_unit:
         if model.torque_unit != NEWTON_METRE:

@@ -28,22 +28,22 @@ from pendulum_env.recording import Recording, TorqueConstant
 
 @dataclass(frozen=True, eq=False)
 class FitData:
-    """Recordings as models are fitted to them, and their treatments; each treatment returns new data.
+    """Recordings to fit and to hold out, and their treatments; each treatment returns new data.
 
     Attributes:
-        recordings: to fit; in N m if the torque constant is known, else in the unit of the log.
-        holdout: to check on; if there are none, the end of each recording is held out.
-        doubt: finding if the torque constant is unknown; None if it is known, or torque was logged.
-        alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
-            filtered is corrected by it. Empty before `timed`.
-        window_share: length of the windows, relative to the length that the noise asks for.
-        contact_terms: terms by whose residual windows in contact with a stop were added; None if none were.
-        terms: of an arm, that may be fitted to it, the links first.
-        treatments: of the recordings, in order.
-        excluded: recordings that disagree with the others, and are not fitted.
-        whole: the data before recordings were excluded; None if none was.
-        untimed: the data before torque was timed; None if it was not.
-        horizon: length of the segments for simulation [s]; None for the usual one.
+        recordings: to fit; torque in N m if the torque constant is known, else in the unit of the log.
+        holdout: to check on; if empty, the end of each fitted recording is held out.
+        doubt: finding if the torque constant, or the inertia of free swings, is unknown; else None.
+        alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
+            torque is corrected. Empty before `with_timing`.
+        window_share: factor on the window lengths that noise asks for.
+        contact_terms: terms by whose residual contacts with a stop were found; None without contacts.
+        terms: terms that may be fitted to an arm, the links first; empty for a pendulum.
+        treatments: findings on each treatment, in order.
+        excluded: disagreements of the recordings that were excluded from the fit.
+        whole: the data before recordings were excluded; None without exclusion.
+        untimed: the data before torque was timed; None before.
+        horizon: length of the segments for simulation [s]; None for the default.
     """
 
     recordings: tuple[Recording, ...]
@@ -69,18 +69,17 @@ class FitData:
         constant: TorqueConstant | None = None,
         known: Mapping[str, float] | None = None,
     ) -> Self:
-        """Convert torque to N m, by a known torque constant or by the known loads of the fitted recordings.
+        """Return data with torque in N m, by the known torque constant or the known loads of fitted recordings.
 
-        Torque that is logged slightly late gives the same constant: to first order its error is odd in the velocity,
-        and inertia and gravity of a load are even. Free swings alone are in N m if a parameter is known, or else
-        relative to the inertia. Currents of an arm, and of a controller with an integral part, are not converted.
+        Free swings alone are in N m if a parameter is known, else relative to the inertia. Currents of an arm, and of
+        a controller with an integral part, are not converted.
 
         Args:
             recordings: to fit.
             holdout: to check on.
-            terms: of the base model; of an arm all that may be fitted, the links first.
-            constant: the torque constant, if it is known.
-            known: values of known parameters by name, which scale free swings; by default those of the terms.
+            terms: of the base model; of an arm all terms that may be fitted, the links first.
+            constant: known torque constant.
+            known: known parameters by name, which scale free swings; by default those of the terms.
 
         Raises:
             IdentificationError: if units differ, also from that of the constant; if there is too little motion; or if
@@ -92,42 +91,44 @@ class FitData:
         data = cls(*calibrate(recordings, holdout, constant, known))
         if data.constant is None:
             return data
-        value = Quantity(data.constant.value, data.constant.std, data.constant.unit)
-        return data.with_treatment(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": value}))
+        quantity = Quantity(data.constant.value, data.constant.std, data.constant.unit)
+        return data.with_treatment(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": quantity}))
 
     def with_treatment(self, treatment: Finding, **changes: Any) -> Self:
-        """Return the data after one more treatment, with the fields that it changes."""
+        """Return the data with changed fields, and a finding on the treatment added to `treatments`."""
         return replace(self, treatments=(*self.treatments, treatment), **changes)
 
     def has_treatment(self, kind: Kind) -> bool:
-        """Return whether the data had a treatment."""
+        """Return whether the data had a treatment of a kind."""
         return any(treatment.kind is kind for treatment in self.treatments)
 
     def with_timing(self, effects: Sequence[Term] = ()) -> FitData:
-        """Correct the time between torque and motion under a model with some effects: see `estimators.align`.
+        """Return the data with torque corrected by its estimated delay and filter, under a model with some effects.
 
-        The timing of the log is no part of the model, so held-out and excluded recordings determine it, too.
+        Recordings share an alignment, unless their own estimates contradict it, see `align_each`. Held-out and excluded
+        recordings count, since the timing belongs to the log. The estimation starts from untimed data.
         """
         if self.whole is not None:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
         raw, terms = self.untimed or self, [term for term in self.terms if isinstance(term, Term)]
-        every, count = raw.every, len(raw.recordings)
-        alignments = align_each(every, [*terms, *effects])
-        moved = tuple(one.apply(recording) for one, recording in zip(alignments, every, strict=True))
+        recordings, count = raw.every, len(raw.recordings)
+        alignments = align_each(recordings, [*terms, *effects])
+        pairs = zip(alignments, recordings, strict=True)
+        corrected = tuple(alignment.apply(recording) for alignment, recording in pairs)
         earlier = tuple(treatment for treatment in self.treatments if treatment not in self.corrections)
-        changes: dict[str, Any] = {"recordings": moved[:count], "holdout": moved[count:], "untimed": raw}
+        changes: dict[str, Any] = {"recordings": corrected[:count], "holdout": corrected[count:], "untimed": raw}
         timed = replace(self, **changes, alignments=tuple(alignments))
-        beside = [Finding(Kind.TIMED_BESIDE, effects=tuple(term.id for term in effects))] if effects else []
-        return replace(timed, treatments=(*earlier, *beside, *timed.corrections))
+        model_finding = [Finding(Kind.TIMED_BESIDE, effects=tuple(term.id for term in effects))] if effects else []
+        return replace(timed, treatments=(*earlier, *model_finding, *timed.corrections))
 
     def without_outliers(self, outliers: Sequence[Disagreement]) -> FitData:
-        """Return the data without the fitted recordings that disagree with the others."""
-        excluded, count = {one.recording for one in outliers}, len(self.recordings)
+        """Return the data without the fitted recordings of some disagreements; their number counts from 1."""
+        excluded, count = {outlier.recording for outlier in outliers}, len(self.recordings)
         kept = [k for k in range(count) if k + 1 not in excluded]
         if len(kept) == count:
             return self
         alignments = [self.alignments[k] for k in (*kept, *range(count, len(self.alignments))) if self.alignments]
-        names = tuple(own.name for k, own in enumerate(self.recordings) if k not in kept)
+        names = tuple(recording.name for k, recording in enumerate(self.recordings) if k not in kept)
         return self.with_treatment(
             Finding(Kind.RECORDINGS_EXCLUDED, recordings=names),
             recordings=tuple(self.recordings[k] for k in kept),
@@ -137,33 +138,33 @@ class FitData:
         )
 
     def with_changes(self, change: Callable[[Recording], Recording], numbers: Collection[int]) -> Self:
-        """Return the data after a change of some recordings, held-out ones numbered behind the fitted ones."""
-        every = tuple(change(own) if k in numbers else own for k, own in enumerate(self.every))
+        """Return the data, also untimed, with some recordings changed, numbered from 0, fitted ones first."""
+        changed = tuple(change(recording) if k in numbers else recording for k, recording in enumerate(self.every))
         untimed = None if self.untimed is None else self.untimed.with_changes(change, numbers)
         count = len(self.recordings)
-        return replace(self, recordings=every[:count], holdout=every[count:], untimed=untimed)
+        return replace(self, recordings=changed[:count], holdout=changed[count:], untimed=untimed)
 
     def with_contacts(self, terms: Sequence[Term]) -> Self:
-        """Return the data with windows in contact with a stop, by the residual of some terms; the same if few."""
+        """Return the data with contacts with a stop, by the residual of some terms; the same data if they are few."""
         parts = with_contacts(self.parts, terms)
         if parts is self.parts:
             return self
         return self.with_treatment(Finding(Kind.IMPACTS_INCLUDED), contact_terms=tuple(terms)).with_parts(parts)
 
     def with_parts(self, parts: Parts) -> Self:
-        """Set the parts, which are not computed again, and return the data."""
-        vars(self)["parts"] = parts  # where the cached property keeps them
+        """Set the cached `parts` of this object, and return it."""
+        vars(self)["parts"] = parts
         return self
 
     def with_horizon(self, horizon: float | None) -> Self:
-        """Return the data with segments of another length [s] for simulation; see `RegressionData.with_horizon`."""
+        """Return the data with segments of another length [s]; see `RegressionData.with_horizon`; unchanged by None."""
         if horizon is None:
             return self
         train, holdout = (part.with_horizon(horizon) for part in self.parts)
         return replace(self, horizon=horizon).with_parts((train, holdout))
 
     def without_history(self, terms: tuple[Term, ...] = ()) -> Self:
-        """Return the data without memoised columns and earlier data; of an arm, with the given terms only."""
+        """Return the data without memoised results, `whole` and `untimed`; those of an arm with `terms` instead."""
         result = replace(self, terms=terms if self.terms else (), whole=None, untimed=None)
         if "parts" in vars(self):
             train, holdout = map(replace, self.parts)
@@ -187,12 +188,12 @@ class FitData:
         return parts[0].with_horizon(self.horizon), parts[1].with_horizon(self.horizon)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle all but the parts, which are large and are computed again."""
+        """Return the fields without `parts`, which are large and computed again."""
         return {name: value for name, value in vars(self).items() if name != "parts"}
 
     @property
     def is_comparison(self) -> bool:
-        """Return whether the recordings are compared, all alike, so that nothing is fitted."""
+        """Return whether fitted and held-out recordings are the same object, so that nothing is fitted."""
         return self.holdout is self.recordings
 
     @property
@@ -212,19 +213,20 @@ class FitData:
 
     @property
     def has_moved(self) -> bool:
-        """Return whether any torque was corrected."""
-        return any(one.is_late for one in self.alignments)
+        """Return whether the torque of a recording was logged late, and so corrected."""
+        return any(alignment.is_late for alignment in self.alignments)
 
     def agrees(self, other: FitData) -> bool:
-        """Return whether other data have the same corrections of torque, within their standard errors."""
+        """Return whether other data have the same alignments, within their standard errors."""
         return all(
-            np.isinf(one.delay_std + two.delay_std) or (one.is_late == two.is_late and one.agrees(two))
-            for one, two in zip(self.alignments, other.alignments, strict=True)
+            np.isinf(alignment.delay_std + counterpart.delay_std)
+            or (alignment.is_late == counterpart.is_late and alignment.agrees(counterpart))
+            for alignment, counterpart in zip(self.alignments, other.alignments, strict=True)
         )
 
     @property
     def corrections(self) -> list[Finding]:
-        """Findings on torque that was logged late, and that is corrected."""
+        """Findings on torque that was logged late and is corrected."""
         kinds = {
             Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED,
             Kind.TORQUE_SAMPLED: Kind.TORQUE_SAMPLED_CORRECTED,
@@ -232,20 +234,23 @@ class FitData:
         return [replace(finding, kind=kinds[finding.kind]) for finding in self.find_timing(True)]
 
     def simulate_in_loop(self, model: Model) -> LoopMotion:
-        """Simulate all recordings, fitted ones first, with their controllers in the loop; empty without controllers."""
+        """Simulate all recordings, fitted ones first, with their controllers; return no motion without controllers."""
         return simulate_in_loop(model, self.every)
 
     def find_timing(self, is_late: bool) -> tuple[Finding, ...]:
-        """Return findings on torque that is logged late, or acts late; with names of recordings if these differ."""
-        every = zip(self.every, self.alignments, strict=bool(self.alignments))
+        """Return findings on torque that is logged late if `is_late`, else on torque that acts late.
+
+        Findings name their recordings, unless all recordings share one alignment.
+        """
+        pairs = zip(self.every, self.alignments, strict=bool(self.alignments))
         found: list[Finding] = []
         names: list[list[str]] = []
-        for recording, one in every:
-            if one.is_late != is_late or (finding := one.finding) is None:
+        for recording, alignment in pairs:
+            if alignment.is_late != is_late or (finding := alignment.finding) is None:
                 continue
             if finding not in found:
                 found, names = [*found, finding], [*names, []]
             names[found.index(finding)].append(recording.name)
-        if all(one is self.alignments[0] for one in self.alignments):
+        if all(alignment is self.alignments[0] for alignment in self.alignments):
             return tuple(found)
-        return tuple(replace(one, recordings=tuple(own)) for one, own in zip(found, names, strict=True))
+        return tuple(replace(finding, recordings=tuple(own)) for finding, own in zip(found, names, strict=True))

@@ -21,20 +21,24 @@ def find_regions_at(
     most: int = MOST,
     floor: float | None = None,
 ) -> list[Region]:
-    """Return the regions of a residual (R,) [N m] at a joint, the most significant first.
+    """Return at most `most` regions of a residual (R,) [N m] of all rows, at a joint, in the order of `find_regions`.
 
-    `floor` is the noise floor [N m], by default that of the data.
+    Regions with a negligible mean are left out. `floor` is the noise floor [N m], by default that of the data.
     """
-    own, least = residual[data.locate_rows(at)], data.data.negligible(at)
+    of_joint, least = residual[data.locate_rows(at)], data.data.negligible(at)
     floor = data.floors[at] if floor is None else floor
-    found = find_regions(data.data.part(at).samples, own, floor, axes, most, data.units(at))
+    found = find_regions(data.data.part(at).samples, of_joint, floor, axes, most, data.units(at))
     return [replace(region, at=at) for region in found if abs(region.residual) > least]
 
 
 def find_failures(
     data: RegressionData, residual: Array, most: int = MOST, floors: Mapping[str, float] | None = None
 ) -> list[Region]:
-    """Return the regions of a residual (R,) [N m], joint by joint; everywhere if it is large at no single place."""
+    """Return the regions of a residual (R,) [N m], joint by joint.
+
+    A joint without a region, but an RMS above `Criterion.misfit` noise floors, has one region of all velocities.
+    `floors` are the noise floors of joints by name [N m], by default those of the data.
+    """
     regions: list[Region] = []
     for at, error in data.joint_errors(residual).items():
         floor = (floors or data.floors)[at]
@@ -46,7 +50,7 @@ def find_failures(
 
 
 def _make_scattered_region(data: RegressionData, error: float, floor: float, at: str) -> Region:
-    """Return the region of a residual of some size [N m] that exceeds the noise at no single place."""
+    """Return a region of all velocities at a joint, for a residual of RMS `error` above the noise `floor` [N m]."""
     units = data.units(at)
     residual = Quantity(error, unit=units.unit(NEWTON_METRE))
     cause = Finding(Kind.NOWHERE, {"residual": residual, "times": Quantity(error / floor)})

@@ -38,7 +38,7 @@ from pendulum_env.physics import (
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 
-GROWS = 10.0  # times, that an error of the initial position grows in a window of free run where the motion is unstable
+GROWS = 10.0  # growth of an error of the initial position within a segment from which its motion is unstable
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +47,9 @@ class RegressionData:
 
     Attributes:
         data: windows of the recorded motion and torque.
-        segments: for simulation; none of an arm, and none where the rows are simulated.
-        base: terms of the model whose inertia scales the noise, of an arm its links first.
-        rollouts: maker of rows from rollouts; by default the rows are of torque.
+        segments: of each recording, for simulation; empty for an arm and with `rollouts`.
+        base: terms of the model whose inertia scales the noise; the links of an arm come first.
+        rollouts: maker of rows of simulated positions; None for rows of torque.
     """
 
     data: TorqueWindows
@@ -64,36 +64,48 @@ class RegressionData:
         half_widths: Sequence[float] | None = None,
         part: tuple[float, float] = (0.0, 1.0),
     ) -> RegressionData:
-        """Prepare recordings, or a share of each; raises IdentificationError if they hold too little motion."""
+        """Cut recordings of a pendulum, or a part of each, into windows and segments.
+
+        Args:
+            recordings: of one joint.
+            half_widths: of the windows of each recording [s]; chosen by noise if None.
+            part: begin and end of the range with windows, as shares of each recording.
+
+        Raises:
+            IdentificationError: if the recordings hold too little motion.
+        """
         data = prepare(recordings, half_widths, part)
         return cls(data, tuple(choose_segments(w) for w in data.windows))
 
     def with_horizon(self, seconds: float, covers: bool = False) -> RegressionData:
-        """Return the data with segments of another length [s]; see `choose_segments`.
+        """Return the data with segments of `seconds` length; see `choose_segments` for `covers`.
 
         Raises:
-            IdentificationError: if a recording has no stretch without a gap that is as long.
+            IdentificationError: if a recording has no segment without a gap of this length.
         """
         for w in self.data.windows:
             refuse_long_horizon(w, seconds)
         return replace(self, segments=tuple(choose_segments(w, seconds, covers) for w in self.data.windows))
 
     def with_steady_segments(self, model: Model) -> tuple[RegressionData, float]:
-        """Return the data without segments in which a small error grows tenfold, unless all do, and their share."""
-        simulated = self.segments if model.has_known_inertia else ()
-        steady = [compute_growth(segments, model.terms, model.theta) < GROWS for segments in simulated]
-        kept = tuple(select(*pair) for pair in zip(simulated, steady, strict=True) if pair[1].any())
+        """Return the data without segments in which a small error grows tenfold, and the share of such segments.
+
+        If all are such segments, or a model without known inertia cannot simulate, the segments stay.
+        """
+        candidates = self.segments if model.has_known_inertia else ()
+        steady = [compute_growth(segments, model.terms, model.theta) < GROWS for segments in candidates]
+        kept = tuple(select(*pair) for pair in zip(candidates, steady, strict=True) if pair[1].any())
         unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
         return replace(self, segments=kept) if kept else self, unstable
 
     @classmethod
     def from_arm(cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> RegressionData:
-        """Prepare recordings of an arm for terms, the links first; see `prepare_arm` for what it raises."""
+        """Cut recordings of an arm into windows for some terms, the links first; raises errors of `prepare_arm`."""
         return cls(prepare_arm(recordings, terms), base=arm_base(find_body(terms)))
 
     @classmethod
     def join(cls, parts: Sequence[RegressionData]) -> RegressionData:
-        """Join the data of several recordings, with the link states of each."""
+        """Join the data of several recordings of a pendulum, with the states of the same links."""
         data = join_windows([window for part in parts for window in part.data.windows])
         link_states = {id: [x for part in parts for x in part.data.link_states[id]] for id in parts[0].data.link_states}
         segments = tuple(segment for part in parts for segment in part.segments)
@@ -106,7 +118,7 @@ class RegressionData:
 
     @property
     def maker(self) -> RowMaker:
-        """Maker of the rows."""
+        """Maker of the rows: `rollouts`, else `torque`."""
         return self.torque if self.rollouts is None else self.rollouts
 
     @property
@@ -131,7 +143,7 @@ class RegressionData:
         return self.maker.fit(terms, exactly)
 
     def fit_folds(self, terms: Terms) -> FoldFits:
-        """Fit some terms without each fold, to first order around the fit without the last term if that suffices."""
+        """Fit some terms to all rows and without each fold; linearised around the fit without the last, if accurate."""
         return self.maker.fit_folds(terms)
 
     def solve(self, terms: Terms) -> Array:
@@ -139,26 +151,29 @@ class RegressionData:
         return self.maker.fit(terms).theta
 
     def residual(self, terms: Terms, theta: Array | None = None) -> Array:
-        """Return the residual (R,) of some terms at parameters (P,), by default those of their fit."""
+        """Return measured minus predicted values (R,) of some terms at parameters (P,), by default of their fit."""
         if theta is not None:
             return self.maker.residual(terms, np.asarray(theta))
         return self.equations(terms).error(self.solve(terms))
 
     def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
-        """Return the variance of torque noise that terms filter out of rows of torque, with these rows [(N m)^2]."""
+        """Return, per term that filters torque, its rows and the variance of noise that it removes [(N m)^2].
+
+        Rows of positions have none.
+        """
         return self.torque.absorbed_noise(terms) if self.layout.predicts_torque else []
 
     def trial(self, terms: Terms) -> ScoredTerms:
-        """Fit one set of terms."""
+        """Return a set of terms with the error of its fit."""
         return self.maker.trial(terms)
 
     def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
-        """Fit the continuous nonlinear parameters of one term of a trial from their values."""
+        """Optimise the continuous nonlinear parameters of the term `id` of a trial, from their values."""
         return self.maker.refine(trial, id)
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
-        """Recordings; the data may be parts of them."""
+        """Whole recording of each entry of windows, which may cover a part of it."""
         return tuple(w.recording for w in self.data.windows)
 
     @property
@@ -168,30 +183,30 @@ class RegressionData:
 
     @property
     def samples(self) -> Samples:
-        """Samples at the windows' centres, (R,) each."""
+        """Samples at the middle of each window, (R,) each."""
         return self.data.samples
 
     @property
     def motions(self) -> dict[str, Samples]:
-        """Samples at the windows' centres of each joint, by its name."""
+        """Samples at the middle of each window of each joint, by its name."""
         return {at: self.data.part(at).samples for at in self.data.joints}
 
     def get_range(self, joint: str = "") -> tuple[float, float]:
-        """Return the least and the largest recorded position of a joint, or of the joints that a term loads [rad]."""
+        """Return the least and the largest recorded position [rad] of a joint, or of several joined in one name."""
         positions = [w.recording.position for w in self.data.windows if w.at in list_loads(joint)]
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
 
     def inertias(self, base: Sequence[Term]) -> dict[str, float]:
-        """Return the inertia at each joint under a base model, by the joint's name [kg m^2]."""
-        first, data = base[0], self.data
-        if first.id not in data.shared_columns:
+        """Return the inertia at each joint under a base model, by the joint's name [kg m^2], mean over the motion."""
+        links, data = base[0], self.data
+        if links.id not in data.shared_columns:
             return {at: self.torque.select_joint(at).base_inertia for at in data.joints}
-        theta = self.torque.solve(base)[: len(first.columns)]
-        return dict(zip(data.joints, np.abs(data.shared_columns[first.id].inertia @ theta).tolist(), strict=True))
+        theta = self.torque.solve(base)[: len(links.columns)]
+        return dict(zip(data.joints, np.abs(data.shared_columns[links.id].inertia @ theta).tolist(), strict=True))
 
     @cached_property
     def floors(self) -> dict[str, float]:
-        """Error of the rows due to sensor noise at each joint, by the scatter of the log [N m], or [rad]."""
+        """Noise floor of the rows of each joint, by its name [N m], or [rad] of rollouts."""
         return {at: self.layout.noise(at, inertia) for at, inertia in self.inertias(self.base).items()}
 
     def units(self, at: str = "") -> JointUnits:
@@ -199,7 +214,7 @@ class RegressionData:
         return find_body(self.base).units(at, self.recordings[0].units)
 
     def with_link_states(self, model: Model) -> RegressionData:
-        """Return the data with the states of a model's link estimated from the motion around each instant."""
+        """Return the data with estimated states of the model's link; unchanged without a link, or with rollouts."""
         if not (has_link(model.terms) and self.layout.predicts_torque):
             return self
         term = find_link(model.terms)
@@ -211,7 +226,7 @@ class RegressionData:
         return replace(self, data=replace(self.data, link_states={term.id: link_states}), segments=tuple(segments))
 
     def with_contacts(self, model: Model) -> RegressionData:
-        """Return the data with contacts that the friction of a model does not explain; with a link, its states."""
+        """Return the data with contacts, see `TorqueWindows.with_contacts`; of a model with a link, with its states."""
         if has_link(model.terms):
             return self.with_link_states(model)
         count, inertia = len(model.theta), abs(model.estimates["inertia"].value)
@@ -221,15 +236,19 @@ class RegressionData:
 
     def joint_errors(self, residual: Array) -> dict[str, float]:
         """Return the root mean square of a residual (R,) at each joint."""
-        return {at: float(np.sqrt(np.mean(residual[here] ** 2))) for at, here in self.layout.joints.items()}
+        return {at: float(np.sqrt(np.mean(residual[rows] ** 2))) for at, rows in self.layout.joints.items()}
 
     def errors(self, model: Model) -> Errors:
-        """Return the errors of a model in torque, of each joint and of all, and in free-running position."""
+        """Return the errors of a model in torque, of each joint and of all, and in free-running position.
+
+        Rollouts have only the error in the loop. The torque of all joints is nan if some slide and others turn; the
+        position is nan without segments or a known inertia.
+        """
         residual, body = self.residual(model.terms, model.theta), find_body(self.base)
         if not self.layout.predicts_torque:
             return Errors(np.nan, np.nan).with_loop(residual)
         torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
-        torque = torque if len({*body.slides}) == 1 else np.nan  # no N m and N in one number
+        torque = torque if len({*body.slides}) == 1 else np.nan
         joints, sizes = self.joint_errors(residual), self.joint_errors(self.data.torque())
         shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
         if self.segments and model.has_known_inertia:
@@ -240,5 +259,5 @@ class RegressionData:
 
 
 def _fit(error: float, deviation: float) -> float:
-    """Return the fit in percent (100 % less NRMSE) from error and deviation; 0 without any deviation."""
+    """Return 100 (1 - error / deviation) [%]; 0 without deviation."""
     return 100.0 * (1.0 - error / deviation) if deviation > 0 else 0.0

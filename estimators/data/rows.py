@@ -18,16 +18,16 @@ from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Term
 
 Terms = Sequence[Term]
-BLOCK, FOLDS = 1.0, 10  # length of a block [s], and number of folds of cross-validation, into which blocks fall in turn
+BLOCK, FOLDS = 1.0, 10  # length of a block [s]; number of folds of cross-validation, to which blocks belong in turn
 
 
 class ResidualStructure(NamedTuple):
-    """Size of a residual, and of its part that is correlated between neighbouring rows [N m], or [rad] of rollouts.
+    """Size of a residual and of its correlated part.
 
     Attributes:
-        correlated_rms: root of the covariance of neighbouring rows, beyond that of sensor noise.
+        correlated_rms: root of the covariance of neighbouring rows beyond sensor noise [N m], or [rad] of rollouts.
         z_score: correlation of neighbouring rows over its standard error.
-        rms: root mean square of the residual.
+        rms: root mean square of the residual [N m], or [rad].
     """
 
     correlated_rms: float
@@ -42,12 +42,12 @@ class RowLayout:
     Attributes:
         joints: rows of each joint, by its name; the one joint of a pendulum has an empty name.
         clusters: block of time of each row (R,), for standard errors under correlated residuals.
-        precision: error of the rows of each joint without any sensor noise.
-        blocks: maps a length [s] to block and entry of each row (R,), and to the recording of each block (S,).
+        precision: error of the rows of each joint without sensor noise, by its name.
+        blocks: maps a length [s] to block and entry of each row, (R,) each, and the recording of each block (S,).
         noise: maps a joint and its inertia [kg m^2] to the noise floor of its rows.
         structure: maps a joint, a residual of its rows and its inertia to the structure of the residual.
-        predicts_torque: whether the rows are of torque [N m], from estimated states of a link; else they are of
-            positions [rad] that are simulated, and a link with them.
+        predicts_torque: whether rows are of torque [N m], with estimated states of a link; else of simulated positions
+            [rad].
         has_fast_fits: whether a fit is fast enough to compare many sets of terms; otherwise it takes seconds.
     """
 
@@ -67,7 +67,7 @@ class RowLayout:
 
 
 class FittedTerms(NamedTuple):
-    """Terms with their linear parameters theta (P,); nonlinear parameters that follow others are as fitted."""
+    """Terms with their fitted linear parameters theta (P,); nonlinear parameters that follow these are set."""
 
     terms: tuple[Term, ...]
     theta: Array
@@ -77,7 +77,7 @@ class FoldFits(NamedTuple):
     """Fits of one set of terms for the score of the search.
 
     Attributes:
-        terms: nonlinear parameters that follow others are as fitted.
+        terms: with nonlinear parameters that follow linear ones set.
         theta: linear parameters, fitted to all rows (P,).
         without: linear parameters, fitted without each fold (FOLDS, P).
     """
@@ -88,7 +88,7 @@ class FoldFits(NamedTuple):
 
 
 class ScoredTerms(NamedTuple):
-    """Set of terms with the error of its fit, in torque [N m] or in the loop [rad]."""
+    """Set of terms with the RMS error of its fit, in torque [N m] or in the loop [rad]."""
 
     terms: tuple[Term, ...]
     fitted_rms: float
@@ -102,16 +102,16 @@ class RowMaker(Protocol):
         """Joints, blocks and noise of the rows."""
 
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
-        """Return the rows of some terms, linearised at their fit if need be.
+        """Return the rows of some terms, linearised at their fit if nonlinear.
 
-        Their weights are those of a fit, in which recordings with larger residuals count less, or `by_noise` alone.
+        Recordings with larger residuals have smaller weights, unless weights are `by_noise` alone.
         """
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
         """Fit the linear parameters of some terms; `exactly` continues an iterative fit to convergence."""
 
     def fit_folds(self, terms: Terms) -> FoldFits:
-        """Fit some terms without each fold, to first order around the fit without the last term if that suffices."""
+        """Fit some terms to all rows and without each fold; linearised around the fit without the last, if accurate."""
 
     def columns(self, variants: Terms) -> list[Columns]:
         """Return the columns of each variant of one effect, on the rows of its joint."""
@@ -126,10 +126,10 @@ class RowMaker(Protocol):
         """Return the error of the terms with each variant of one further effect; it may be extrapolated."""
 
     def trial(self, terms: Terms) -> ScoredTerms:
-        """Fit one set of terms."""
+        """Return a set of terms with the error of its fit."""
 
     def search_basins(self, terms: Terms, variants: Terms) -> ScoredTerms:
-        """Return the best fit of the terms with an effect whose error has many local minima, from several variants."""
+        """Return the best trial of the terms with a variant of a multimodal effect, searched from several variants."""
 
     def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
-        """Fit the continuous nonlinear parameters of one term of a trial from their values."""
+        """Optimise the continuous nonlinear parameters of the term `id` of a trial, from their values."""

@@ -28,7 +28,7 @@ Parts = tuple[RegressionData, RegressionData]  # fitted and held out
 def split_arm(
     recordings: Sequence[Recording], holdout: Sequence[Recording] = ()
 ) -> tuple[list[Recording], list[Recording]]:
-    """Return fitted and held-out recordings of an arm: by default the last 30 % of each recording is held out."""
+    """Return fitted and held-out recordings of an arm; without `holdout`, the last 30 % of each is held out."""
     if holdout:
         return list(recordings), list(holdout)
     pairs = [recording.split(1 - HELD_OUT) for recording in recordings]
@@ -36,9 +36,10 @@ def split_arm(
 
 
 def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0) -> Parts:
-    """Prepare fitted and held-out data; without held-out recordings, the end of each recording is held out.
+    """Return fitted and held-out data of a pendulum; without `holdout`, the end of each recording is held out.
 
-    `shorter` is a factor on the lengths of the windows; it is reduced further if they are too few.
+    `shorter` is a factor on the window lengths that noise asks for. While windows are too few, it is multiplied by
+    `Criterion.shorter_window`, down to about `SHORTEST`.
 
     Raises:
         IdentificationError: if a part holds too little motion, or torque is never applied.
@@ -49,37 +50,40 @@ def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recordin
             f"{names}: torque is never applied, only ratios of parameters are known: take `FitData.from_recordings`"
         )
     try:
-        return _split_segments(recordings, holdout, shorter)
+        return _split_into_parts(recordings, holdout, shorter)
     except IdentificationError:
         if shorter <= SHORTEST:
             raise
-        # more windows, each with more noise
         return split_recordings(recordings, holdout, Criterion.shorter_window * shorter)
 
 
-def _split_segments(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:
-    widths, checks = ([shorter * choose_half_width(r) for r in part] for part in (recordings, holdout))
+def _split_into_parts(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:
+    """Return fitted and held-out data; `shorter` scales the chosen window lengths.
+
+    Without `holdout`, the last 30 % of each recording is held out. If less than half of the window centres lies before,
+    or a part holds too little motion, the split is at the share of time before which 70 % of all centres lie.
+    """
+    cut = RegressionData.from_recordings
+    widths, holdout_widths = ([shorter * choose_half_width(r) for r in part] for part in (recordings, holdout))
     if holdout:
-        return RegressionData.from_recordings(recordings, widths), RegressionData.from_recordings(holdout, checks)
+        return cut(recordings, widths), cut(holdout, holdout_widths)
 
     def split(share: float) -> Parts:
-        return RegressionData.from_recordings(recordings, widths, (0.0, share)), RegressionData.from_recordings(
-            recordings, widths, (share, 1.0)
-        )
+        return cut(recordings, widths, (0.0, share)), cut(recordings, widths, (share, 1.0))
 
-    motion = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
-    if np.mean(motion < 1 - HELD_OUT) >= MOTION:
-        with suppress(IdentificationError):  # the end may be at rest
+    center_shares = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
+    if np.mean(center_shares < 1 - HELD_OUT) >= MOTION:
+        with suppress(IdentificationError):
             return split(1 - HELD_OUT)
-    return split(float(np.quantile(motion, 1 - HELD_OUT)))  # of the motion, not of the time
+    return split(float(np.quantile(center_shares, 1 - HELD_OUT)))
 
 
 def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) -> Parts:
-    """Return training and held-out data with contacts with a stop, see `TorqueWindows.with_contacts`.
+    """Return fitted and held-out data with contacts with a stop, see `TorqueWindows.with_contacts`.
 
-    Data with fewer contacts than `repeated` stay as they are, since a single one may be an accident, and so do data for
-    a model with a link, which has impacts of its own. Parts of the same recordings are split again where less than half
-    of the contacts are fitted, or none is held out: a stop is found in fitted data, and confirmed in held-out data.
+    The same `data` are returned with fewer than `repeated` contacts, which may be accidents, and for terms with a link,
+    which has impacts. If less than half of the contacts are fitted or none is held out, the same recordings are split
+    again by `split_at_contacts`: a stop is found in fitted data, and confirmed in held-out data.
     """
     if has_link(terms):
         return data
@@ -96,14 +100,14 @@ def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) 
     counts = [part.data.contacts for part in found]
     is_uneven = counts[0] < MOTION * sum(counts) or counts[1] == 0
     if is_uneven and sum(counts) >= repeated and data[0].recordings == data[1].recordings:
-        contacts, motion = (
-            np.concatenate([own for part in parts for own in instants(part)])
+        contacts, center_shares = (
+            np.concatenate([shares for part in parts for shares in instants(part)])
             for parts, instants in (
                 (found, lambda part: part.data.contact_instants),
                 (data, lambda part: [w.centers / len(w.recording) for w in part.data.windows]),
             )
         )
-        split = split_at_contacts(motion, contacts)
+        split = split_at_contacts(center_shares, contacts)
         if split is not None:
             found = add(_cut_again(data[0], split[0])), add(_cut_again(data[1], split[1]))
             counts = [part.data.contacts for part in found]
@@ -111,11 +115,10 @@ def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) 
 
 
 def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | None:
-    """Return the parts of recordings to fit and to hold out that both have contacts with a stop; None without any.
+    """Return the parts of recordings to fit and to hold out, before and after an instant or reverse, or None.
 
-    At least half of the motion is fitted, and as nearly as possible 70 % of the contacts, before or after some instant.
-
-    Instants of motion (R,) and of contacts (C,) are shares of a recording.
+    Both have contacts. The fitted part has at least half of the motion, and a share of contacts closest to 70 %.
+    `motion` (R,) and `contacts` (C,) are instants, as shares of a recording.
     """
     instants, count = np.sort(contacts), len(contacts)
     options: list[tuple[float, tuple[Part, Part]]] = []
@@ -131,7 +134,7 @@ def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | Non
 
 
 def _cut_again(data: RegressionData, part: Part) -> RegressionData:
-    """Return another part of the recordings in windows of the same length."""
+    """Return data of another part of the recordings, with windows of the same lengths."""
     widths = [len(w.kernel) // 2 / w.recording.rate for w in data.data.windows]
-    again = cut_all(data.recordings, widths, part)
-    return RegressionData(again, tuple(choose_segments(w) for w in again.windows))
+    windows = cut_all(data.recordings, widths, part)
+    return RegressionData(windows, tuple(choose_segments(w) for w in windows.windows))

@@ -13,26 +13,30 @@ from estimators.search_hints import count_variants, find_hints, make_grid
 from pendulum_env._typing import Array
 from pendulum_env.physics import Samples, Table, Term, count_term_parameters
 
-STARTS = 2  # variants of the grid from which a search over nonlinear parameters starts
+STARTS = 2  # best variants per form from which a search over nonlinear parameters starts
 COARSE_GRID = 24  # largest number of variants of continuous parameters, where each fit takes seconds
 
 
 def make_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> list[Term]:
-    """Return variants of an effect beside the terms, from which a search starts."""
-    found = make_grid(effect, *_compute_unexplained_torque(data, terms, effect))
-    if not data.layout.has_fast_fits and any(not own.integer for own in effect.nonlinear_parameters):
-        found = found[:: max(1, -(-len(found) // COARSE_GRID))]
-    return [variant.without_known_functions(terms) if isinstance(variant, Table) else variant for variant in found]
+    """Return the variants of an effect on a grid of its nonlinear parameters, for a search beside the terms.
+
+    The grid depends on the motion and the residual of the terms. If fits are slow, it has at most `COARSE_GRID`
+    variants of continuous parameters.
+    """
+    variants = make_grid(effect, *_compute_unexplained_torque(data, terms, effect))
+    if not data.layout.has_fast_fits and any(not parameter.integer for parameter in effect.nonlinear_parameters):
+        variants = variants[:: max(1, -(-len(variants) // COARSE_GRID))]
+    return [variant.without_known_functions(terms) if isinstance(variant, Table) else variant for variant in variants]
 
 
 @memoized
 def count_tried(data: RegressionData, terms: Terms, effect: type[Term]) -> int:
-    """Return the number of variants among which `make_variants` chose."""
+    """Return the number of variants of an effect that a search tries, for its penalty; see `count_variants`."""
     return count_variants(effect, *_compute_unexplained_torque(data, terms, effect))
 
 
 def _compute_unexplained_torque(data: RegressionData, terms: Terms, effect: type[Term]) -> tuple[Samples, Array]:
-    """Return samples at the joint of an effect, and the residual of some terms there (R,) [N m]."""
+    """Return samples at the joint of an effect, and the torque residual of some terms there, (R,) each [N m]."""
     residual = data.torque.equations(terms).error(data.torque.solve(terms))
     return data.data.part(effect.at).samples, residual[data.data.locate_rows(effect.at)]
 
@@ -46,15 +50,16 @@ def rank_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> lis
     kinds: dict[tuple[type[Term], int], list[Term]] = {}
     for variant in make_variants(data, terms, effect):
         kinds.setdefault((type(variant), len(variant.columns)), []).append(variant)
-    trials = [trial for same in kinds.values() for trial in try_variants(data, terms, same)]
+    trials = [trial for of_kind in kinds.values() for trial in try_variants(data, terms, of_kind)]
     return sorted(trials, key=lambda trial: trial.fitted_rms)
 
 
 @memoized
 def refine_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> list[ScoredTerms]:
-    """Return the best variant of each form of an effect, refined; those with the fewest parameters come first.
+    """Return the best refined variant of each form of an effect, those with the fewest parameters first.
 
-    A form is a set of free nonlinear parameters. Empty where the data offer no variant.
+    A form is a set of free nonlinear parameters and a number of columns. A multimodal effect has one form; without any
+    variant the list is empty.
     """
     if find_hints(effect).multimodal:
         variants = make_variants(data, terms, effect)
@@ -67,12 +72,14 @@ def refine_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> l
         last = trial.terms[-1]
         forms.setdefault((last.free, len(last.columns)), []).append(trial)
     sought = effect.nonlinear_parameters
-    whole = bool(sought) and all(known.integer for known in sought)  # there is nothing to refine
-    ends = [
-        few[0] if whole else min((data.refine(t, effect.id) for t in few[:STARTS]), key=lambda one: one.fitted_rms)
-        for few in forms.values()
+    is_integer = bool(sought) and all(parameter.integer for parameter in sought)
+    best = [
+        trials[0]
+        if is_integer
+        else min((data.refine(trial, effect.id) for trial in trials[:STARTS]), key=lambda trial: trial.fitted_rms)
+        for trials in forms.values()
     ]
-    return sorted(ends, key=lambda trial: (count_term_parameters(trial.terms[-1]), trial.fitted_rms))
+    return sorted(best, key=lambda trial: (count_term_parameters(trial.terms[-1]), trial.fitted_rms))
 
 
 def try_variants(data: RegressionData, terms: Terms, variants: Terms) -> list[ScoredTerms]:
@@ -82,12 +89,12 @@ def try_variants(data: RegressionData, terms: Terms, variants: Terms) -> list[Sc
 
 
 def compute_unique_share(data: RegressionData, terms: Terms, term: Term) -> float:
-    """Return the share of a term's columns that parameters of some terms cannot imitate, the largest of all."""
-    (columns,), weights = data.columns([term]), data.equations(terms).weights[:, None]
-    own = place_columns(len(weights), [(data.locate_rows(term.at), np.column_stack([columns.linear, columns.fixed]))])
-    own = own[:, np.linalg.norm(own, axis=0) > 0] * weights
-    rest = project_out(_make_frame(data, tuple(terms)), own)
-    return float(max(np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0), default=0.0))
+    """Return the part of a term's columns outside the span of other terms' columns, from 0 to 1; the largest of all."""
+    (part,), weights = data.columns([term]), data.equations(terms).weights[:, None]
+    of_term = place_columns(len(weights), [(data.locate_rows(term.at), np.column_stack([part.linear, part.fixed]))])
+    of_term = of_term[:, np.linalg.norm(of_term, axis=0) > 0] * weights
+    outside = project_out(_make_frame(data, tuple(terms)), of_term)
+    return float(max(np.linalg.norm(outside, axis=0) / np.linalg.norm(of_term, axis=0), default=0.0))
 
 
 @memoized
