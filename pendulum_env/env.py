@@ -13,7 +13,7 @@ from pendulum_env.backends import BACKENDS, Sample, Sensor, Setup, Start, Status
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulator import Simulator
 from pendulum_env.lookup import find, refuse_unknown_arguments
-from pendulum_env.parameters import PlantParameters, PlantProperties, Schedule, Values
+from pendulum_env.parameters import PlantParameters, PlantProperties, Values
 from pendulum_env.physics import Model
 from pendulum_env.plant import Effects, make_plant
 from pendulum_env.rendering import MODES, Renderer
@@ -65,7 +65,6 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         effects: Effects = (),
         theta: Mapping[str, float] | None = None,
         model: Model | str | Path | None = None,
-        schedule: Schedule | None = None,
         rate: float = 1000.0,
         substeps: int = 1,
         max_torque: float = MAX_TORQUE,
@@ -84,8 +83,6 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
                 lists them.
             theta: parameters of the plant that differ from the paper's, by name.
             model: an identified model or its file, as the plant.
-            schedule: changes of the plant's parameters in every episode, by the time after the reset [s], as
-                `{5.0: {"viscous": 0.3, "stribeck": 0.4}}`. An effect that begins later is made with size 0.
             rate: samples, and actions, per second [Hz]; a replay has its own.
             substeps: integration steps per sample; the error is of second order in their length, 4e-6 rad RMS over 30 s
                 of the paper's excitation for steps of 1 ms.
@@ -106,12 +103,12 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         """
         check_positive("a pendulum", rate=rate, substeps=substeps, max_torque=max_torque)
         self._renderer = Renderer(render_mode)
-        has_plant = bool(effects) or bool(schedule) or theta is not None or model is not None
+        has_plant = bool(effects) or theta is not None or model is not None
         _check_belongs(backend, recording, config, has_plant)
         sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
         files = [None if file is None else str(file) for file in (recording, config)]
         self._setup = Setup(make_plant(theta, effects, model), float(rate), int(substeps), sensor, *files)
-        self.plant = PlantParameters(self._setup.model, self._setup.rate, schedule)
+        self.plant = PlantParameters(self._setup.model)
         self._parameters = self.plant.info  # which the backend has
         self.backend = find("backend", backend, BACKENDS)(self._setup)
         self.backend.open()
@@ -155,9 +152,8 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         Args:
             seed: of the noise of the measurement.
             options: for a simulated plant: `position` [rad], `velocity` [rad/s], `theta`, parameters of the plant by
-                name for this and later episodes, those of effects included, and `schedule` for this episode in the
-                place of that which the environment was made with. For a rig: `clear_fault`, True once the cause of a
-                fault is mended, without which no reset gives it power again.
+                name for this and later episodes, those of effects included. For a rig: `clear_fault`, True once the
+                cause of a fault is mended, without which no reset gives it power again.
 
         Raises:
             ValueError: if an option is unknown, or the backend cannot obey it.
@@ -173,11 +169,11 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         if self._running:
             self.backend.disable()
         position, velocity = map(float, read_start(options, ()))
-        self.plant.reset(options.get("theta"), options.get("schedule"))
+        self.plant.reset(options.get("theta"))
         self._update_plant()
         start = Start(position, velocity, self.np_random, clear)
         first = self.backend.enable(start)
-        self._running, self._steps = True, 0
+        self._running = True
         # the backward difference starts with the angle one period earlier
         self._before, self._then = first.position, first.time
         if self.simulated:
@@ -203,9 +199,6 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
             self.backend.disable()  # no torque between runs
             raise ValueError(f"the action is {action}, of shape {np.shape(action)}: it needs (1,), a torque in N m")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
-        self._steps += 1
-        if self.simulated and self.plant.follow_schedule(self._steps):
-            self._update_plant()
         observation, info = self._show(sample, clipped=bool(is_beyond(torque, self.max_torque)))
         if self.render_mode == "human":
             self.render()
@@ -257,4 +250,4 @@ def _check_belongs(backend: str, recording: str | Path | None, config: str | Pat
     if backend != "dm1015b" and config is not None:
         raise ValueError(f"a configuration is for backend='dm1015b', not for '{backend}'")
     if backend in OWN_PLANT and has_plant:
-        raise ValueError(f"{OWN_PLANT[backend]}: leave out effects, theta, model and schedule")
+        raise ValueError(f"{OWN_PLANT[backend]}: leave out effects, theta and model")

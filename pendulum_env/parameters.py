@@ -1,4 +1,4 @@
-"""Parameters of simulated plants: those that an episode begins with, those now, and changes by a schedule."""
+"""Parameters of simulated plants: those that an episode begins with, and those now."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from pendulum_env.physics.terms import set_nonlinear_values
 from pendulum_env.plant import check_linear, check_nonlinear
 
 Values = Mapping[str, ArrayLike]  # parameters by name; of a batch also one for each plant (B,)
-Schedule = Mapping[float, Values]  # changes by the time since the reset [s]
 
 
 class PlantParameters:
@@ -28,38 +27,33 @@ class PlantParameters:
         now: parameters now, each () or (B,).
     """
 
-    def __init__(
-        self, model: Model, rate: float, schedule: Schedule | None = None, batch: tuple[int, ...] = ()
-    ) -> None:
-        """Take the plant, samples per second [Hz], the schedule of every episode, and () or (B,)."""
-        self.model, self._rate, self._batch = model, rate, batch
+    def __init__(self, model: Model, batch: tuple[int, ...] = ()) -> None:
+        """Take the plant, and () or (B,)."""
+        self.model, self._batch = model, batch
         self._linear = [column.name for column in model.columns]
         self._nonlinear = {
             term.get_full_name(parameter.name): (term.id, parameter) for term in model.terms for parameter in term.free
         }
         self._start: dict[str, Array] = {name: np.full(batch, own.value) for name, own in model.estimates.items()}
         self.now = dict(self._start)
-        self._usual = self._events = self._plan_changes(schedule or {})
 
-    def reset(self, theta: Values | Sequence[float] | Array | None = None, schedule: Schedule | None = None) -> None:
+    def reset(self, theta: Values | Sequence[float] | Array | None = None) -> None:
         """Begin an episode.
 
         Args:
             theta: parameters of this and later episodes by name, or all linear parameters in order, (P,) or (P, B).
-            schedule: of this episode; None is the usual one.
 
         Raises:
-            UserError: if a parameter is unknown or impossible, or a time is none. The episode then goes on as before.
+            UserError: if a parameter is unknown or impossible. The episode then goes on as before.
         """
         before, self.now = self.now, dict(self._start)
         try:
             if theta is not None:
                 self.change(theta)
-            events = self._usual if schedule is None else self._plan_changes(schedule)
-        except Exception:
+        except UserError:
             self.now = before
             raise
-        self._start, self._events, self.now = self.now, events, dict(self.now)
+        self._start = dict(self.now)
 
     def restart(self, which: Mask) -> None:
         """Begin an episode of some plants (B,)."""
@@ -67,15 +61,8 @@ class PlantParameters:
 
     def change(self, values: Values | Sequence[float] | Array, which: Mask | None = None) -> None:
         """Change some parameters until the next reset, of all plants or of some (B,)."""
-        self._apply(self._check_values(values), which)
-
-    def follow_schedule(self, steps: Any) -> bool:
-        """Change what is due after so many steps, () or (B,); returns whether anything changed."""
-        each = [(values, np.equal(steps, step)) for step, values in self._events.items()]
-        due = [(values, which) for values, which in each if which.any()]
-        for values, which in due:
-            self._apply(values, which)
-        return bool(due)
+        for name, value in self._check_values(values).items():
+            self.now[name] = value if which is None else np.where(which, value, self.now[name])
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -102,24 +89,6 @@ class PlantParameters:
             return {name: float(value) for name, value in self.now.items()}
         everyone = np.ones(self._batch, dtype=bool)
         return {**self.now, **{f"_{name}": everyone for name in self.now}}
-
-    def _apply(self, values: Mapping[str, Array], which: Mask | None) -> None:
-        for name, value in values.items():
-            self.now[name] = value if which is None else np.where(which, value, self.now[name])
-
-    def _plan_changes(self, schedule: Schedule) -> dict[int, dict[str, Array]]:
-        """Map steps to the changes due after them."""
-        planned: dict[int, dict[str, Array]] = {}
-        try:
-            times = sorted(((float(time), values) for time, values in schedule.items()), key=lambda event: event[0])
-        except (AttributeError, TypeError, ValueError):
-            raise UserError(f"a schedule is of the form {{5.0: {{'viscous': 0.3}}}}, not {schedule!r}") from None
-        for time, values in times:
-            if not 0 < time < np.inf:
-                raise UserError(f"a parameter cannot change at {time:g} s after the reset: give a time above zero")
-            step = max(1, int(np.ceil(time * self._rate - 1e-6)))
-            planned[step] = planned.get(step, {}) | self._check_values(values)
-        return planned
 
     def _check_values(self, given: Values | Sequence[float] | Array) -> dict[str, Array]:
         """Return arrays () or (B,) of given parameters; refuse unknown names and impossible values."""

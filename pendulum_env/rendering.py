@@ -14,7 +14,7 @@ MODES = ("human", "rgb_array")
 WIDTH, HEIGHT = 600, 480  # [pixels]
 REACH, BOB = 173, 18  # [pixels] of all links in a row, and of the discs at their ends
 LINE, MOST = 20, 15  # [pixels] from one line of text to the next, and how many are shown
-FRAMES = 50  # per second of simulated time, in a window and in a video
+FRAMES = 50  # per second of simulated time, in a window
 PAPER, INK, ARM, TORQUE = (250, 249, 246), (40, 44, 52), (52, 101, 164), (204, 92, 40)
 
 

@@ -13,7 +13,7 @@ from pendulum_env.reading import quote_value
 MAX_TORQUE = 15.0  # [N m], of the DM1015B
 MAX_VELOCITY = 100.0  # [rad/s], bound of the observation; the measurement in `info` has none
 VELOCITIES = {"difference": False, "ideal": True}  # how it is measured, and whether that is exactly
-RESET_OPTIONS = dict.fromkeys(("position", "velocity", "theta", "schedule", "clear_fault"))
+RESET_OPTIONS = dict.fromkeys(("position", "velocity", "theta", "clear_fault"))
 WHOLE = ("substeps", "num_envs")  # numbers that count something
 
 

@@ -15,7 +15,7 @@ from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.backends.simulator import begin
 from pendulum_env.lookup import find, refuse_unknown_arguments
-from pendulum_env.parameters import PlantParameters, PlantProperties, Schedule, Values
+from pendulum_env.parameters import PlantParameters, PlantProperties, Values
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import CommandLine, TorqueBalance, step
 from pendulum_env.plant import Effects, make_plant
@@ -52,7 +52,6 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         effects: Effects = (),
         theta: Mapping[str, float] | None = None,
         model: Model | str | Path | None = None,
-        schedule: Schedule | None = None,
         rate: float = 1000.0,
         substeps: int = 1,
         max_torque: float = MAX_TORQUE,
@@ -87,7 +86,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._everyone, self._nobody = np.ones(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
-        self.plant = PlantParameters(make_plant(theta, effects, model), self.rate, schedule, (num_envs,))
+        self.plant = PlantParameters(make_plant(theta, effects, model), (num_envs,))
         self._x: Samples | None = None
         self._update_plant()
 
@@ -115,8 +114,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         Args:
             seed: of the measurement's noise, one for all; of a list, the first.
             options: `position` [rad] and `velocity` [rad/s], scalars or (B,); `theta`, parameters for this and later
-                episodes by name, scalars or (B,), or all linear ones (P, B); `schedule` of the episodes until the next
-                reset.
+                episodes by name, scalars or (B,), or all linear ones (P, B).
 
         Raises:
             ValueError: if an option is unknown or impossible.
@@ -128,7 +126,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         position, velocity = read_start(options, (self.num_envs,))
         self.steps = np.zeros(self.num_envs, dtype=np.int64)
         self._ended = self._nobody
-        self.plant.reset(options.get("theta"), options.get("schedule"))
+        self.plant.reset(options.get("theta"))
         self._command = CommandLine(self.plant.terms, 1.0 / self.rate, self.substeps)
         self._update_plant()
         self._x = begin(self._balance, position, velocity)
@@ -157,8 +155,6 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         if revived.any():
             torque = np.where(revived, 0.0, torque)
             self._restart(revived)
-        if self.plant.follow_schedule(self.steps):
-            self._update_plant()
         observation, info = self._show(torque, clipped=is_beyond(asked, self.max_torque) & ~revived)
         truncated = self._ended = self.steps >= self.max_episode_steps
         if self.autoreset is AutoresetMode.SAME_STEP and truncated.any():

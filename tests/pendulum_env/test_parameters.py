@@ -1,4 +1,4 @@
-"""Parameters of a simulated plant: told in `info`, changed by a reset, by a schedule, or while it runs."""
+"""Parameters of a simulated plant: told in `info`, changed by a reset, or while it runs."""
 
 import gymnasium as gym
 import numpy as np
@@ -22,11 +22,17 @@ def make(request):
     return lambda **given: gym.make(PENDULUM, backend=request.param, **given)
 
 
-def run(env, torque, options=None) -> dict[str, np.ndarray]:
-    """Position, velocity and parameters at the reset and after each step, of the first pendulum of a batch."""
+def run(env, torque, options=None, changes=None) -> dict[str, np.ndarray]:
+    """Position, velocity and parameters at the reset and after each step, of the first pendulum of a batch.
+
+    Parameters change after so many steps.
+    """
     shape = env.action_space.shape
     infos = [env.reset(seed=0, options=options)[1]]
-    infos += [env.step(np.full(shape, value, dtype=np.float32))[-1] for value in torque]
+    for k, value in enumerate(torque):
+        if k in (changes or {}):
+            env.unwrapped.set_parameters(changes[k])
+        infos.append(env.step(np.full(shape, value, dtype=np.float32))[-1])
 
     def series(values):
         return np.array([np.ravel(value)[0] for value in values])
@@ -39,35 +45,34 @@ def run(env, torque, options=None) -> dict[str, np.ndarray]:
 
 def test_friction_that_changes_in_mid_run_slows_a_free_joint_as_the_closed_form_says(make):
     """v = v0 exp(-b t / I), with b three times as large from 0.3 s on."""
-    env = make(theta=FREE, schedule={0.3: {"viscous": 0.6}}, counts=0, velocity="ideal")
+    env = make(theta=FREE, counts=0, velocity="ideal")
     for _ in range(2):  # the next episode begins with the parameters that the plant was made with
-        seen = run(env, np.zeros(600), START)
+        seen = run(env, np.zeros(600), START, {300: {"viscous": 0.6}})
         time = np.arange(601) / 1000
         exponent = np.where(time < 0.3, 2.0 * time, 0.6 + 6.0 * (time - 0.3))
         np.testing.assert_allclose(seen["velocity"], 5.0 * np.exp(-exponent), rtol=0.01)
-        np.testing.assert_array_equal(seen["viscous"], np.where(np.arange(601) < 300, 0.2, 0.6))
+        np.testing.assert_array_equal(seen["viscous"], np.where(np.arange(601) < 301, 0.2, 0.6))
 
 
-def test_a_reset_changes_linear_and_shape_parameters_for_later_episodes_and_a_schedule_for_one(make):
+def test_a_reset_changes_linear_and_shape_parameters_for_later_episodes(make):
     env = make(effects=["dead_time=0.02"], counts=0)
-    late = {"theta": {"dead_time.dead_time": 0.05, "coulomb": 0.5}, "schedule": {0.01: {"gravity": 1.0}}}
-    for options, gravity in ((late, 1.0), (None, PAPER["gravity"])):
+    for options in ({"theta": {"dead_time.dead_time": 0.05, "coulomb": 0.5}}, None):
         seen = run(env, np.full(80, 0.6), options)
         assert np.flatnonzero(seen["position"])[0] in (51, 52)  # 0.6 N m overcome 0.5 N m as soon as they arrive
-        assert (seen["coulomb"] == 0.5).all() and seen["gravity"][-1] == gravity
+        assert (seen["coulomb"] == 0.5).all()
 
 
 @pytest.mark.parametrize("effect", ["presliding", "joint_flexibility", "actuator_lag", "dead_time", "backlash"])
 def test_states_of_effects_live_on_when_a_parameter_changes(make, effect):
     torque = 3.0 * np.sin(12.07 * np.arange(400) / 1000) + 2.0
-    slightly = {0.1 * k: {"viscous": PAPER["viscous"] * (1 + 1e-12 * k)} for k in (1, 2, 3)}
-    with_changes, without = (run(make(effects=[effect], counts=0, schedule=one), torque) for one in (slightly, None))
+    slightly = {100 * k: {"viscous": PAPER["viscous"] * (1 + 1e-12 * k)} for k in (1, 2, 3)}
+    with_changes, without = (run(make(effects=[effect], counts=0), torque, changes=one) for one in (slightly, None))
     np.testing.assert_allclose(with_changes["position"], without["position"], atol=1e-7)
 
 
 def test_pendulums_of_a_batch_may_differ_in_every_parameter():
     options = {"theta": {"stribeck": [0.2, 0.6], "stribeck.stribeck_velocity": [0.2, 2.0], "gravity": [1.0, 3.0]}}
-    settings = {"effects": ["stribeck"], "counts": 0, "schedule": {0.2: {"stribeck.stribeck_velocity": 0.7}}}
+    settings = {"effects": ["stribeck"], "counts": 0}
     env = gym.make_vec(PENDULUM, num_envs=2, **settings)
     infos = [env.reset(options=options)[1]] + [env.step(np.full((2, 1), 4.0, dtype=np.float32))[-1] for _ in range(400)]
     for k in range(2):
@@ -86,33 +91,15 @@ def test_the_plant_of_an_info_is_the_plant_of_a_reset(make):
     assert np.all(plant["cogging.order"] == 9)
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_each_pendulum_of_a_batch_follows_the_schedule_by_its_own_time(mode):
-    env = gym.make_vec(
-        PENDULUM, num_envs=2, schedule={0.003: {"viscous": 1.0}}, max_episode_steps=5, autoreset_mode=mode
-    )
-    env.reset(seed=0)
-    env.unwrapped.steps[1] = 2  # the second began earlier
-    for _ in range(20):
-        info = env.step(np.zeros((2, 1), dtype=np.float32))[-1]
-        late = info["time"] > 0.0025
-        np.testing.assert_array_equal(info["plant"]["viscous"], np.where(late, 1.0, PAPER["viscous"]))
-        if "final_info" in info:
-            ended = info["_final_info"]
-            assert (info["final_info"]["plant"]["viscous"][ended] == 1.0).all()
-
-
 def test_a_refused_reset_changes_nothing_and_parameters_set_while_it_runs_last_until_the_next(make):
-    env = make(effects=["stribeck"], schedule={0.002: {"gravity": 1.5}})
+    env = make(effects=["stribeck"])
     env.reset(seed=0)
     action = np.zeros(env.action_space.shape, dtype=np.float32)
     env.unwrapped.set_parameters({"coulomb": 0.5})
-    for theta, time in (({"inertia": -1.0}, 0.002), ({"viscous": 0.5}, -1.0)):
-        with pytest.raises(ValueError):
-            env.reset(options={"theta": theta, "schedule": {time: {"gravity": 3.0}}})
-    for _ in range(4):
-        plant = env.step(action)[-1]["plant"]
-    assert np.all(plant["gravity"] == 1.5) and np.all(plant["coulomb"] == 0.5)
+    with pytest.raises(ValueError):
+        env.reset(options={"theta": {"viscous": 0.5, "inertia": -1.0}})
+    plant = env.step(action)[-1]["plant"]
+    assert np.all(plant["viscous"] == PAPER["viscous"]) and np.all(plant["coulomb"] == 0.5)
     plant = env.reset()[1]["plant"]
     assert all(np.all(plant[name] == PAPER[name]) for name in ("viscous", "coulomb"))
 
@@ -133,19 +120,13 @@ def test_a_parameter_that_makes_no_sense_is_refused_by_every_door(make, changes,
     env = make(**settings)
     for ask in (
         lambda: env.reset(options={"theta": changes}),
-        lambda: env.reset(options={"schedule": {1.0: changes}}),
         lambda: env.unwrapped.set_parameters(changes),
-        lambda: make(**settings, schedule={1.0: changes}),
     ):
         with pytest.raises(ValueError, match=why):
             ask()
 
 
-def test_other_mistakes_are_refused_with_a_sentence(tmp_path):
-    env = gym.make(PENDULUM)
-    run(env, np.zeros(20))
-    with pytest.raises(ValueError, match="cannot change at -1 s after the reset: give a time above zero"):
-        gym.make(PENDULUM, schedule={-1.0: {"viscous": 0.1}})
+def test_plants_of_a_batch_have_one_dead_time():
     with pytest.raises(ValueError, match="plants of a batch have one dead_time"):
         gym.make_vec(PENDULUM, num_envs=2, effects="dead_time").reset(
             options={"theta": {"dead_time.dead_time": [0.1, 0.2]}}
@@ -158,11 +139,11 @@ def test_a_recording_has_no_plant_to_change(tmp_path, swing):
     env = gym.make(PENDULUM, **settings)
     assert "plant" not in env.reset(seed=0)[1]
     for ask in (
-        lambda: gym.make(PENDULUM, **settings, schedule={1.0: {"viscous": 0.1}}),
-        lambda: env.reset(options={"schedule": {1.0: {"viscous": 0.1}}}),
+        lambda: gym.make(PENDULUM, **settings, theta={"viscous": 0.1}),
+        lambda: env.reset(options={"theta": {"viscous": 0.1}}),
         lambda: env.unwrapped.set_parameters({"viscous": 0.1}),
     ):
-        with pytest.raises(ValueError, match=r"leave out .*schedule|reset it without options|no plant"):
+        with pytest.raises(ValueError, match=r"leave out .*theta|reset it without options|no plant"):
             ask()
 
 
