@@ -36,13 +36,8 @@ def in_mujoco(exported: Exported, commands: np.ndarray, on: np.ndarray | None = 
     mujoco = pytest.importorskip("mujoco")
     world = mujoco.MjModel.from_xml_string(exported.content)
     data, path = mujoco.MjData(world), [0.0]
-    program = module(exported.callback) if exported.callback else None
-    state = program.start() if program else None
     for k, value in enumerate(commands.tolist()):
-        if program:
-            state = program.before_step(world, data, state, value, **({} if on is None else {"on": float(on[k])}))
-        else:
-            data.ctrl[0], world.opt.disableactuator = value, int(on is not None and not on[k])
+        data.ctrl[0], world.opt.disableactuator = value, int(on is not None and not on[k])
         mujoco.mj_step(world, data)
         path.append(data.qpos[0])
     return np.array(path)

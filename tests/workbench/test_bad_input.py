@@ -94,8 +94,6 @@ WORDS = [  # with files of `folder`
     ("export model.json --to mjcf", "cannot hold cogging"),
     ("export model.json --to c --check run.csv", "--check goes with mjcf, not with c"),
     ("export model.json --to python --drive output=duty,kp=0.5,gain=1", "is a share of the bus: say its voltage"),
-    ("export model.json --to c --callback a.py", "--callback goes with mjcf"),
-    ("export model.json --to mjcf --callback a.txt", "should end in .py or .c"),
     ("app none.csv --no-browser", "there is no such file"),
     ("survey empty -o out", "holds no recording"),
     ("survey run.csv -o out", "use diagnose for one recording"),

@@ -1,6 +1,5 @@
 """A servo that is exported moves as the model does in the loop: as a program, and in MuJoCo."""
 
-import ctypes
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.servo import ServoDrive
 from pendulum_env.servo.loop import Servos, follow
-from tests.workbench.exported import in_mujoco, library, module, needs_compiler, off
+from tests.workbench.exported import in_mujoco, module, off
 from workbench.export import ExportError, Request, export
 
 STEP, COUNT = 1e-3, 3000
@@ -64,8 +63,7 @@ def test_a_program_of_a_servo_is_the_simulator_in_the_loop(name):
 def test_a_servo_at_room_temperature_needs_no_thermometer_and_rubs_otherwise_where_it_is_warm():
     drive = DRIVES["duty, late"]
     rubbing = joint().add(TemperatureDependentFriction(), [0.0, 0.004])
-    request = Request(drive=drive, callback="python")
-    assert off(in_mujoco(export(rubbing, "mjcf", request), GOAL, ON), in_the_loop(joint(), drive)) < 0.01
+    np.testing.assert_allclose(in_python(rubbing, drive), in_the_loop(joint(), drive), rtol=0, atol=1e-9)
     warm = Model.build(joint().terms, [*joint().theta[:3], joint().theta[3] + 20 * 0.004])
     path = in_python(rubbing, drive, temperature=45.0)
     np.testing.assert_allclose(path, in_the_loop(warm, drive), rtol=0, atol=1e-9)
@@ -75,7 +73,7 @@ def test_a_servo_at_room_temperature_needs_no_thermometer_and_rubs_otherwise_whe
 def test_mujoco_s_own_servo_moves_a_joint_without_effects_alike(name):
     drive, model = replace(DRIVES[name], ki=0.0, rate=None, cutoff=None), joint("gravity_tilt=0.05")
     exported = export(model, "mjcf", Request(drive=drive))
-    assert exported.notes == () and exported.callback == ""
+    assert exported.notes == ()
     assert off(in_mujoco(exported, GOAL, ON), in_the_loop(model, drive)) < 0.005
 
 
@@ -88,54 +86,6 @@ def test_an_offset_of_the_torque_moves_its_limits_along():
         data.ctrl[0] = goal
         mujoco.mj_forward(world, data)
         assert data.qfrc_actuator[0] == pytest.approx(torque, abs=1e-9)
-
-
-BESIDE = (
-    "stribeck=0.05",
-    "load_dependent_friction:load_dependent_friction=0.1,output=0.2,weight=0.9",
-    "presliding=0.06",
-    "actuator_lag=0.02",
-    "dead_time=0.008",
-    "backlash:backlash=0.004,gap=0.02",
-    "back-EMF",
-)
-
-
-def test_a_callback_without_a_drive_takes_a_torque():
-    model, torque = joint("stribeck=0.2"), 1.2 * GOAL
-    path = in_mujoco(export(model, "mjcf", Request(callback="python")), torque)
-    assert off(path, model.simulate(STEP, torque, 0.0, 0.0).position[:, 0]) < 0.01
-
-
-@pytest.mark.parametrize("hidden", BESIDE)
-def test_with_the_callback_mujoco_moves_as_the_model_does(hidden):
-    model, drive = joint(hidden), DRIVES["damped, at a rate"]
-    own = in_the_loop(model, drive)
-    assert off(in_mujoco(export(model, "mjcf", Request(drive=drive, callback="python")), GOAL, ON), own) < 0.005
-    assert off(in_the_loop(joint(), drive), own) > 0.0075  # it shows
-
-
-@needs_compiler
-def test_the_callback_in_c_says_what_python_says(tmp_path):
-    pytest.importorskip("mujoco")
-    model = joint("stribeck=0.05", "presliding=0.04", "load_dependent_friction", "dead_time=0.0025")
-    request = Request(drive=DRIVES["speed"])
-    program = module(export(model, "mjcf", replace(request, callback="python")).callback)
-    compiled = library(export(model, "mjcf", replace(request, callback="c")).callback, tmp_path)
-    memory = (ctypes.c_double * 50)()
-    doubles, results = [ctypes.c_double] * 4, (ctypes.c_double * 2)()
-    compiled.joint_start.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double]
-    compiled.joint_step.argtypes = [ctypes.c_void_p, *doubles, ctypes.c_void_p, ctypes.c_void_p]
-    compiled.joint_start(memory, 0.1, 0.0)
-    state, said = program.start(0.1, 0.0), []
-    path = 0.3 * np.sin(5 * TIME[:500])
-    for q, v, goal in zip(path, np.gradient(path, STEP), GOAL, strict=False):
-        compiled.joint_step(memory, q, v, goal, 1.0, results, ctypes.byref(results, 8))
-        state, *told = program.step(state, float(q), float(v), float(goal))
-        said.append((*told, *results))
-    said = np.array(said)
-    np.testing.assert_allclose(said[:, :2], said[:, 2:], rtol=0, atol=1e-12)
-    assert np.std(said, axis=0).min() > 1e-3
 
 
 @pytest.mark.parametrize("format", ["python", "mjcf"])
@@ -155,8 +105,6 @@ def test_what_mujoco_does_not_have_of_a_servo_is_named():
         export(joint(), "mjcf", Request(drive=DRIVES["speed"]))
     noted = export(joint("stribeck"), "mjcf", Request(approximate=True, drive=DRIVES["speed"])).notes
     assert len(noted) == 4 and "stribeck" in noted[0]
-    with pytest.raises(ExportError, match=r"payload_change.*: no body"):  # whose inertia changes
-        export(joint("payload_change=0.1"), "mjcf", Request(callback="python"))
 
 
 @pytest.fixture(scope="module")
@@ -177,12 +125,9 @@ def recorded(tmp_path_factory):
 def test_an_export_proves_itself_in_the_loop(recorded, done, refused):
     pytest.importorskip("mujoco")
     asked = ["export", str(recorded / "servo.json"), "--to", "mjcf", "--drive", "output=torque,kp=5,limit=4"]
-    outputs = ["-o", str(recorded / "servo.xml"), "--callback", str(recorded / "servo.py")]
-    said = done(*asked, *outputs, "--check", recorded / "study.toml")
-    own, exported, alone = (float(line.split()[-2]) for line in said.splitlines() if line.endswith("%"))
-    assert max(own, exported) < 0.5 < 2.0 < alone  # per cent of the motion
-    assert "before_step" in (recorded / "servo.py").read_text() and "<mujoco" in (recorded / "servo.xml").read_text()
-    said = done(*asked, "--approximate", "--check", recorded / "run.csv")
-    assert sum(line.endswith("%") for line in said.splitlines()) == 2
+    said = done(*asked, "--approximate", "-o", recorded / "servo.xml", "--check", recorded / "study.toml")
+    own, exported = (float(line.split()[-2]) for line in said.splitlines() if line.endswith("%"))
+    assert own < 0.5 < exported < 10.0  # per cent of the motion: MuJoCo's gears rub as much under any load
+    assert "<mujoco" in (recorded / "servo.xml").read_text()
     told = refused(*asked, "--step", "0.003", "--approximate", "--check", recorded / "study.toml")
     assert "--step should be a whole part of it" in told

@@ -6,13 +6,11 @@ import sys
 from estimators.data.calibration import convert_to_model_unit
 from pendulum_env.files import write_whole
 from pendulum_env.physics import Model
-from pendulum_env.reading import quote_value
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import Source, apply_log_format
 from workbench import options
 from workbench.errors import InputError
 from workbench.export import FORMATS, Exported, Request, export
-from workbench.export.request import Language
 from workbench.inputs import make_body, read_model
 from workbench.outputs import check_outputs, report_files
 from workbench.reading import read_all, read_source_names
@@ -56,38 +54,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="inertia of the rotor about the joint, where it is known: motion tells its sum with the arm's (default 0)",
     )
     group.add_argument(
-        "--callback",
-        metavar="FILE",
-        help="a program beside it, in Python (.py) or C (.c), with what MuJoCo does not have: effects such as Stribeck "
-        "and load-dependent friction, rate and delay of the controller",
-    )
-    group.add_argument(
         "--check",
         metavar="RECORDING",
         help="run it in MuJoCo against a recording or a study, with --drive from its goals",
     )
     options.add_reading(parser)
-    options.add_robot(parser, pendulums=["mass", "armature", "callback", "check"], about="with mjcf: the arm")
+    options.add_robot(parser, pendulums=["mass", "armature", "check"], about="with mjcf: the arm")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Export, perhaps check, and say what the form does not hold."""
     sources = _find_checks(arguments)
-    outputs = [arguments.output, arguments.callback]
-    check_outputs(
-        outputs, [arguments.model, *filter(None, [arguments.robot]), *(str(source.file) for source in sources)]
-    )
-    for option in ("check", "mass", "armature", "callback"):
+    files = [arguments.model, *filter(None, [arguments.robot]), *(str(source.file) for source in sources)]
+    check_outputs([arguments.output], files)
+    for option in ("check", "mass", "armature"):
         if getattr(arguments, option) and arguments.to != "mjcf":
             raise InputError(f"--{option} goes with mjcf, not with {arguments.to}")
-    language: Language | None = None
-    if arguments.callback is not None:
-        if not arguments.callback.endswith((".py", ".c")):
-            raise InputError(f"--callback {quote_value(arguments.callback)}: its name should end in .py or .c")
-        language = "c" if arguments.callback.endswith(".c") else "python"
-    request = Request(
-        arguments.approximate, arguments.step, arguments.mass, arguments.armature, arguments.drive, language
-    )
+    request = Request(arguments.approximate, arguments.step, arguments.mass, arguments.armature, arguments.drive)
     model = read_model(arguments.model, make_body(arguments))
     model.refuse_unknown_inertia()
     exported = export(model, arguments.to, request)
@@ -101,9 +84,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             terminal.say(f"{note}", style="yellow")
     elif not sources:
         sys.stdout.write(exported.content)
-    if arguments.callback is not None:
-        write_whole(arguments.callback, exported.callback)
-    report_files(outputs, terminal)
+    report_files([arguments.output], terminal)
 
 
 def _find_checks(arguments: argparse.Namespace) -> tuple[Source, ...]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,7 @@ class CheckResult:
 
 
 def check(model: Model, exported: Exported, request: Request, recordings: Sequence[Recording]) -> CheckResult:
-    """Run what is exported in MuJoCo against recordings: a servo, or a joint with a callback, from their goals.
+    """Run what is exported in MuJoCo against recordings: a servo from their goals.
 
     Raises ExportError if a known load hung on the joint, which no exported model has, IdentificationError if a
     recording holds too little motion, and ModuleNotFoundError if the extra `export` is not installed.
@@ -40,7 +39,7 @@ def check(model: Model, exported: Exported, request: Request, recordings: Sequen
     for recording in recordings:
         if load_in_newton_metres(recording):
             raise ExportError(f"{recording.name}: a known load acted on the joint: check with a recording without one")
-    if request.takes_goal:
+    if request.drive is not None:
         return _check_in_loop(model, request, recordings)
     return _check_free_runs(model, exported, recordings)
 
@@ -66,22 +65,18 @@ def _check_in_loop(model: Model, request: Request, recordings: Sequence[Recordin
     Raises ExportError if there is no goal, or steps do not add up to those that are compared.
     """
     if not are_driven(recordings):
-        raise ExportError(f"{recordings[0].name}: has no goal: a servo, or a callback, is checked in the loop alone")
+        raise ExportError(f"{recordings[0].name}: has no goal: a servo is checked in the loop alone")
     steps = round(GRAIN / request.step)
     if abs(steps * request.step - GRAIN) > 1e-9:
         raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
     rollouts = Rollouts(tuple(recordings), steps)
 
-    def error(request: Request) -> float:
-        return _compute_mean_size(rollouts.compare_paths(_follow(model, request, rollouts.servos, steps)))
-
-    exported = replace(request, callback="python") if request.callback else request  # C says the same
+    own = rollouts.position_errors([Point(model.terms, model.theta)])
+    theirs = rollouts.compare_paths(_follow(model, request, rollouts.servos, steps))
     errors = {
-        "this project's simulation": _compute_mean_size(rollouts.position_errors([Point(model.terms, model.theta)])),
-        "MuJoCo with what is exported": error(exported),
+        "this project's simulation": _compute_mean_size(own),
+        "MuJoCo with what is exported": _compute_mean_size(theirs),
     }
-    if request.callback:
-        errors["MuJoCo without the callback"] = error(replace(request, callback=None, approximate=True))
     motion = _compute_mean_size(rollouts.position - rollouts.position.mean())
     return CheckResult("In the loop, whole recordings from their goals alone, mean error", errors, motion)
 
@@ -103,21 +98,10 @@ def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array
         world = mujoco.MjModel.from_xml_string(made[drive].content)
         data = mujoco.MjData(world)
         data.qpos[0], data.qvel[0] = servos.position[lane], servos.velocity[lane]
-        program, state = ModuleType("callback"), None
-        if made[drive].callback:
-            exec(made[drive].callback, program.__dict__)  # what is exported is what is run
-            state = program.start(*map(float, (data.qpos[0], data.qvel[0])))
-        volts = drive.output == "duty"
         paths[0, 0, lane] = data.qpos[0]
-        for k, (goal, supply, on) in enumerate(
-            zip(*(part[:, lane].tolist() for part in (servos.goal, servos.supply, servos.on)), strict=True)
-        ):
-            if state is None:
-                data.ctrl[0] = goal
-                world.opt.disableactuator = int(not on)  # bit 0 is the group of actuators by default
-            else:
-                given = {"supply": supply} if volts else {}
-                state = program.before_step(world, data, state, goal, on=on, **given)
+        for k, (goal, on) in enumerate(zip(servos.goal[:, lane].tolist(), servos.on[:, lane].tolist(), strict=True)):
+            data.ctrl[0] = goal
+            world.opt.disableactuator = int(not on)  # bit 0 is the group of actuators by default
             mujoco.mj_step(world, data)
             if (k + 1) % every == 0:
                 paths[(k + 1) // every, 0, lane] = data.qpos[0]

@@ -1,16 +1,15 @@
-"""A model's step, written down: the simulator's own, or what it adds to the step of a physics engine."""
+"""A model's step, written down as the simulator takes it."""
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from keyword import iskeyword
 from typing import Any, Self, cast
 
 import numpy as np
 
-from pendulum_env.physics import Estimate, Model, Samples, Term
+from pendulum_env.physics import Estimate, Model, Samples
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.simulation import TorqueBalance, step, write_balance
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, make_symbol, set_label, sort_symbols
@@ -27,7 +26,7 @@ RESERVED = frozenset(  # names that the exported programs and their languages ha
     switch typedef union unsigned void volatile fabs sin cos tan exp log sqrt tanh atan pow fmax fmin gamma
     round hypot y0 y1 j0 j1 inline restrict memset INFINITY NAN NamedTuple pendulum_step
     np Any Value SimpleNamespace NUMBERS _functions temperature
-    goal supply on applied friction phase held speed last_velocity integral limit kp ki kd gain""".split()
+    goal supply on phase held speed last_velocity integral limit kp ki kd gain""".split()
 )
 
 
@@ -43,7 +42,7 @@ class NamedParameter:
 
 @dataclass(frozen=True)
 class StepQuantity:
-    """Input or output of a step."""
+    """Input of a step."""
 
     name: str
     unit: str
@@ -60,7 +59,6 @@ class Dynamics:
     state: tuple[str, ...]  # names of the state variables
     start: tuple[Operand, ...]  # their values after long rest, in `position` and `velocity`
     after: tuple[Operand, ...]  # their values after the step
-    results: Mapping[StepQuantity, Operand] = field(default_factory=dict)  # what the step gives beside the state
     delay: float = 0.0  # of the torque, in steps, where it is given
 
     @property
@@ -80,42 +78,17 @@ def write_step(model: Model, request: Request) -> Dynamics:
 
     Raises ExportError if a law of the model is not made of what can be written down.
     """
-    with _report_faults():
-        parts = _Parts.from_model(model, model.terms, request)
-        x = step(parts.balance, parts.x, request.step)
-    return parts.dynamics({"time": x.time, "position": x.position, "velocity": x.velocity} | parts.memory(x.memory))
-
-
-def write_contribution(model: Model, terms: Sequence[Term], request: Request) -> Dynamics:
-    """Build the contribution of some terms of a model, and of a drive, to each step of an engine with the other terms.
-
-    The step is given where the joint is, and returns the torque to apply and the largest dry friction to allow.
-
-    Raises ExportError if a law of the model is not made of what can be written down, or adds inertia that varies.
-    """
-    with _report_faults():
-        parts, seconds = _Parts.from_model(model, terms, request), request.step
-        balance, x = parts.balance, parts.x
-        results = {
-            StepQuantity("applied", model.units().unit("N m")): _convert_operand(balance.net(x)),
-            StepQuantity("friction", model.units().unit("N m")): _convert_operand(np.maximum(balance.dry(x), 0.0)),
-        }
-        memory = balance.advance(x, x.velocity, seconds)
-    return parts.dynamics({"time": x.time + seconds} | parts.memory(memory), results)
-
-
-@contextmanager
-def _report_faults() -> Iterator[None]:
-    """Turn what a law that is no formula raises into one sentence."""
     try:
-        yield
+        parts = _Parts.from_model(model, request)
+        x = step(parts.balance, parts.x, request.step)
     except Exception as error:  # a user's law may do anything that NumPy does
         raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
+    return parts.dynamics({"time": x.time, "position": x.position, "velocity": x.velocity} | parts.memory(x.memory))
 
 
 @dataclass
 class _Parts:
-    """Some terms of a model in names for the reader, under a torque or a drive."""
+    """Terms of a model in names for the reader, under a torque or a drive."""
 
     seconds: float  # length of a step
     balance: TorqueBalance  # of the terms
@@ -128,8 +101,9 @@ class _Parts:
     delay: float = 0.0  # of a torque that is given [s]
 
     @classmethod
-    def from_model(cls, model: Model, terms: Sequence[Term], request: Request) -> Self:
+    def from_model(cls, model: Model, request: Request) -> Self:
         """Return the terms of a model, under the torque of a drive if there is one."""
+        terms = model.terms
         balance, x, _ = write_balance(terms)
         named: list[tuple[str, str, Any, float]] = [
             (column.name, column.unit, symbol, 0.0)
@@ -226,12 +200,12 @@ class _Parts:
         pairs = [pair for id, texts in self.remembered.items() for pair in zip(texts, values[id], strict=True)]
         return dict(pairs)
 
-    def dynamics(self, after: Mapping[str, Any], results: Mapping[StepQuantity, Operand] | None = None) -> Dynamics:
-        """Return the step without unused state; a step with results is given position and velocity."""
-        results, after = results or {}, {**after, **self.after}
-        kept, needed = {"time"} | ({"position", "velocity"} & set(after)), set(after)
+    def dynamics(self, after: Mapping[str, Any]) -> Dynamics:
+        """Return the step without unused state."""
+        after = {**after, **self.after}
+        kept, needed = {"time", "position", "velocity"}, set(after)
         while needed:
-            values = [*results.values(), *(_convert_operand(after[text]) for text in kept)]
+            values = [_convert_operand(after[text]) for text in kept]
             needed = {symbol.label for symbol in sort_symbols(values) if symbol.op == NAME} & set(after) - kept
             kept |= needed
         state = tuple(text for text in after if text in kept)
@@ -240,15 +214,13 @@ class _Parts:
         used = [parameter.name for parameter in self.parameters] + [*state]
         if twice := [x for x in used if used.count(x) > 1 or re.fullmatch(r"t\d+|\w+_at_\w+|\w+_after", x)]:
             raise ExportError(f"'{twice[0]}' cannot be the name of a parameter in a program: rename it in its effect")
-        where = (StepQuantity("position", "rad"), StepQuantity("velocity", "rad/s")) if results else ()
         return Dynamics(
             self.seconds,
             tuple(self.parameters),
-            (*where, *self.given),
+            tuple(self.given),
             state,
             tuple(_convert_operand(self.start[text]) for text in state),
             tuple(_convert_operand(after[text]) for text in state),
-            results,
             self.delay / self.seconds,
         )
 

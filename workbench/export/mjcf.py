@@ -6,29 +6,16 @@ its solver allows at the step that is written into the file.
 """
 
 import math
-from collections.abc import Collection, Sequence
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
-from pendulum_env.physics import Model, Samples, Term
+from pendulum_env.physics import Model
 from pendulum_env.physics.transmission import JointFlexibility
-from workbench.export.arm import EVERY, Friction, RigidBody, Stop, get_value, is_spring_linear, make_body
-from workbench.export.dynamics import write_contribution
-from workbench.export.program import ACTUATOR, JOINT, write_program
-from workbench.export.request import (
-    Exported,
-    ExportError,
-    Language,
-    Request,
-    escape_comment,
-    note_missing,
-    write_title,
-)
+from workbench.export.arm import Friction, RigidBody, Stop, get_value, is_spring_linear, make_body
+from workbench.export.request import Exported, Request, escape_comment, note_missing, write_title
 from workbench.export.servo import Motor, Servo, choose_actuator
 
+JOINT, ACTUATOR = "joint", "torque"  # names in the file
 BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside those of `EVERY`
 # Impedance of the stop: MuJoCo's lower bound of 0.0001. A constraint with impedance d replaces the share d of what else
 # accelerates the joint, so that a small one only adds to it, as a spring does.
@@ -50,8 +37,6 @@ def export(model: Model, request: Request) -> Exported:
         held.remove("quadratic_drag")
     if not is_spring_linear(model):
         held.remove("spring")
-    if request.callback is not None:
-        return _export_with_callback(model, held, request, request.callback)
     kind = choose_actuator(request)
     held |= set(kind.held)
     friction, stop = Friction.from_model(model, held), Stop.from_model(model)
@@ -100,41 +85,6 @@ def _add(parent: Any, name: str, body: RigidBody) -> Any:
         type=3, contype=0, conaffinity=0,
     )  # fmt: skip
     return added
-
-
-def _export_with_callback(model: Model, held: Collection[str], request: Request, language: Language) -> Exported:
-    """Write the driven body in XML, and a program with the rest: dry friction, actuation, and the drive."""
-    stop = Stop.from_model(model)
-    # a motor that is off does not brake
-    bodily = ({*EVERY, *held} - {"back_emf"}) - ({"hard_stop"} if stop.missing else set())
-    terms = tuple(term for term in model.terms if term.id in bodily)
-    others = [term for term in model.terms if term.id == "coulomb" or term not in terms]
-    estimates = {name: model.estimates[name] for name in model.estimates if name.partition(".")[0] in bodily}
-    inertia = estimates["inertia"]
-    estimates["inertia"] = replace(inertia, value=inertia.value + _sum_inertia(model, others))
-    if estimates["inertia"].value <= 0:
-        raise ExportError("a link behind the motor has all of the arm's inertia: no body is left that the motor turns")
-    body = replace(model, terms=terms, estimates=estimates, correlation=())
-    exported = export(body, replace(request, drive=None, callback=None))
-    step = write_contribution(model, others, request)
-    return replace(exported, callback=write_program(language, model, step, "joint"))
-
-
-def _sum_inertia(model: Model, terms: Sequence[Term]) -> float:
-    """Sum the inertia that some terms of a model add to that of the arm [kg m^2].
-
-    Raises ExportError if it changes, as no body's does.
-    """
-    columns = [column for term in terms for column in term.columns]
-    times = np.array([0.0, 1.0, 1e3, 1e6])
-    x = Samples(times, times, times, 0.0 * times)
-    total = 0.0
-    for column in columns:
-        masses = model.estimates[column.name].value * np.broadcast_to(column.mass(x), times.shape)
-        if np.ptp(masses):
-            raise ExportError(f"mjcf cannot hold {column.name}: no body of MuJoCo's changes its inertia")
-        total += float(masses[0])
-    return total
 
 
 def _add_actuator(mujoco: Any, spec: Any, model: Model, kind: Motor | Servo) -> None:

@@ -13,10 +13,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from pendulum_env.physics import Model
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, merge_equal
 from pendulum_env.units import JointUnits
-from workbench.export.dynamics import Dynamics, NamedParameter, StepQuantity, write_step
+from workbench.export.dynamics import NamedParameter, StepQuantity, write_step
 from workbench.export.request import Exported, Language, Request, escape_text, write_title
 
-JOINT, ACTUATOR = "joint", "torque"  # names in a file of MuJoCo's, by which the program beside it finds them
 INFIX = {  # sign of an operation, and how tightly it binds
     **{"add": ("+", 4), "subtract": ("-", 4), "multiply": ("*", 5), "divide": ("/", 5)},
     **{"less": ("<", 3), "less_equal": ("<=", 3), "greater": (">", 3), "greater_equal": (">=", 3)},
@@ -55,40 +54,26 @@ def write_number(language: Language, value: float) -> str:
 
 def export(model: Model, request: Request, language: Language) -> Exported:
     """Write a module, or a file of C: parameters by name, the state, its start, and its step."""
-    return Exported(write_program(language, model, write_step(model, request)))
-
-
-def write_program(language: Language, model: Model, dynamics: Dynamics, prefix: str = "pendulum") -> str:
-    """Write a program; in C, names begin with the prefix. A step with results is called before MuJoCo's own step."""
-    results, count = list(dynamics.results), len(dynamics.state)
-    start = ProgramText.write(dynamics.start, language)
-    step = ProgramText.write([*dynamics.after, *dynamics.results.values()], language)
+    dynamics = write_step(model, request)
+    start, step = (ProgramText.write(results, language) for results in (dynamics.start, dynamics.after))
     call = ", ".join(("state", *(quantity.name for quantity in dynamics.given)))
-    return (
+    return Exported(
         _load_environment()
         .get_template("step.py.txt" if language == "python" else "step.c.txt")
         .render(
             number=partial(write_number, language),
             title=write_title(model),
             units=model.units(),
-            torque_unit=escape_text(model.units().unit("N m")),
-            call=f"step({call})" if language == "python" else f"{prefix}_step({call})",
-            prefix=prefix,
+            call=f"step({call})" if language == "python" else f"pendulum_step({call})",
             dynamics=dynamics,
             waiting=dynamics.waiting,
             parameters=[p for p in dynamics.parameters if p.name in start.names | step.names],
             state=list(dynamics.state),
             given=dynamics.given,
-            told=[quantity for quantity in dynamics.given if quantity.name not in ("position", "velocity")],
-            results=results,
             start=start,
             step=step,
-            after=step.results[:count],
-            gives=step.results[count:],
             called=sorted(CALLS),
             functions={op: function for op, (function, _) in CALLS.items()},
-            joint=JOINT,
-            actuator=ACTUATOR,
         )
     )
 

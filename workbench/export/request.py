@@ -27,7 +27,6 @@ class Request:
         mass: of the arm [kg], where it is known; it only fixes where the centre of mass is drawn.
         armature: inertia of the rotor about the joint [kg m^2], where it is known: motion tells its sum with the arm's.
         drive: the controller and motor to export with the joint, which then takes a goal; else it takes a torque.
-        callback: language of the program for what a physics engine does not have; None: there is none.
     """
 
     approximate: bool = False
@@ -35,21 +34,14 @@ class Request:
     mass: float | None = None
     armature: float = 0.0
     drive: ServoDrive | None = None
-    callback: Language | None = None
-
-    @property
-    def takes_goal(self) -> bool:
-        """Return whether what is exported is checked from goals: a servo, or a joint with a callback."""
-        return self.drive is not None or self.callback is not None
 
 
 @dataclass(frozen=True)
 class Exported:
-    """A file's content, what it does not hold as the model has it, a sentence each, and the program beside it."""
+    """A file's content, and what it does not hold as the model has it, a sentence each."""
 
     content: str
     notes: tuple[str, ...] = ()
-    callback: str = ""
 
 
 WHOLE = ", or export --to python or c, which hold every effect"
