@@ -20,15 +20,15 @@ RATES = (500.0, 1000.0, 2000.0)  # [Hz]
 
 
 def start_emulator(
-    config: Path, rate: float, limits: Mapping[str, float], realtime: bool = False, log: Path | None = None
+    config: Path, rate: float, limits: Mapping[str, float], realtime: bool = False
 ) -> subprocess.Popen[str]:
-    """Start a process with an emulated rig, patient towards other programs; it reads mishaps and `quit`."""
+    """Start a process with an emulated rig, patient towards other programs; it reads `quit`."""
     limits = {"behind": 5.0, "overruns": 1_000_000, **limits}
     code = (
         "from pathlib import Path; from pendulum_env.backends.emulators import emulate, make_serial\n"
         "from pendulum_env.plant import paper_plant\n"
         f"emulate(make_serial, paper_plant(), Path({str(config)!r}), {rate}, {{'limits': {limits}}}, "
-        f"lambda text: print(text, flush=True), realtime={realtime}, log={log and f'Path({str(log)!r})'})"
+        f"lambda text: print(text, flush=True), realtime={realtime})"
     )
     command = [sys.executable, "-c", code]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)

@@ -21,7 +21,6 @@ class Drawing:
     digits: int = 5  # significant digits of a number, more than a plot can show
     sigmas: float = 2.0  # standard errors on either side of a value
     broad: float = 3.4  # width of a measured curve, on which models are drawn [px]
-    close: float = 5.0  # length of what is shown at first, where that is a part [s]
     compared: int = 4  # recordings that are drawn beside models, at most
     loops: int = 8  # recordings that are drawn beside simulations in the loop, at most
     settled: float = 0.25  # share of a recording from which on estimates decide what is in the picture
@@ -33,14 +32,6 @@ DRAWING = Drawing()
 
 
 @dataclass(frozen=True)
-class View:
-    """A part of a plot that a button shows; `ranges` by axis, in the order of their keys in the layout."""
-
-    label: str
-    ranges: dict[str, list[float]]
-
-
-@dataclass(frozen=True)
 class Figure:
     """Plot."""
 
@@ -49,7 +40,6 @@ class Figure:
     data: list[JSON]  # as plotly.js takes it; colours such as "--base" are looked up in the page's style
     layout: JSON  # likewise
     height: int = 340  # [px]
-    views: tuple[View, ...] = ()  # parts to choose from; the first one is shown
 
 
 def numbers(values: Array) -> list[float | None]:
@@ -120,40 +110,6 @@ def stacked(upper: str, lower: str, x: str, share: float = 0.55) -> JSON:
     }
 
 
-def span(series: Sequence[Array], margin: float = 0.06) -> list[float]:
-    """Range of an axis that shows all of the series."""
-    values = np.concatenate([s[np.isfinite(s)] for s in series])
-    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
-    room = margin * ((high - low) or abs(high) or 1.0)
-    return [low - room, high + room]
-
-
-def views(
-    x: Array, upper: Sequence[Array], lower: Sequence[Array], seconds: float, worst_first: bool, model: str
-) -> tuple[View, ...]:
-    """All of two stacked plots over time x (N,), and the stretch where the first of the lower series is largest.
-
-    The lower series are what models leave; `model` is what the first one is called.
-    """
-
-    def view(label: str, low: float, high: float) -> View:
-        inside = (x >= low) & (x <= high)
-        ranges = {"xaxis": [low, high]}
-        ranges |= {f"yaxis{k}": span([s[inside] for s in part]) for k, part in (("", upper), ("2", lower))}
-        return View(label, ranges)
-
-    start, stop = float(np.nanmin(x)), float(np.nanmax(x))
-    everything = view("All", start, stop)
-    if stop - start < 2 * seconds:
-        return (everything,)
-    size = np.nan_to_num(lower[0]) ** 2
-    starts = np.arange(start, stop - seconds + 0.5, 0.5)
-    sums = [float(size[(x >= s) & (x <= s + seconds)].sum()) for s in starts]
-    first = float(starts[int(np.argmax(sums))])
-    worst = view(f"Where the {model} is worst ({seconds:g} s)", first, first + seconds)
-    return (worst, everything) if worst_first else (everything, worst)
-
-
 def joined(parts: Sequence[Array]) -> Array:
     """Arrays in a row with a gap between each two."""
     return np.concatenate([np.r_[part, np.nan] for part in parts]) if parts else np.empty(0)
@@ -168,7 +124,6 @@ def before_and_after(
     modelled: Sequence[Array],
     differences: Sequence[Array],
     names: tuple[str, str, str],
-    worst_first: bool = False,
 ) -> Figure:
     """Plot a measured and a modelled quantity (N,) above their difference.
 
@@ -180,7 +135,4 @@ def before_and_after(
         data.append(line(x, above, name, color, unit, legendgroup=name))
         data.append(line(x, below, name, color, unit, legendgroup=name, yaxis="y2", showlegend=False))
     layout = stacked(f"{quantity} [{unit}]", f"{difference} [{unit}]", "time [s]")
-    choice = views(x, [measured, *modelled], differences, DRAWING.close, worst_first, models[0][0])
-    for key, limits in choice[0].ranges.items():
-        layout[key]["range"] = limits
-    return Figure(id, label, data, layout, 460, choice)
+    return Figure(id, label, data, layout, 460)

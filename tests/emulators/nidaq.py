@@ -2,7 +2,6 @@
 
 import math
 import os
-import struct
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from queue import SimpleQueue
@@ -93,8 +92,7 @@ class Card:
         return {"samps_per_chan_written": 1}
 
     def _read_fault(self, request: Any) -> Fields:
-        level = struct.pack("?", not self.motor.faulty)
-        return {"read_array": level, "samps_per_chan_read": 1, "num_bytes_per_samp": 1}
+        return {"read_array": b"\1", "samps_per_chan_read": 1, "num_bytes_per_samp": 1}
 
 
 class Server:

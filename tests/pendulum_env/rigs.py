@@ -102,9 +102,9 @@ class EmulatedRig:
         line = self.process.stdout.readline()
         assert line.startswith(text), line
 
-    def tell(self, mishap: str) -> None:
-        """Let something go wrong."""
-        self.process.stdin.write(mishap.encode() + b"\n")
+    def tell(self, line: str) -> None:
+        """Type a line in its terminal."""
+        self.process.stdin.write(line.encode() + b"\n")
         self.process.stdin.flush()
 
     def signal(self, number: int) -> None:

@@ -5,26 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
-import numpy as np
-
-from pendulum_env._typing import Array
 from pendulum_env.arms.columns import strip_units
 from pendulum_env.errors import ColumnError
 from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.columns import NONE, is_told, parse_column
+from pendulum_env.recording.columns import NONE, guess_columns, is_told, parse_column
 from pendulum_env.recording.expression import NUMBER, Expression, normalise_name, parse_expression
 from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
 
 NEEDED = 2  # columns with numbers: time and position
 PLAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # what is written alone is a gain
-TimeRange = tuple[
-    float | None, float | None
-]  # of a range [s] from the first row; None where it goes to the first or last
 
 
 @dataclass(frozen=True)
@@ -78,10 +71,9 @@ def describe_unit(role: str, text: str, headers: Sequence[str]) -> str:
 class ColumnCard:
     """A file whose columns a person is asked about."""
 
-    source: Source  # how it is to be read; its columns and range are those of `choices` and `ends` instead
+    source: Source  # how it is to be read; its columns are those of `choices` instead
     choices: tuple[ColumnChoice, ...]  # what is said of each column
     preview: Preview  # what is in the file
-    ends: TimeRange = (None, None)  # of the range to use
     known: str = ""  # id of the recording that it is of; empty while that waits for an answer
     why: str = ""  # what is wrong with it, in a sentence; empty if a person asked to see it
     joints: tuple[str, ...] = ()  # of the arm that it is of; none of a pendulum
@@ -97,8 +89,9 @@ class ColumnCard:
         if sum(values is not None for values in shown.values) < NEEDED:
             raise RecordingError(f"{source.file}: has fewer than {NEEDED} columns of numbers: nothing can be chosen")
         is_free = source.columns.get("torque") == NONE
-        card = cls(source, (), shown, source.range or (None, None), known, why, joints, is_free)
-        guessed = shown.guessed
+        card = cls(source, (), shown, known, why, joints, is_free)
+        numbers = [name for name, x in zip(shown.headers, shown.values, strict=True) if x is not None]
+        guessed = guess_columns(numbers)
         if joints:
             plain = strip_units(shown.headers)
             guessed = {role: plain[role] for role in card.roles if role in plain}
@@ -120,16 +113,16 @@ class ColumnCard:
         own = (f"{what}_{joint}" for joint in self.joints for what in ("position", "torque"))
         return ("time", *own) if self.joints else tuple(ALIASES)
 
-    def set_choices(self, choices: Sequence[ColumnChoice], unwrap: bool, ends: TimeRange) -> ColumnCard:
+    def set_choices(self, choices: Sequence[ColumnChoice], unwrap: bool) -> ColumnCard:
         """Return the card with other choices."""
-        return replace(self, choices=tuple(choices), source=replace(self.source, unwrap=unwrap), ends=ends)
+        return replace(self, choices=tuple(choices), source=replace(self.source, unwrap=unwrap))
 
     def fill_form(self, form: Mapping[str, Any]) -> ColumnCard:
         """Return the card as the controls of the page have it."""
         columns = range(len(self.choices))
         choices = [ColumnChoice(*(form.get(f"{what}:{k}") or "" for what in ("role", "unit", "then"))) for k in columns]
         free = replace(self, is_free=bool(form.get("free:0")))
-        return free.set_choices(choices, bool(form.get("unwrap:0")), (form.get("from:0"), form.get("to:0")))
+        return free.set_choices(choices, bool(form.get("unwrap:0")))
 
     def is_as(self, other: ColumnCard) -> bool:
         """Return whether another card has the same roles and units."""
@@ -138,41 +131,17 @@ class ColumnCard:
     def make_source(self) -> Source:
         """Return the source as the choices have it.
 
-        Raises ColumnError if two columns have the same role, or one has to be named yet, and RecordingError if the
-        range is none.
+        Raises ColumnError if two columns have the same role, or one has to be named yet.
         """
         columns: dict[str, str] = {}
         for role in dict.fromkeys(choice.role for choice in self.choices if choice.role):
-            headers = [header for header, choice in self._pairs if choice.role == role]
-            if len(headers) > 1:
-                named = join_words(list(map(repr, headers)))
+            pairs = [own for own in zip(self.preview.headers, self.choices, strict=True) if own[1].role == role]
+            if len(pairs) > 1:
+                named = join_words([repr(header) for header, _ in pairs])
                 raise ColumnError(f"{self.source.file}: columns {named} are all to be {role}: choose one")
-            columns[role] = self._find_expression(role) or ""
+            ((header, choice),) = pairs
+            columns[role] = choice.write_expression(header)
         if self.is_free and "torque" not in columns and not self.joints:
             columns["torque"] = NONE
         others = [q for q in OPTIONAL if not (q in columns or self.joints) and is_told(q, self.preview.headers)]
-        first, last = self.ends
-        chosen, seconds = None, self.seconds
-        if seconds is not None and not (first is None and last is None):
-            first = 0.0 if first is None else first
-            last = np.floor(np.nanmax(seconds)) + 1.0 if last is None else last
-            if not 0 <= first < last:
-                raise RecordingError(
-                    f"{self.source.file}: range is {first:g} to {last:g} s: let it end after it begins"
-                )
-            chosen = (float(first), float(last))
-        return replace(self.source, columns=columns | dict.fromkeys(others, NONE), range=chosen)
-
-    @cached_property
-    def seconds(self) -> Array | None:
-        """Time from the first row on [s] (N,), None where no column is chosen for it."""
-        told = self._find_expression("time")
-        return None if told is None else self.preview.read_seconds(told)
-
-    @property
-    def _pairs(self) -> list[tuple[str, ColumnChoice]]:
-        return list(zip(self.preview.headers, self.choices, strict=True))
-
-    def _find_expression(self, role: str) -> str | None:
-        """Return the expression of the column with a role."""
-        return next((choice.write_expression(header) for header, choice in self._pairs if choice.role == role), None)
+        return replace(self.source, columns=columns | dict.fromkeys(others, NONE))

@@ -10,8 +10,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from workbench.app.card import ColumnCard, describe_unit, get_quantity, list_units
-from workbench.app.parts import UNWRAP, label_control, make_aria, make_button, make_graph, make_panel, make_table
-from workbench.app.plots import plot_column
+from workbench.app.parts import UNWRAP, make_aria, make_button, make_panel, make_table
 
 ASKED = "Time and position are needed, and torque if anything drives the joint; velocity and reference are of use."
 FREE = "Nothing drives the joint: torque is zero"
@@ -31,13 +30,6 @@ CALLED = {"A": "A: current", "V": "V: voltage", "duty": "duty: share of the supp
 
 def show(card: ColumnCard) -> Component:
     """Render the content of the file, and the choices of its columns."""
-    ends = [
-        label_control(label, dcc.Input(value, type="number", id=_make_id(end), min=0, placeholder=empty, debounce=True))
-        for label, end, value, empty in (
-            ("Use it from [s]", "from", card.ends[0], "first row"),
-            ("to [s]", "to", card.ends[1], "last row"),
-        )
-    ]
     return make_panel(
         f"What the columns of {card.source.file.name} mean",
         *([html.P(f"{card.why}.", className="why", role="alert")] if card.why else []),
@@ -49,11 +41,10 @@ def show(card: ColumnCard) -> Component:
             className="note",
         ),
         make_table(
-            dict.fromkeys(("Column", "First rows", "All rows", "It is", "In", "Gain, ratio, offset"), False),
+            dict.fromkeys(("Column", "First rows", "It is", "In", "Gain, ratio, offset"), False),
             [_make_row(card, k) for k in range(len(card.choices))],
             "Columns",
         ),
-        html.Div(ends, className="fields"),
         dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], ["unwrap"] * card.source.unwrap, id=_make_id("unwrap")),
         *(
             []
@@ -79,10 +70,9 @@ def _make_id(what: str, k: int = 0) -> dict[str, Any]:
 def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
     """Make the row of a column: its content, and the choice of its meaning."""
     header, choice, values = card.preview.headers[k], card.choices[k], card.preview.values[k]
-    first, plot = "no numbers", None
+    first = "no numbers"
     if values is not None:
         first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"  # that are shown
-        plot = make_graph(plot_column(k, header, values, card.seconds), bar=False)
     roles = {"": "unused"} | {role: role for role in card.roles}
     unsaid = replace(choice, unit="").write_expression(header)
     unit = (describe_unit(choice.role, unsaid, card.preview.headers) if choice.role else "") or "–"
@@ -100,7 +90,6 @@ def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
     return (
         html.Strong(header),
         first,
-        plot,
         html.Div(
             dcc.Dropdown(roles, choice.role, id=_make_id("role", k), **more), **make_aria(label=f"Role of {header}")
         ),

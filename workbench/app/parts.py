@@ -28,9 +28,9 @@ EMPTY = {"layout": {"xaxis": HIDDEN, "yaxis": HIDDEN, "paper_bgcolor": CLEAR, "p
 KEPT: dict[str, Any] = {"persistence": True, "persistence_type": "session"}  # what a tab has entered, over a reload
 
 
-def make_graph(figure: Figure, bar: bool = True) -> Component:
-    """Make a figure of the report, perhaps with a bar of buttons; the page fills in its colours, in light and dark."""
-    config: Any = {"displaylogo": False, "modeBarButtons": [BUTTONS]} if bar else {"displayModeBar": False}
+def make_graph(figure: Figure) -> Component:
+    """Make a figure of the report with a bar of buttons; the page fills in its colours, in light and dark."""
+    config: Any = {"displaylogo": False, "modeBarButtons": [BUTTONS]}
     style, id = {"height": figure.height}, {"kind": PLOT, "of": figure.id}
     spec = {"data": figure.data, "layout": figure.layout}  # what the page needs to draw it
     drawn = dcc.Graph(id=id, figure=EMPTY, responsive=True, config=config, style=style)

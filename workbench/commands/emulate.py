@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from pendulum_env.backends.emulators import MISHAPS, emulate, make_serial
+from pendulum_env.backends.emulators import emulate, make_serial
 from pendulum_env.backends.hardware import find_adapter
 from workbench import options
 from workbench.options import make_plant
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         if text.startswith("ready"):
             terminal.say(
                 f"try it: pendulum-ident record --backend dm1015b --config {arguments.output} --seconds 10 -o run.csv\n"
-                f"type a mishap to let it happen ({', '.join(MISHAPS)}), or quit"
+                "type hold ANGLE to turn the arm by hand [degrees], hold to let go, or quit"
             )
 
     emulate(

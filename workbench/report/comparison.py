@@ -51,7 +51,7 @@ def plot_torque(
     modelled = [measured - residual for residual in left]
     label = f"Measured and modelled torque over time, and their difference, {of}"
     names = ("torque", "residual", case.units.unit("N m"))
-    figure = before_and_after(id, label, x, measured, case.drawn, modelled, left, names, case.is_incomplete)
+    figure = before_and_after(id, label, x, measured, case.drawn, modelled, left, names)
     figure.data.insert(0, band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
     return figure
 
@@ -78,7 +78,7 @@ def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> Figure
     factor, unit = case.angle
     names, measured = ("position", "error", unit), factor * measured
     above, below = [factor * own for own in simulated], [factor * own for own in errors]
-    figure = before_and_after(id, label, x, measured, case.drawn, above, below, names, case.is_incomplete)
+    figure = before_and_after(id, label, x, measured, case.drawn, above, below, names)
     dots = {"color": "--measured", "size": 5}
     more = {"mode": "markers", "marker": dots, "hoverinfo": "skip", "hovertemplate": None}
     figure.data.append(line(start, factor * segments.position[0], "start of a window", "--measured", "", **more))

@@ -77,11 +77,6 @@ class ReportData:
         """Label and colour of each model."""
         return [(label, color) for label, color, _ in self.models]
 
-    @property
-    def is_incomplete(self) -> bool:
-        """Return whether the first model lacks an effect."""
-        return bool(self.diagnosis.selected or self.diagnosis.unexplained)
-
     @cached_property
     def _with_link_states(self) -> dict[int, list[RegressionData]]:
         return {}

@@ -4,7 +4,6 @@ import math
 import os
 import select
 import sys
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +13,6 @@ from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import process
 from pendulum_env.backends.hardware.config import load, mark_checked
 from pendulum_env.files import write_whole
-from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import PAPER
 from pendulum_env.reading import format_toml
@@ -32,17 +30,6 @@ class Emulated(NamedTuple):
     keys: Mapping[str, Any]  # of the adapter's table in rig.toml
 
 
-MISHAPS: dict[str, Callable[[Emulated, str], None]] = {  # by name, with the word that may follow it
-    "fault": lambda rig, _: rig.motor.fail(),  # the drive reports over-temperature
-    "unplug": lambda rig, _: rig.wire.pull(),
-    # a hand turns the arm to so many degrees and holds it there; without a number it lets go
-    "hold": lambda rig, angle: rig.motor.hold(math.radians(_number(angle)) if angle else None),
-    "freeze": lambda rig, seconds: time.sleep(_number(seconds)),  # the drive hangs
-    "encoder": lambda rig, how: rig.motor.misread(how),  # it tells something else
-    "gain": lambda rig, times: rig.motor.amplify(_number(times)),  # the drive gives so many times the torque
-}
-
-
 def emulate(
     make: Callable[[Motor], Emulated],
     plant: Model,
@@ -55,7 +42,7 @@ def emulate(
     realtime: bool = False,
     log: Path | None = None,
 ) -> None:
-    """Run an emulated rig until interrupted or told to `quit`; lines on standard input are mishaps, see `MISHAPS`.
+    """Run an emulated rig until interrupted or told to `quit`; lines on standard input turn the arm, see `_turn_arm`.
 
     Args:
         make: how the motor is reached, such as `make_serial`.
@@ -104,7 +91,7 @@ def _serve(rig: Emulated, report: Callable[[str], None]) -> None:
             for words in filter(None, map(str.split, line.splitlines())):
                 if words == ["quit"]:
                     return
-                report(_cause_mishap(rig, words))
+                report(_turn_arm(rig.motor, words))
         rig.motor.advance()
 
 
@@ -113,20 +100,16 @@ def _is_in_foreground(terminal: int) -> bool:
     return not os.isatty(terminal) or os.tcgetpgrp(terminal) == os.getpgrp()
 
 
-def _cause_mishap(rig: Emulated, words: list[str]) -> str:
-    """Cause a mishap; return its description."""
+def _turn_arm(motor: Motor, words: list[str]) -> str:
+    """Turn the arm by hand, as `hold ANGLE` [degrees], or let go, as `hold`; return what was done."""
     try:
-        find("mishap", words[0], MISHAPS)(rig, "".join(words[1:2]))
-    except ValueError as error:
-        return str(error)
-    return " ".join(words)
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
+        angle = math.radians(float(words[1])) if len(words) > 1 else None
     except ValueError:
-        raise ValueError(f"'{text}' is no number: this mishap needs one after its name, as in `hold 90`") from None
+        angle = math.nan
+    if words[0] != "hold" or (angle is not None and math.isnan(angle)):
+        return f"'{' '.join(words)}' is not understood: write hold ANGLE, hold or quit"
+    motor.hold(angle)
+    return " ".join(words)
 
 
 def _find_plant_ranges(plant: Model) -> dict[str, Any]:

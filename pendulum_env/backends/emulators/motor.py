@@ -3,26 +3,16 @@
 import math
 import os
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from pendulum_env.backends.rigid_body import RigidBody
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulator import begin
 from pendulum_env.errors import UserError
-from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP, TorqueBalance
 
 FIRM, CALM = 60.0, 2.0  # [rad/s] of a hand: the stiffness with which it holds the arm, and how fast it turns it
-JUMP, DRIFT = 0.5, 3.0  # [rad], [rad/s] of an encoder that does
-MISREADINGS: dict[str, Callable[[float, float], float]] = {  # angle that it tells, from that since then and the time
-    "frozen": lambda moved, passed: 0.0,
-    "halved": lambda moved, passed: 0.5 * moved,
-    "inverted": lambda moved, passed: -moved,
-    "jump": lambda moved, passed: moved + JUMP,
-    "drift": lambda moved, passed: moved + DRIFT * passed,
-}
 
 
 class Motor:
@@ -30,8 +20,7 @@ class Motor:
 
     The watchdog is that of real drives, in hardware: it acts at its time even if this process was not running then.
     The log has a line `TIME EVENT VALUE` for each event, monotonic time: every `command` with its torque, `torque` when
-    what acts changes from or to zero, `power` 1 or 0, `expired` when the watchdog runs out, `mishap` when encoder or
-    gain go wrong.
+    what acts changes from or to zero, `power` 1 or 0, `expired` when the watchdog runs out.
     """
 
     def __init__(self, model: Model, *, first: int = 0, log: str | Path | None = None) -> None:
@@ -50,11 +39,9 @@ class Motor:
         self._angle = 0.0
         self.torque = 0.0  # that the motor gives [N m]
         self._deadline = math.inf
-        self.powered, self.expired, self.faulty = False, False, False
+        self.powered, self.expired = False, False
         self._hand: tuple[float, float] | None = None  # of one that holds the arm: where it is, and goes [rad]
         self._inertia, self._speed = model.estimates["inertia"].value, 0.0  # [kg m^2], [rad/s]
-        self._gain = 1.0  # of the drive
-        self._misread: tuple[Callable[[float, float], float], float, float] | None = None  # since when and where
         self.watchdog = math.inf  # [s]
         self._log = -1 if log is None else os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
 
@@ -68,15 +55,10 @@ class Motor:
             self._cut_power(self.moment)
         self._move(now)
 
-    def fail(self) -> None:
-        """Break the drive: cut the power and report over-temperature."""
-        self.faulty = True
-        self.switch(False)
-
     def switch(self, on: bool) -> None:
         """Switch the power, at zero torque, on or off."""
         self.advance()
-        if not on or self.faulty:
+        if not on:
             self._cut_power(self.moment)
             return
         self.expired = False
@@ -97,19 +79,7 @@ class Motor:
         self.advance()
         self._tell(self.moment, "command", torque)
         if self.powered:
-            self._act(self.moment, self._gain * torque)
-
-    def misread(self, how: str) -> None:
-        """Let the encoder misread from now on, by one of `MISREADINGS`."""
-        self.advance()
-        self._misread = (find("encoder", how, MISREADINGS), self.moment, self._angle)
-        self._tell(self.moment, "mishap", 0.0)
-
-    def amplify(self, gain: float) -> None:
-        """Amplify the requested torque by a gain from the next command on."""
-        self.advance()
-        self._gain = gain
-        self._tell(self.moment, "mishap", gain)
+            self._act(self.moment, torque)
 
     def hold(self, angle: float | None) -> None:
         """Turn the arm by hand to an angle [rad] and hold it there, or let go."""
@@ -119,11 +89,7 @@ class Motor:
     def counts(self) -> int:
         """Return the encoder counts, not wrapped."""
         self.advance()
-        angle = self._angle
-        if self._misread is not None:
-            how, since, where = self._misread
-            angle = where + how(angle - where, self.moment - since)
-        return self._first + round(angle * self._per_radian)
+        return self._first + round(self._angle * self._per_radian)
 
     def _move(self, until: float) -> None:
         while (left := until - self.moment) > 1e-9:

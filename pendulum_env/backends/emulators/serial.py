@@ -11,8 +11,6 @@ from pendulum_env.spaces import MAX_TORQUE
 class Firmware:
     """Firmware that answers frames."""
 
-    over_temperature = 0x02  # a fault's bit
-
     def __init__(self, motor: Motor) -> None:
         self.motor, self._splitter = motor, frames.Splitter()
         self._set, self._ready = 0, False  # torque [uN m]; whether there has been a SETUP
@@ -43,7 +41,7 @@ class Firmware:
         flags = frames.POWERED * motor.powered + frames.EXPIRED * motor.expired
         micro = int(motor.moment / frames.MICRO) % 2**32
         torque = self._set if motor.powered else 0
-        return frames.pack(frames.STATE, sequence, flags, self.over_temperature * motor.faulty, micro, counts, torque)
+        return frames.pack(frames.STATE, sequence, flags, 0, micro, counts, torque)
 
 
 def make_serial(motor: Motor) -> Emulated:

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from pendulum_env.backends.emulators.motor import MISREADINGS
 from pendulum_env.backends.hardware.config import PlantRanges
 from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
 from pendulum_env.excitation import EXCITATIONS, excitation
@@ -19,6 +18,12 @@ SOON = 0.3  # [s]
 NAMES = tuple(EXCITATIONS)
 AMPLITUDES = {500.0: (2.0, 3.5, 6.0), 250.0: (2.0, 3.5, 6.0), 100.0: (3.5, 6.0)}  # [N m]; the slowest sees less
 ROUGH = PlantRanges()  # what is known without a word
+MISREADINGS = {  # angle that an encoder tells, from that since a moment [rad] and the time since then [s]
+    "frozen": lambda moved, passed: 0.0,
+    "inverted": lambda moved, passed: -moved,
+    "jump": lambda moved, passed: moved + 0.5,
+    "drift": lambda moved, passed: moved + 3.0 * passed,
+}
 SECONDS, BEGIN = 4.0, 1.0  # [s] of a run, and until something goes wrong
 rates = pytest.mark.parametrize("rate", NOISE)
 

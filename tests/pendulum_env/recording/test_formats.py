@@ -90,7 +90,7 @@ def put(**changes: np.ndarray | list):
         (
             "run.parquet",
             lambda path: pq.write_table(pa.table(signals() | {"torque": ["a"] * 1000}), path),
-            "data row 1 .* has 'a' as torque",
+            r"array 'torque' .*holds texts",
         ),
     ],
 )
@@ -223,7 +223,6 @@ def test_bags_of_ros(tmp_path: Path, kind: str) -> None:
     seen = read_preview(path)
     assert {"/motor/torque/data", *elbow.values()} < set(seen.headers) and all(x is not None for x in seen.values)
     np.testing.assert_allclose(seen.values[seen.headers.index(elbow["position"])], signals()["position"], atol=1e-6)
-    np.testing.assert_allclose(seen.read_seconds("time"), TIME - TIME[0], atol=1e-6)
     with pytest.raises(RecordingError, match="'/joint_states/elbow/position' and '/joint_states/wrist/position' could"):
         read_recording(path)
     if kind != "ros1":

@@ -59,16 +59,6 @@
     drawn.forEach(draw);
   });
 
-  for (const button of document.querySelectorAll("[data-view]")) {
-    button.addEventListener("click", () => {
-      button.parentElement.querySelectorAll("button").forEach((other) => other.setAttribute("aria-pressed", other === button));
-      const plot = document.getElementById(button.dataset.plot);
-      const ranges = JSON.parse(button.dataset.view);
-      for (const [key, range] of Object.entries(ranges)) specs.get(plot).layout[key].range = range;
-      if (drawn.has(plot)) draw(plot);
-    });
-  }
-
   for (const table of document.querySelectorAll("table.sortable")) {
     const value = (row, column) => row.cells[column].dataset.value ?? row.cells[column].textContent.trim();
     for (const head of table.querySelectorAll("th:has(button)")) {
