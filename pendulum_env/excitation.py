@@ -231,10 +231,6 @@ def encode_signal(signal: Excitation) -> JSON:
 def decode_signal(data: JSON, key: str = "") -> Excitation:
     """Return the signal of a dictionary that `encode_signal` made.
 
-    Args:
-        data: the dictionary.
-        key: under which it stands in a file.
-
     Raises:
         ValueError: if it is none.
     """

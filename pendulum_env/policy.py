@@ -61,12 +61,6 @@ def iterate_steps(
 ) -> Iterator[tuple[tuple[float, Any, Any] | None, dict[str, Any]]]:
     """Run a policy or a controller until the episode ends or the caller stops asking.
 
-    Args:
-        env: whose `info` carries `time`, `position` and `torque`.
-        policy: what chooses the torque.
-        seed: of the reset.
-        options: of the reset.
-
     Raises:
         ValueError: if the policy is laid out for another rate than the environment's.
 
@@ -101,14 +95,6 @@ def rollout(
     watch: Callable[[dict[str, Any]], None] | None = None,
 ) -> Recording:
     """Run a policy or a controller in an environment and keep the measurement.
-
-    Args:
-        env: see `iterate_steps`.
-        policy: what chooses the torque.
-        steps: at most; the episode may end before.
-        seed: of the reset.
-        name: of the recording.
-        watch: called with each step's `info`.
 
     Returns:
         One sample for each step; its torque acts from its time on.

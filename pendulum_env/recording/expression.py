@@ -67,13 +67,7 @@ class Expression:
 
 
 def parse_expression(text: str, headers: Sequence[str], units: Collection[str]) -> Expression:
-    """Read an expression.
-
-    Args:
-        text: what the user wrote.
-        headers: names of the columns that there are; the longest that fits is meant.
-        units: what may stand behind a colon, as `normalise_name` makes it.
-    """
+    """Read an expression."""
     text = text.strip()
     if text in headers:
         return Expression(text)

@@ -40,12 +40,7 @@ SAMPLING = SamplingSettings()
 
 
 def cut_at_gaps(log: Log, position: Array) -> None:
-    """Begin a segment after every gap of increasing time, beside those that begin where a column counts another run.
-
-    Args:
-        log: is told where its segments begin, and of the gaps.
-        position: (N,), unwrapped if need be.
-    """
+    """Begin a segment after every gap of increasing time, beside those that begin where a column counts another run."""
     counted = log.values.get("segment")
     known = set() if counted is None else set((np.flatnonzero(np.diff(counted)) + 1).tolist())
     log.values = {quantity: column for quantity, column in log.values.items() if quantity != "segment"}

@@ -31,11 +31,6 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     def __init__(self, env: gym.Env[Any, Any], path: str | Path, *, overwrite: bool = False) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`, of a pendulum or an arm.
 
-        Args:
-            env: the environment.
-            path: of the recording, ending in .csv.
-            overwrite: whether files of earlier runs may be replaced.
-
         Raises:
             ValueError: if the path does not end in .csv.
             OSError: if its folder is missing or cannot be written to.

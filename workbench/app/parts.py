@@ -91,11 +91,6 @@ def name_field(name: str) -> dict[str, str]:
     return {"field": name}
 
 
-def make_dropdown(name: str, options: Mapping[str, str] | Sequence[Any], value: Any, **more: Any) -> Component:
-    """Make a choice of one thing."""
-    return dcc.Dropdown(options, value, id=name_field(name), clearable=False, **more)
-
-
 def label_control(label: str, control: Component, note: str = "") -> Component:
     """Label a control, perhaps with a note."""
     return html.Label([html.Span(label), control, *([html.Small(note)] if note else [])], className="field")

@@ -29,9 +29,6 @@ LIMITS = ("torque", "angle", "speed")
 def describe(finding: Finding) -> str:
     """Describe a finding in one to three sentences.
 
-    Args:
-        finding: to describe.
-
     Raises:
         TypeError: if it is no finding, such as a result that has findings.
     """
@@ -119,12 +116,7 @@ def _describe_unidentifiable(found: Finding) -> str:
 
 
 def describe_late(finding: Finding, remedy: str = "") -> str:
-    """Describe torque that is logged late or filtered, and how it is corrected.
-
-    Args:
-        finding: to describe.
-        remedy: sentence to add; empty for that of the command line.
-    """
+    """Describe torque that is logged late or filtered, and how it is corrected."""
     delay, lag = finding.numbers.get("delay"), finding.numbers.get("lag")
     is_sampled = finding.kind in (Kind.TORQUE_SAMPLED, Kind.TORQUE_SAMPLED_CORRECTED)
     law = ["logged half a sample late"] if is_sampled and not delay else []

@@ -106,14 +106,7 @@ def make_plot(
     curves: Sequence[PlotCurve],
     noise: Array | None = None,
 ) -> Html:
-    """Make a small plot of curves over x, between the lowest and the highest value, which are printed.
-
-    Args:
-        label: what is seen, with its unit.
-        x: abscissa, increasing (N,).
-        curves: what is drawn.
-        noise: half width of a band about zero (N,).
-    """
+    """Make a small plot of curves over x, between the lowest and the highest value, which are printed."""
     seen = np.concatenate([curve.values for curve in curves])
     low, high = float(seen.min()), float(seen.max())
     room = (high - low) or 1.0

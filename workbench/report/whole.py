@@ -48,10 +48,6 @@ def render(diagnosis: Diagnosis, command: str = "") -> str:
 def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -> None:
     """Write a diagnosis or a comparison as one self-contained HTML file: it needs no network, and it prints.
 
-    Args:
-        result: with the data that it was made of.
-        path: of the file, written whole or not at all.
-
     Raises:
         TypeError: if the result is another one.
         OSError: if the file cannot be written.
