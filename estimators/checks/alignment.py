@@ -61,6 +61,8 @@ class Alignment:
         channel: the law; neither delay nor lag if torque and motion are not apart.
         delay_std, lag_std: standard errors of its delay and lag [s], zero of what is not free.
         rival: the other of delay and filter, where it explains as much.
+        is_half_sample: whether torque was sampled with the position: half a sample late, for any sampling period. The
+            standard error is that of a free delay.
         gain: parameter of the first column, and its standard error.
         density: log predictive density of each stretch (2, C) [nat], if what is left acts as torque, and if it is
             noise of the log, which the channel's filter raises.
@@ -70,6 +72,7 @@ class Alignment:
     delay_std: float
     lag_std: float
     rival: Channel | None = None
+    is_half_sample: bool = False
     gain: tuple[float, float] = field(default=(0.0, 0.0), compare=False, repr=False)
     density: Array = field(default_factory=lambda: np.zeros((2, 0)), compare=False, repr=False)
 
@@ -92,11 +95,6 @@ class Alignment:
     def is_late(self) -> bool:
         """Return whether torque is logged late or filtered, which no physical effect imitates."""
         return self.channel.is_late
-
-    @property
-    def is_half_sample(self) -> bool:
-        """Return whether torque was sampled with the position: half a sample late, for any sampling period."""
-        return self.channel.is_sampled and self.delay_std == 0
 
     def beats(self, other: Alignment, by_chance: float = 0.0) -> bool:
         """Return whether it predicts significantly better, by the scatter between clusters of time.

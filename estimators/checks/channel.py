@@ -233,7 +233,7 @@ class ChannelFits:
         gain = float(fits[0].theta[0]), float(errors[0])
         density = cross_validated(balance, self.where)
         raised = np.log(self.compute_noise_gain(channel)) * np.bincount(self.where.block)
-        return Alignment(channel, delay_std, lag_std, None, gain, np.stack([density, density + raised]))
+        return Alignment(channel, delay_std, lag_std, gain=gain, density=np.stack([density, density + raised]))
 
     def select_law(self) -> Alignment:
         """Return the simplest law that predicts significantly better than the others.
@@ -320,7 +320,7 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     half = sampled.fit([np.array([0.5 * fits.period, 0.0])])
     if not found.is_late:
         is_half = half.agrees(free) and half.predicts_better(found) and not free.beats(half)
-        return half if is_half else found
+        return replace(half, delay_std=free.delay_std, is_half_sample=True) if is_half else found
     other = sampled.select_law()
     late, spread = (found.delay + found.lag) / fits.period, (found.delay_std + found.lag_std) / fits.period
     if late + SEARCH.sure * spread < SEARCH.least_sampled:
@@ -329,7 +329,9 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     is_sampled = not found.beats(other) if is_usual else other.beats(found)
     if not (is_sampled and other.is_late):
         return found
-    return half if half.agrees(other) and not other.beats(half) else replace(other, rival=None)
+    if half.agrees(other) and not other.beats(half):
+        return replace(half, delay_std=other.delay_std, is_half_sample=True)
+    return replace(other, rival=None)
 
 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
