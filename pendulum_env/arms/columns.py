@@ -9,9 +9,10 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.errors import ColumnError
 from pendulum_env.lookup import find
-from pendulum_env.recording.columns import NONE, parse_column
+from pendulum_env.recording.columns import NONE, find_trailing_unit, parse_column
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.preview import Preview
+from pendulum_env.recording.vocabulary import RAW, SI, UNITS
 from pendulum_env.settings import Blank, format_setting
 
 QUANTITIES = ("position", "torque")
@@ -33,7 +34,7 @@ def find_joint_columns(
         except ValueError as error:
             raise ColumnError(f"{label}: {error}") from None
     plain = strip_units(headers)
-    found = {name: plain[name] for name in wanted if name in plain} | given
+    found = {name: _add_unit(name, plain[name]) for name in wanted if name in plain} | given
     for quantity in OF_JOINTS:
         numbered = sorted(
             (header for header in plain if re.fullmatch(rf"{quantity}_?\d+", header)),
@@ -59,6 +60,13 @@ def find_joint_columns(
                     f"{label}: column '{header}' is of no joint of the robot, which has {', '.join((*joints, *held))}"
                 )
     return found
+
+
+def _add_unit(name: str, header: str) -> str:
+    """Add the SI unit to a header that ends in the name of a joint which reads as a unit: `position_rotation`."""
+    quantity = name.partition("_")[0]
+    reads_as_unit = header == name and find_trailing_unit(UNITS[quantity] | RAW.get(quantity, {}), header)
+    return f"{header}:{SI[quantity]}" if reads_as_unit else header
 
 
 def strip_units(headers: Sequence[str]) -> dict[str, str]:

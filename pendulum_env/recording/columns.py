@@ -91,7 +91,7 @@ class FileColumn:
     @property
     def is_current_by_guess(self) -> bool:
         """Return whether the column is a current in amperes without a unit in its name."""
-        if self.quantity != "torque" or self.unit not in (None, "a") or _find_trailing_unit(RAW["torque"], self.header):
+        if self.quantity != "torque" or self.unit not in (None, "a") or find_trailing_unit(RAW["torque"], self.header):
             return False
         return self.unit == "a" or (_is_raw("torque", self.header) and _find_header_raw_unit(self.header) == "A")
 
@@ -231,7 +231,7 @@ def _suggest_columns(quantity: str, headers: Sequence[str], free: Sequence[str])
         return f"{quote_value(own.strip(), QUOTED)} {text}"
 
     counters = [own.strip() for own in headers if quantity == "time" and normalise_name(own) in COUNTERS]
-    with_unit = [own for own in free if _find_trailing_unit(UNITS[quantity], own)]
+    with_unit = [own for own in free if find_trailing_unit(UNITS[quantity], own)]
     raw = [own for own in headers if _is_raw(quantity, own)]
     raw.sort(key=_find_header_raw_unit if quantity == "torque" else None)  # currents first
     hints = [
@@ -257,7 +257,7 @@ def can_be_torque(header: str, place: int) -> bool:
     unit = re.search(r"[\[(]([^\])]+)[\])]$", bare)
     if (unit and normalise_name(unit[1]) in UNITS_OF_NO_TORQUE) or _is_raw("position", header):
         return False
-    if _find_trailing_unit({**UNITS["position"], **UNITS["velocity"]}, header):
+    if find_trailing_unit({**UNITS["position"], **UNITS["velocity"]}, header):
         return False
     return not any(word.lower() in NO_TORQUE for word in words)
 
@@ -303,7 +303,7 @@ def _find_output(output: str, headers: Sequence[str]) -> str | None:
     """Return the expression of the column with the output of a controller, if there is one."""
     for header in headers:
         if normalise_name(re.split(r"[\[(]", header)[0]) == output and output in OUTPUTS:
-            unit = "" if _find_trailing_unit(RAW["torque"], header) else f":{OUTPUTS[output]}"
+            unit = "" if find_trailing_unit(RAW["torque"], header) else f":{OUTPUTS[output]}"
             return f"{header.strip()}{unit}*?"
     return None
 
@@ -357,7 +357,7 @@ def _write_gain_example(quantity: str, header: str, can_find: bool = True) -> st
     if quantity != "torque":
         unit = "counts/s" if quantity == "velocity" else "counts"
         return f"{format_setting('columns', {quantity: f'{header}:{unit}/4096'})} with the counts of a turn"
-    unit, own = _find_header_raw_unit(header), _find_trailing_unit(RAW["torque"], header)
+    unit, own = _find_header_raw_unit(header), find_trailing_unit(RAW["torque"], header)
     told = f"{header}:{ {'ma': 'mA', 'mv': 'mV'}.get(own or '', unit) }"
     known = f"{format_setting('columns', {quantity: f'{told}*0.1'})} with {TORQUE_GAINS[unit]}"
     if not can_find:
@@ -366,7 +366,7 @@ def _write_gain_example(quantity: str, header: str, can_find: bool = True) -> st
 
 
 def _find_header_raw_unit(header: str) -> str:
-    return _find_raw_unit(_find_trailing_unit(RAW["torque"], header) or normalise_name(re.split(r"[\[(]", header)[0]))
+    return _find_raw_unit(find_trailing_unit(RAW["torque"], header) or normalise_name(re.split(r"[\[(]", header)[0]))
 
 
 def _find_raw_unit(text: str) -> str:
@@ -382,7 +382,7 @@ def _is_raw(quantity: str, header: str) -> bool:
     spelt = {normalise_name(header), *(normalise_name(_list_spellings(header)[part]) for part in (2, -1))} | {
         normalise_name(re.split(r"[\[(]", header)[0])
     }
-    return not spelt.isdisjoint(names) or _find_trailing_unit(RAW.get(quantity, {}), header) is not None
+    return not spelt.isdisjoint(names) or find_trailing_unit(RAW.get(quantity, {}), header) is not None
 
 
 def strip_joint(quantity: str) -> str:
@@ -424,14 +424,14 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
         raise ColumnError(f"unit {str(error)!r} of {quantity} is not known: use one of {told}") from None
     name = expression.name
     ending = {**UNITS[quantity], **LINEAR.get(quantity, {})}
-    unit = _find_trailing_unit(ending, name) if expression.unit is None else normalise_name(expression.unit)
+    unit = find_trailing_unit(ending, name) if expression.unit is None else normalise_name(expression.unit)
     needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
     converted = any(factor[0] == "*" for factor in expression.factors)  # else a ratio may contain 2 pi
     if needs_gain and not (converted or (expression.factors and expression.unit is not None)):
         example = _write_gain_example(quantity, name, can_find_gain)
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
     if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; a gain of counts is one to radians
-        unit = _find_trailing_unit(raw, name)
+        unit = find_trailing_unit(raw, name)
     if expression.is_gain_unknown and (quantity != "torque" or unit not in raw):
         raise ColumnError(f"the gain of {quantity} can be unknown only where it is a current: write torque={name}:A*?")
     offset_unit = unit if expression.offset_unit is None else normalise_name(expression.offset_unit)
@@ -453,7 +453,7 @@ def _parse_name(text: str, names: Sequence[str], units: Mapping[str, float]) -> 
         return replace(expression, name=names[bare.index(expression.name)])
 
 
-def _find_trailing_unit(units: Mapping[str, float], name: str) -> str | None:
+def find_trailing_unit(units: Mapping[str, float], name: str) -> str | None:
     """Return the letters of the unit that a name ends in, `Winkel [deg]` or `phi2_deg`; None if there is none."""
     ends = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name.strip()[-LONGEST_UNIT:])
     unit = normalise_name(next(filter(None, ends.groups()), "")) if ends else ""

@@ -30,6 +30,19 @@ def test_what_is_written_is_read(tmp_path):
     assert again.summary.endswith("400 samples, 2 joints")
 
 
+@pytest.mark.parametrize("joints", [("Rotation", "A"), ("wrist_rot", "m"), ("deg", "mA")], ids=str)
+def test_the_name_of_a_joint_is_no_unit(tmp_path, joints):
+    """The first joint of the SO-100 is `Rotation`, and the rotary axes of machine tools are A, B and C."""
+    recording = ArmRecording.from_arrays("run", joints, TIME, POSITION, TORQUE)
+    write_recording(recording, tmp_path / "run.csv")
+    again = read_arm_recording(tmp_path / "run.csv", joints)
+    assert np.array_equal(again.position, POSITION) and np.array_equal(again.torque, TORQUE)
+    in_degrees = {f"position_{joint} [deg]": np.degrees(q) for joint, q in zip(joints, POSITION.T, strict=True)}
+    in_newton_metres = {f"torque_{joint}": tau for joint, tau in zip(joints, TORQUE.T, strict=True)}
+    told = read_arm_recording(table(tmp_path / "told.csv", time=TIME, **in_degrees, **in_newton_metres), joints)
+    assert np.allclose(told.position, POSITION)
+
+
 def test_columns_of_an_arm_may_stand_behind_many_others_and_end_with_a_gap_of_all_joints(tmp_path):
     kept, others = np.r_[:150, 250:400], {f"other_{k}": TIME for k in range(100)}
     numbered = {f"{name.partition('_')[0]}_{1 + (k % 2)}": values for k, (name, values) in enumerate(ARM.items())}
