@@ -337,14 +337,19 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
     """Align all recordings together, or each by itself if they differ; see `align`.
 
-    All have the same drive and log: what one alone tells is that of all, unless another contradicts.
+    All have the same drive and log, so a law that all show together, or one alone, holds for all, unless half of them
+    contradict it. A recording that contradicts it keeps its own law. If by that law torque acts late, the drive is late
+    and not the log, and the shared law holds there, too.
     """
     joint = align(recordings, beside)
     if len(recordings) == 1:
         return [joint]
     each = [align([recording], beside) for recording in recordings]
     for law in (joint, *sorted(each, key=lambda one: one.delay_std + one.lag_std)):
-        if (law.is_late or (law is joint and law.is_found)) and all(one.agrees(law) for one in (joint, *each)):
-            return [law] * len(each)
+        agree = [one.agrees(law) for one in each]
+        is_shared = (law.is_late and joint.agrees(law)) or (law is joint and law.is_found)
+        if is_shared and 2 * sum(agree) > len(each):
+            own = [is_alike or (one.is_found and not one.is_late) for one, is_alike in zip(each, agree, strict=True)]
+            return [law if is_law else one for one, is_law in zip(each, own, strict=True)]
     alone = [one if one.is_late or not one.is_found else joint for one in each]
     return alone if any(one.is_found for one in alone) else [joint] * len(each)

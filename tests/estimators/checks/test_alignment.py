@@ -211,6 +211,15 @@ def test_what_one_recording_tells_of_the_log_is_said_of_all_unless_another_contr
     assert [one.is_late for one in align_each([told, in_time])] == [True, False]
 
 
+def test_one_recording_that_contradicts_does_not_take_the_timing_of_the_log_from_the_others():
+    """Two tell it, one is too brief, and of one the drive acts late, on which the log has no influence."""
+    told = [every_few(run("pd_loop", 500.0, seed), 5) for seed in (3, 5)]
+    brief = every_few(run("two_tone", 500.0, 4), 5).slice(0, 120)
+    dead = every_few(run("two_tone", 500.0, 6, dead_time={"dead_n": 20.0}), 5).slice(0, 300)
+    assert align([dead]).delay < -0.03
+    assert [one.delay for one in align_each([*told, brief, dead])] == pytest.approx([0.004] * 4, abs=3e-4)
+
+
 def test_corrected_torque_is_that_which_acted():
     good = run("prbs", 500.0)
     late = replace(logged_late(good, 5), temperature=good.position)
