@@ -1,4 +1,4 @@
-"""All numbers that decide which effect is selected."""
+"""Numbers that decide which effect is selected."""
 
 from dataclasses import dataclass
 
@@ -12,24 +12,24 @@ class Criterion:
     Attributes:
         p_value: largest p-value of a gain in prediction at which an effect is added.
         explained_share: least share of the residual structure that an added effect explains.
-        coarse_share: least share explained on a coarse grid of nonlinear parameters; below it, they are not refined.
-        needed_share: least share explained beside all other effects, while structure is left.
+        coarse_share: explained share on a coarse grid of nonlinear parameters below which they are not refined.
+        needed_share: explained share of an effect beside all others above which it is needed.
         kept_inertia: least share of the inertia that a larger model keeps; see `make_base_gates`.
-        noise_ratio: ratio of correlated residual to noise floor from which a significant correlation is structure.
+        noise_ratio: ratio of correlated residual to noise floor below which a correlation does not matter.
         z_score: standard errors from which the correlation of neighbouring windows is significant.
-        tie_probability: probability from which an effect counts as a competitor of another.
+        tie_probability: probability above which a model ties with another.
         misfit: ratio of an error to its noise floor above which it is more than noise.
-        max_score: upper limit of any score: the hit rate of the best verdicts.
+        max_score: upper limit of any reported score, the hit rate of the best verdicts.
         max_effects: largest number of effects in one model.
         beam: number of first effects from which the search is repeated if the first search leaves structure.
-        coarse_p_value: largest p-value on a coarse grid of nonlinear parameters; above it, they are not refined.
+        coarse_p_value: p-value on a coarse grid of nonlinear parameters above which they are not refined.
         max_tried: number of effects that are tried, best score first, until one is confirmed.
         max_ordered: number of effects up to which every order of their steps is tried.
         least_excitation: least ratio of the recorded torque to the smallest significant torque of an effect.
-        drift_piece: length of the pieces in which a drifting torque is predicted from the others [s].
-        shorter_window: share of the windows' length in a second search, where motion shows more than torque.
-        error_margin: share by which held-out errors under two treatments of the data differ by chance.
-        accuracy: share of the motion that initial states and integration of a simulation are accurate to.
+        drift_piece: length of the pieces by which folds predict a drifting torque [s].
+        shorter_window: factor on the window lengths in a second search.
+        error_margin: relative difference of held-out errors under two treatments that is chance.
+        accuracy: error of a simulation by initial states and integration, share of the motion's standard deviation.
     """
 
     p_value: float = 0.05
@@ -54,10 +54,10 @@ class Criterion:
     accuracy: float = 0.001
 
     def has_structure(self, residual: ResidualStructure, floor: float) -> bool:
-        """Return whether a residual is more than white noise: correlated between windows, or too large."""
+        """Return whether a residual is correlated between windows, or above `misfit` times the noise floor."""
         return residual.z_score >= self.z_score or residual.rms > self.misfit * floor
 
     def is_noise(self, residual: ResidualStructure, floor: float) -> bool:
-        """Return whether a residual counts as noise: white, or too small to matter."""
+        """Return whether a residual is without structure, or small beside the noise floor."""
         small = max(residual.correlated_rms / self.noise_ratio, residual.rms / self.misfit) < floor
         return small or not self.has_structure(residual, floor)

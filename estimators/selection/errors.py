@@ -18,21 +18,19 @@ Terms = tuple[Term, ...]
 
 @dataclass(frozen=True, repr=False)
 class Errors:
-    """Errors of a model on a recording.
+    """Errors of a model on some data; NaN if unknown.
 
     Attributes:
-        torque_rms: the paper's norm (10) of measured minus modelled torque over the windows used [N m]; NaN of an arm
-            with joints that turn and joints that slide.
-        position_rms: free-running simulation against measured position over one-second windows [rad].
-        torque_fit: 100 % less the torque error relative to the torque's own deviation from its mean; 100 is perfect,
-            and 0 is as good as a constant [%]. NaN if unknown.
-        position_fit: the same of position in free run, relative to the deviation in each one-second window [%].
-        joints: torque errors of the joints by name [N m].
-        shares: what these are of the root mean square of the joint's torque; None without a motor.
-        in_loop: mean absolute error of whole recordings that are simulated with their controller in the loop [rad].
-        in_loop_rms: root mean square of the same [rad].
-
-    What cannot be simulated, as an arm or a model whose inertia is unknown, has NaN for a position error.
+        torque_rms: RMS of measured minus modelled torque over windows, the paper's norm (10) [N m]; NaN of an arm
+            in which some joints turn and others slide.
+        position_rms: RMS of measured minus simulated position of free runs over segments [rad]; NaN of an arm, or if
+            the inertia is unknown.
+        torque_fit: 100 (1 - torque_rms / standard deviation of the torque) [%]; 0 is as good as a constant.
+        position_fit: the same of the position in segments [%].
+        joints: torque RMS of each joint by name [N m].
+        shares: torque RMS of each joint over the RMS of its torque; None without a motor.
+        in_loop: mean absolute position error of simulations with the controller in the loop [rad].
+        in_loop_rms: RMS of the same [rad].
     """
 
     torque_rms: float
@@ -45,7 +43,7 @@ class Errors:
     in_loop_rms: float = np.nan
 
     def with_loop(self, missed: Array) -> Errors:
-        """Return the errors with those of positions (R,) [rad] simulated with the controller in the loop, if any."""
+        """Return the errors with `in_loop` errors of position differences (R,) [rad]; unchanged without any."""
         if not len(missed):
             return self
         mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))
@@ -63,19 +61,19 @@ class Errors:
 
     @property
     def kinds(self) -> dict[str, str]:
-        """Names of the errors that a model is judged by, that at each joint first, with their units."""
+        """Names of the errors that decide on a model, that of joints first, with their units."""
         if self.is_in_loop:
             return {"in_loop": "rad"}
         return {"torque_rms": "N m"} | ({"position_rms": "rad"} if np.isfinite(self.position_rms) else {})
 
     @property
     def unit(self) -> str:
-        """Unit of the error at a joint."""
+        """Unit of the first of the `kinds`."""
         return next(iter(self.kinds.values()))
 
     @property
     def total(self) -> float:
-        """Error of the first kind, of all joints together."""
+        """Error of the first of the `kinds`, of all joints."""
         return float(getattr(self, next(iter(self.kinds))))
 
     def get_joint_error(self, joint: str) -> float:
@@ -94,23 +92,29 @@ class Errors:
 
 
 def get_error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:
-    """Return the root mean square of the errors of the joints that a term loads [N m]."""
-    own = [joints[joint] for joint in list_loads(at) if joint in joints]
-    return float(np.sqrt(np.mean(np.square(own)))) if own else otherwise
+    """Return the RMS of the errors of joints, by name, over those that a term at `at` loads; else `otherwise`."""
+    of_term = [joints[joint] for joint in list_loads(at) if joint in joints]
+    return float(np.sqrt(np.mean(np.square(of_term)))) if of_term else otherwise
 
 
 def get_single(floors: Mapping[str, float]) -> float:
-    """Return the noise floor of a single joint [N m]; NaN for several joints."""
+    """Return the only noise floor [N m]; NaN for several joints."""
     return next(iter(floors.values())) if len(floors) == 1 else np.nan
 
 
 @dataclass(frozen=True, repr=False)
 class Step:
-    """Model on the path from the base model: the effect that was added (None: the base) and errors after the refit."""
+    """Model on the path from the base model.
+
+    Attributes:
+        added: id of the added effect; None for the base model.
+        model: refitted model.
+        errors: errors of the model on `train` and `holdout`.
+    """
 
     added: str | None
     model: Model
-    errors: Mapping[str, Errors]  # "train", "holdout"
+    errors: Mapping[str, Errors]
 
     def with_log_format(self, log_format: JSON) -> Step:
         """Return the step with a model that has a log format."""
@@ -130,7 +134,7 @@ class Step:
 
 
 def compute_error_fall(before: Step, after: Step) -> Finding:
-    """Return the fall of the held-out errors from one step to the next."""
+    """Return a finding with the held-out errors before and after a step."""
     old, new = before.errors["holdout"], after.errors["holdout"]
     numbers: dict[str, Quantity] = {}
     for kind, unit in (old.kinds | new.kinds).items():
@@ -141,9 +145,9 @@ def compute_error_fall(before: Step, after: Step) -> Finding:
 
 
 def compute_held_out_cost(step: Step) -> float:
-    """Return the product of both held-out errors [N m rad]; of joints the mean of the torque, in the loop its error.
+    """Return the product of the held-out torque and position error [N m rad]; in the loop, its error alone [rad].
 
-    A model is better where one error falls by a larger factor than the other rises; the mean is geometric.
+    For several joints, the torque error is the geometric mean. Without a position error, it is the torque error alone.
     """
     errors = step.errors["holdout"]
     first, *others = (getattr(errors, kind) for kind in errors.kinds)
@@ -157,9 +161,9 @@ class Gate:
     """Comparison of a value with its limit.
 
     Attributes:
-        name: quantity that is compared: `gain`, `p_value`, `explained_share`, `holdout_torque`, ..., or a parameter.
-        value: of the candidate.
-        limit: bound of the value.
+        name: compared quantity, such as `gain` or `holdout_torque`, or a parameter.
+        value: value of the candidate.
+        limit: bound of the value; `passed` includes the direction.
         passed: whether the value is on the right side of its limit.
         unit: of value and limit; "1" for numbers.
         std: standard error of the value; None if it is unknown.
@@ -181,26 +185,26 @@ class Gate:
         return self.name.replace("_", " "), value, f"{factor * self.limit:.3g}", "passed" if self.passed else "failed"
 
     def json(self) -> JSON:
-        """Return a dictionary for JSON."""
+        """Return a dictionary for JSON; numbers that are not finite become null."""
         numbers = {"value": self.value, "limit": self.limit, "std": self.std}
-        finite = {name: own if own is not None and np.isfinite(own) else None for name, own in numbers.items()}
+        finite = {name: x if x is not None and np.isfinite(x) else None for name, x in numbers.items()}
         return {"name": self.name, **finite, "unit": self.unit, "passed": self.passed}
 
 
 def explain_rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Finding | None:
-    """Return the first gate that failed as a finding; None if all gates were passed.
+    """Return a finding with the values and limits of failed gates; None if all gates were passed.
 
-    A gain comes with its p-value, and a violated bound with all others. Limits are numbers named `limit.` and the gate.
-    `selected` are effects beside which it was tried.
+    If the first failure is `gain` or `p_value`, the finding has these two gates. Limits are numbers named `limit.` plus
+    the name of the gate. `selected` are the ids of effects in the model that the candidate was added to.
     """
     failed = [gate for gate in gates if not gate.passed]
     if not failed:
         return None
     is_gain = failed[0].name in ("gain", "p_value")
-    told = [gate for gate in gates if gate.name in ("gain", "p_value")] if is_gain else failed
+    reported = [gate for gate in gates if gate.name in ("gain", "p_value")] if is_gain else failed
     numbers: dict[str, Quantity] = {}
-    for gate in told:
+    for gate in reported:
         unit = "" if gate.unit == "1" else gate.unit
         numbers |= {gate.name: Quantity(gate.value, gate.std or 0.0, unit)}
         numbers |= {f"limit.{gate.name}": Quantity(gate.limit, unit=unit)}
-    return Finding(Kind.GATE_FAILED, numbers, tuple(gate.name for gate in told), tuple(selected))
+    return Finding(Kind.GATE_FAILED, numbers, tuple(gate.name for gate in reported), tuple(selected))

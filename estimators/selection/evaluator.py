@@ -40,16 +40,16 @@ class ModelEvaluator:
     """Fits, scores and residuals of models on training and held-out data; results are memoised.
 
     Attributes:
-        train: recordings to fit.
-        holdout: recordings to predict.
+        train: data to fit.
+        holdout: data to predict.
         progress: called with the present work and the share that is done.
         library: effects that may be selected, by id.
         criterion: thresholds of the decisions.
         rng: random numbers of the bootstrap.
         base: terms that the search starts from.
-        tables: nonparametric functions that compete with the effects, without those of the base model.
-        linked: model by which the state of a link is estimated; None without a link.
-        drawn: random weights of blocks; drawn from `rng` by default.
+        tables: nonparametric functions that compete with the effects; those of the base model are removed.
+        linked: fitted model that estimated the states of a link; None without a link.
+        drawn: random weights of blocks; drawn from `rng` if None.
     """
 
     train: RegressionData
@@ -65,125 +65,137 @@ class ModelEvaluator:
 
     def __post_init__(self) -> None:
         self.parts = self.train, self.holdout
-        known = list_ids(self.base)
-        self.tables = [table for table in self.tables if table.id not in known]
+        ids = list_ids(self.base)
+        self.tables = [table for table in self.tables if table.id not in ids]
         self.residuals = Residuals(self.train, self.holdout, self.criterion, self.base)
         self._blocks = [make_blocks(part.layout) for part in self.parts]
-        self._pieces = [make_blocks(part.layout, self.criterion.drift_piece) for part in self.parts]
+        self._blocks_with_short_folds = [make_blocks(part.layout, self.criterion.drift_piece) for part in self.parts]
         self._unknown = self._find_unknown()
         self._in_motion: dict[Terms, Step] = {}
-        first, second = (blocks.of_block for blocks in self._blocks)
-        same = self.train.recordings == self.holdout.recordings  # parts of the same recordings
-        of_block = np.concatenate([first, second if same else second + first.max() + 1])
+        train_blocks, holdout_blocks = (blocks.of_block for blocks in self._blocks)
+        is_split = self.train.recordings == self.holdout.recordings  # parts of the same recordings
+        of_block = np.concatenate(
+            [train_blocks, holdout_blocks if is_split else holdout_blocks + train_blocks.max() + 1]
+        )
         self.bootstrap = self.drawn or Bootstrap(of_block, self.rng)
-        self.held_out = slice(len(first), None)  # blocks of a density that belong to held-out data
+        self.held_out = slice(len(train_blocks), None)  # blocks of a density that belong to held-out data
 
     def with_link(self, linked: Step) -> ModelEvaluator:
-        """Return an evaluator whose link states are estimated by a model from the motion around each instant."""
+        """Return an evaluator of the same data with link states estimated by the model of `linked`."""
         train, holdout = (part.with_link_states(linked.model) for part in self.parts)
         return replace(self, train=train, holdout=holdout, linked=linked, drawn=self.bootstrap)
 
     @memoized
     def density(self, terms: Terms) -> Array:
-        """Return the log predictive density of each block, those of the training data first, (S,) [nat]."""
+        """Return the log predictive density of each block, those of the training data first, (S,) [nat].
+
+        Functions of time are refitted to each part of the data. A model with lags has the density of the recorded
+        torque, unless that is significantly better than the acting torque without any one lag: then that of the acting
+        torque. So a filter that only makes the torque smaller gains nothing.
+        """
         if any(isinstance(term, ByTime) for term in terms):
             return self.refitted_density(terms)
         of_torque, (first, second) = self._density_of_torque(terms), self._blocks
-        fitted, unseen = (part.equations(terms, by_noise=True).unfiltered for part in self.parts)
-        if fitted is not None and unseen is not None:
-            known = replace(fitted, weights=self.train.equations(terms).weights)
-            recorded = np.concatenate([cross_validated(known, first), predict_density(known.solve(), unseen, second)])
+        train, holdout = (part.equations(terms, by_noise=True).unfiltered for part in self.parts)
+        if train is not None and holdout is not None:
+            fitted = replace(train, weights=self.train.equations(terms).weights)
+            recorded = np.concatenate(
+                [cross_validated(fitted, first), predict_density(fitted.solve(), holdout, second)]
+            )
             for lag in (term for term in terms if term.lead):
                 without = tuple(other for other in terms if other is not lag)
-                several = any(other.lead for other in without)
-                acting = self.density(without) if several else self._density_of_torque(without, lag)
+                has_lags = any(other.lead for other in without)
+                acting = self.density(without) if has_lags else self._density_of_torque(without, lag)
                 if self.bootstrap.gain(recorded, acting).p_value > self.criterion.p_value:
-                    return recorded  # a filter that only makes the torque smaller
+                    return recorded
         return of_torque
 
     def _density_of_torque(self, terms: Terms, without: Term | None = None) -> Array:
-        """Return the log density of each block by the residual of the torque that acts (S,) [nat].
+        """Return the log density of each block (S,) [nat], by the residual of the acting torque.
 
-        Args:
-            terms: of the model.
-            without: a filter to compare with; as much noise is added as the derivative of the acceleration has there.
+        For a comparison with a model that has a lag `without`, the noise of the torque's derivative times the lag's
+        time constant is added at its joint.
         """
         first, second = self._blocks
         absorbed = [part.absorbed_noise(terms) for part in self.parts]
         if without is not None:
             inertia = self.residuals.inertia[without.at or self.residuals.joints[0]]
-            for own, part in zip(absorbed, self.parts, strict=True):
+            for of_part, part in zip(absorbed, self.parts, strict=True):
                 noise = [w.rate_noise(inertia) for w in part.data.part(without.at).windows]
-                own.append((part.locate_rows(without.at), float(np.mean(np.square(noise))) * without.lead**2))
+                of_part.append((part.locate_rows(without.at), float(np.mean(np.square(noise))) * without.lead**2))
         fits = self.train.fit_folds(terms)
-        fitted, unseen = (part.equations(terms, by_noise=True) for part in self.parts)
+        train_rows, holdout_rows = (part.equations(terms, by_noise=True) for part in self.parts)
         return np.concatenate(
             [
-                cross_validated(fitted, first, absorbed[0], fits.without),
-                predict_density(fits.theta, unseen, second, absorbed[1]),
+                cross_validated(train_rows, first, absorbed[0], fits.without),
+                predict_density(fits.theta, holdout_rows, second, absorbed[1]),
             ]
         )
 
     @memoized
     def refitted_density(self, terms: Terms) -> Array:
-        """Return the log density of each block, refitted to each part of the data, since a drift differs (S,) [nat].
+        """Return the cross-validated log density of each block, those of the training data first, (S,) [nat].
 
-        The torque of one moment predicts the next moment, so folds are shorter than blocks of the score.
+        Training and held-out data are fitted separately, since drift differs between them; functions of time get a
+        grid over each. Folds are pieces of `criterion.drift_piece` seconds, from which a drift can be predicted.
         """
         parts = []
-        for part, pieces in zip(self.parts, self._pieces, strict=True):
-            own = set_time_grid(part, terms)
-            parts.append(cross_validated(part.equations(own), pieces, part.absorbed_noise(own)))
+        for part, pieces in zip(self.parts, self._blocks_with_short_folds, strict=True):
+            terms_on_grid = set_time_grid(part, terms)
+            parts.append(cross_validated(part.equations(terms_on_grid), pieces, part.absorbed_noise(terms_on_grid)))
         return np.concatenate(parts)
 
     def screening_score(self, terms: Terms) -> float:
-        """Return the sort key of models, the most probable first: negative log density [nat]."""
+        """Return the negative log density of all blocks [nat], a sort key: the most probable model first."""
         return -float(self.density(terms).sum())
 
     def gain(self, after: Terms, before: Terms) -> Gain:
-        """Return the gain of one model over another; its p-value includes `penalty`."""
+        """Return the gain of the model `after` over the model `before`; its p-value includes `penalty`."""
         return self.bootstrap.gain(self.density(after), self.density(before), self.penalty(after, before))
 
     def penalty(self, after: Terms, before: Terms) -> float:
-        """Return the multiple-comparison penalty: logarithm of the number of models tried [nat]."""
+        """Return the multiple-comparison penalty [nat]: ln(effects in the library times `n_variants`)."""
         return float(np.log(max(1, len(self.library) * self.n_variants(after, before))))
 
     def n_variants(self, after: Terms, before: Terms) -> int:
-        """Return the number of variants of the terms that only the larger model has, at least one; see `penalty`."""
+        """Return the number of tried variants of the terms that only `after` has, plus values of its freed integers.
+
+        It is at least one.
+        """
         known = {other.id: other for other in before}
         tried = [count_tried(self.train, before, type(term)) for term in after if term.id not in known]
-        more = [
+        freed = [
             parameter
             for term in after
             if term.id in known
             for parameter in term.free
             if parameter not in known[term.id].free
         ]
-        return max(1, sum(tried) + sum(int(parameter.high - parameter.low) for parameter in more if parameter.integer))
+        return max(1, sum(tried) + sum(int(parameter.high - parameter.low) for parameter in freed if parameter.integer))
 
     def is_significant(self, after: Terms, before: Terms) -> bool:
-        """Return whether one model predicts significantly better than another."""
+        """Return whether the model `after` predicts significantly better than `before`."""
         return self.gain(after, before).p_value <= self.criterion.p_value
 
     def is_supported(self, after: Terms, before: Terms) -> bool:
-        """Return whether a larger model gains significantly and explains enough of the smaller one's residual."""
+        """Return whether the larger model `after` passes all `gates` beside `before`."""
         return all(gate.passed for gate in self.gates(after, before))
 
     def is_needed(self, after: Terms, before: Terms) -> bool:
-        """Return whether a larger model gains significantly and explains more of the residual than it leaves."""
+        """Return whether `after` passes all `gates` with an explained share above `criterion.needed_share`."""
         return all(gate.passed for gate in self.gates(after, before, self.criterion.needed_share))
 
     def is_tied(self, one: Terms, other: Terms) -> bool:
-        """Return whether the first of two models has a probability above `tie_probability`."""
+        """Return whether the first of two models has a probability above `criterion.tie_probability`."""
         probability = self.bootstrap.probabilities([self.density(one), self.density(other)])[0]
         return bool(probability > self.criterion.tie_probability)
 
     def gates(self, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
-        """Return the gates of a larger model: its gain with p-value, its explained share, and the kept base parameters.
+        """Return the gates of a larger model up to the first failure: gain with p-value, share, base parameters.
 
-        An effect beside known parameters also has to predict significantly better than the smaller model with these
-        free: else what it explains is another value of them, and belongs to whatever shares their columns. The
-        explained share is above `criterion.explained_share` unless another limit is given.
+        Beside known parameters, `after` also has to predict significantly better than `before` with these free, else it
+        explains only other values of them. `least_share` is the limit of the explained share, by default
+        `criterion.explained_share`.
         """
         gain, penalty, criterion = self.gain(after, before), self.penalty(after, before), self.criterion
         least_share = criterion.explained_share if least_share is None else least_share
@@ -201,22 +213,22 @@ class ModelEvaluator:
         return [*gates, *self.base_gates(after, before)] if gates[-1].passed else gates
 
     def without_known(self, terms: Terms) -> Terms:
-        """Return the terms with known parameters free; of a free swing as they are, since one has to be known."""
+        """Return the terms with known parameters free; unchanged for free swings, whose inertia has to be known."""
         freed = tuple(map(release_term, terms))
         is_scaled = freed != terms and any(recording.known_inertia for recording in self.train.recordings)
         return terms if is_scaled else freed
 
     def model(self, terms: Terms) -> Model:
-        """Fit the terms to the training data, without standard errors, which take time."""
+        """Fit the terms to the training data, without standard errors."""
         return Model.build(*self.train.fit(terms)).withhold(self._unknown)
 
     def _screened_model(self, terms: Terms) -> Model:
-        """Return the model whose parameters the score of the terms belongs to."""
+        """Return the model of the terms with the parameters of `fit_folds`, on which the score depends."""
         fits = self.train.fit_folds(terms)
         return Model.build(fits.terms, fits.theta).withhold(self._unknown)
 
     def _find_unknown(self) -> frozenset[str]:
-        """Name the inertia if it is within 3 standard errors of zero by noise alone: nothing is simulated by it."""
+        """Return the name of the inertia if it is insignificant by noise alone, else nothing; it is then withheld."""
         if not self.train.layout.predicts_torque or "inertia" not in list_ids(self.base):
             return frozenset()
         model, fit = fit_terms(self.train, self.base)
@@ -225,15 +237,18 @@ class ModelEvaluator:
         return frozenset() if replace(inertia, std=noise).is_significant else frozenset({"inertia"})
 
     def fit(self, added: str | None, terms: Terms) -> Step:
-        """Fit the terms to the training data, and compute the errors."""
+        """Return the step of adding the effect `added`: the fit of the terms to the training data, and its errors."""
         return self.make_step(added, self.model(terms))
 
     def fit_with_std(self, added: str | None, terms: Terms) -> Step:
-        """Fit the terms to the training data, and compute errors and standard errors."""
+        """Return the step of adding the effect `added`, as `fit`, with standard errors."""
         return self.make_step(added, fit_terms(self.train, terms)[0])
 
     def make_step(self, added: str | None, model: Model) -> Step:
-        """Compute the errors of a model on training and held-out data, with link states estimated."""
+        """Return a step with the errors of a model on training and held-out data, with link states estimated.
+
+        The model gets the units of the recordings; an insignificant inertia is withheld.
+        """
         parts = {"train": self.train, "holdout": self.holdout}
         if self.linked is None and has_link(model.terms):
             parts = {name: part.with_link_states(model) for name, part in parts.items()}
@@ -241,12 +256,12 @@ class ModelEvaluator:
         return Step(added, model, {name: part.errors(model) for name, part in parts.items()})
 
     def refit_to_motion(self, step: Step) -> Step:
-        """Refit the parameters of a step to free-running simulation.
+        """Return the step with parameters refitted to free-running simulation, memoised by its terms.
 
-        With a large unexplained residual, the parameters of the smallest torque error may follow the motion badly.
+        The step is unchanged for a transmission, whose unknown state diverges, and without segments or known inertia.
         """
         if has_transmission(step.model.terms) or not self.train.segments or not step.model.has_known_inertia:
-            return step  # a simulation from an unknown state of the link soon diverges
+            return step
         if step.model.terms not in self._in_motion:
             point = output_error.fit(self.train.segments, output_error.Point.from_model(step.model))
             refined = output_error.make_model(self.train.segments, point)
@@ -254,14 +269,14 @@ class ModelEvaluator:
         return replace(self._in_motion[step.model.terms], added=step.added)
 
     def violations(self, terms: Terms) -> list[Gate]:
-        """Return the physical bounds that the effects among the terms violate at their own joints."""
-        where = {joint for term in terms[len(self.base) :] for joint in list_loads(term.at)}
+        """Return a failed gate for each physical bound that a fit of the terms violates at joints of its effects."""
+        joints = {joint for term in terms[len(self.base) :] for joint in list_loads(term.at)}
         return find_violations(
-            self._screened_model(terms), {at: x for at, x in self.train.motions.items() if at in where}
+            self._screened_model(terms), {at: x for at, x in self.train.motions.items() if at in joints}
         )
 
     def is_confirmed(self, after: Step, before: Step) -> bool:
-        """Return whether both held-out errors fall and the parameters are physically possible."""
+        """Return whether held-out errors of `after` are below those of `before` and its parameters are possible."""
         return all(gate.passed for gate in make_confirmation_gates(after, before, self.train.motions))
 
     def keeps_base(self, after: Terms, before: Terms) -> bool:
@@ -269,17 +284,17 @@ class ModelEvaluator:
         return all(gate.passed for gate in self.base_gates(after, before))
 
     def base_gates(self, after: Terms, before: Terms) -> list[Gate]:
-        """Return the gates of the base parameters of a larger model."""
+        """Return the gates of the base parameters of a larger model, see `make_base_gates`."""
         least = self.criterion.kept_inertia
         return make_base_gates(self._exact_model(after), self._exact_model(before), self.train.motions, least)
 
     @memoized
     def _exact_model(self, terms: Terms) -> Model:
-        """Fit the terms to the training data with standard errors, without errors of torque and motion."""
+        """Fit the terms to the training data with standard errors."""
         return fit_terms(self.train, terms)[0]
 
     def lowers_errors(self, after: Terms, before: Terms) -> bool:
-        """Return whether both held-out errors fall, fitted to torque or else to motion."""
+        """Return whether `is_confirmed` holds for the fits of two models to torque, or else to motion."""
         new, old = self.fit(None, after), self.fit(None, before)
         if not self.is_confirmed(new, old):
             new, old = self.refit_to_motion(new), self.refit_to_motion(old)
@@ -287,5 +302,5 @@ class ModelEvaluator:
 
     @property
     def cost_with_link(self) -> float:
-        """Held-out cost of the model by which the link's state is estimated."""
+        """Held-out cost of the step `linked`; infinite without a link."""
         return np.inf if self.linked is None else compute_held_out_cost(self.linked)

@@ -29,25 +29,25 @@ from estimators.regression.balance import Balance
 from estimators.regression.least_squares import SOLVER
 from pendulum_env._typing import JSON, Array, Index
 
-NU = 4.0  # degrees of freedom of Student's t,
-PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # and its density at zero
+NU = 4.0  # degrees of freedom of Student's t
+PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # its density at zero
 DRAWS = 4000  # of the Bayesian bootstrap
-TURNS, SETTLED = 20, 1e-3  # largest number of iterations for a scale, and relative change that the last may make
+TURNS, SETTLED = 20, 1e-3  # largest number of iterations for a scale; relative change at which they end
 LEAP = 0.5  # longest step of Newton's method, in the logarithm of a squared scale
 
 
-Hidden = Sequence[tuple[slice, float]]  # rows, and variance of the torque noise that a model absorbs in them
+Hidden = Sequence[tuple[slice, float]]  # rows, and variance of the torque noise that a model removes from them
 
 
 class Cells(NamedTuple):
-    """Equations in an order in which those of a cell follow each other.
+    """Order of equations by cells: those of one recording and one fold.
 
     Attributes:
-        order: of the equations (R,).
-        begins: where each cell begins in it (C,).
+        order: indices of the equations, cell by cell (R,).
+        begins: index in `order` at which each cell begins (C,).
         recording, fold: of each cell (C,).
-        outside: numbers of equations outside each fold by recording and fold (FOLDS, E, FOLDS), or of a recording's
-            only fold.
+        outside: for each left-out fold, numbers of equations by recording and fold, zero in that fold (FOLDS, E,
+            FOLDS); of a recording with a single fold, its numbers.
     """
 
     order: Index
@@ -59,10 +59,13 @@ class Cells(NamedTuple):
 
 @dataclass(frozen=True)
 class Blocks:
-    """Block and recording of every equation (R,), and recording of every block (S,).
+    """Blocks of R equations.
 
-    Folds of cross-validation consist of pieces, numbered by `piece` (R,): whole blocks, or parts of them where the
-    torque of one moment predicts the next.
+    Attributes:
+        block: block of each equation (R,).
+        recording: entry of each equation (R,), a recording or a recording of a joint.
+        of_block: recording of each block (S,).
+        piece: number of the piece of time of each equation (R,), by which equations belong to folds in turn.
     """
 
     block: Index
@@ -72,12 +75,12 @@ class Blocks:
 
     @cached_property
     def fold(self) -> Index:
-        """Fold of every equation (R,)."""
+        """Fold of each equation (R,)."""
         return np.asarray(self.piece % FOLDS)
 
     @cached_property
     def cells(self) -> Cells:
-        """Return the cells of the equations, of one recording and one fold each."""
+        """Cells of the equations."""
         cell = self.recording * FOLDS + self.fold
         order = np.argsort(cell, kind="stable")
         filled, begins, counts = np.unique(cell[order], return_index=True, return_counts=True)
@@ -90,7 +93,7 @@ class Blocks:
 
 
 def make_blocks(layout: RowLayout, length: float = BLOCK) -> Blocks:
-    """Return the blocks of some rows, with folds of pieces of a length [s]."""
+    """Return the blocks of some rows, with folds made of pieces of a length [s]."""
     return Blocks(*layout.blocks(BLOCK), layout.blocks(length)[0])
 
 
@@ -104,76 +107,75 @@ def weigh_squares(squares: Array, scale: Array | float) -> Array:
     return np.asarray((NU + 1) * squares / (NU + squares / scale))
 
 
-def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = (), without: Array | None = None) -> Array:
-    """Return the log density of each block (S,), predicted by the fit to the others [nat].
+def cross_validated(balance: Balance, blocks: Blocks, hidden: Hidden = (), without: Array | None = None) -> Array:
+    """Return the log density of each block (S,) [nat], predicted by the fits without each fold.
 
     Args:
         balance: equations of the model.
-        where: block and recording of each equation.
-        hidden: torque noise that the model absorbs, which still counts as error.
+        where: blocks of the equations.
+        hidden: torque noise that the model removes, which is added to the errors.
         without: parameters of the fits without each fold (FOLDS, P), solved unless given.
     """
-    without = balance.solve_without(where.fold, FOLDS) if without is None else without
-    return _compute_density(balance, without, where, hidden)
+    without = balance.solve_without(blocks.fold, FOLDS) if without is None else without
+    return _compute_density(balance, without, blocks, hidden)
 
 
-def predict_density(theta: Array, balance: Balance, where: Blocks, hidden: Hidden = ()) -> Array:
+def predict_density(theta: Array, balance: Balance, blocks: Blocks, hidden: Hidden = ()) -> Array:
     """Return the log density of each held-out block (S,) under parameters (P,) fitted to other data [nat]."""
-    return _compute_density(balance, theta[None], where, hidden)
+    return _compute_density(balance, theta[None], blocks, hidden)
 
 
-def _compute_density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> Array:
-    """Return the log density of the torque recorded in each block, from fits without each fold (FOLDS, P).
+def _compute_density(balance: Balance, theta: Array, blocks: Blocks, hidden: Hidden) -> Array:
+    """Return the log density of the recorded torque in each block (S,) [nat].
 
-    It is the density of the residual times the derivative of the residual by the recorded torque, so that a law with a
-    small residual only because it transmits little of the torque gains nothing. The density is at least that of a
-    torque of known size alone. The scale is that of the other folds of the same recording, since recordings differ in
-    their unexplained part.
+    `theta` are the parameters of the fits without each fold (FOLDS, P), or of one fit (1, P). The density of a residual
+    is multiplied by its derivative by the recorded torque, so a law that transmits little torque gains nothing. It is
+    at least that of a torque of known size. The scale is that of the other folds of the same recording.
     """
-    left, slopes = balance.residual(theta)
-    left = np.clip(left, -1e60, 1e60)  # [N m], against overflow of a prediction that diverged
+    residual, slopes = balance.residual(theta)
+    residual = np.clip(residual, -1e60, 1e60)  # [N m], against overflow
     for rows, variance in hidden:
-        left[:, rows] *= np.sqrt(1 + variance / max(float(np.mean(left[:, rows] ** 2)), 1e-300))
-    own = np.minimum(where.fold, len(left) - 1), np.arange(len(where.fold))
+        residual[:, rows] *= np.sqrt(1 + variance / max(float(np.mean(residual[:, rows] ** 2)), 1e-300))
+    cell = np.minimum(blocks.fold, len(residual) - 1), np.arange(len(blocks.fold))
     reach = balance.reach
-    least = SOLVER.tiny * np.where(np.isfinite(reach), reach, 0.0)  # no torque is known better
-    squares = left**2
-    square = np.maximum(_estimate_scales(squares, where)[where.fold, where.recording], least**2)
-    density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(squares[own] / (NU * square))
-    known = np.minimum(np.sqrt(square) / (PEAK * reach), 1.0)  # at least the density without any fit
-    density += np.log(np.maximum(slopes[own], known))
-    return np.bincount(where.block, density, len(where.of_block)).astype(float)
+    least = SOLVER.tiny * np.where(np.isfinite(reach), reach, 0.0)  # least scale
+    squares = residual**2
+    squared_scale = np.maximum(_estimate_scales(squares, blocks)[blocks.fold, blocks.recording], least**2)
+    density = np.log(PEAK / np.sqrt(squared_scale)) - (NU + 1) / 2 * np.log1p(squares[cell] / (NU * squared_scale))
+    known = np.minimum(np.sqrt(squared_scale) / (PEAK * reach), 1.0)
+    density += np.log(np.maximum(slopes[cell], known))
+    return np.bincount(blocks.block, density, len(blocks.of_block)).astype(float)
 
 
-def _estimate_scales(squares: Array, where: Blocks) -> Array:
+def _estimate_scales(squares: Array, blocks: Blocks) -> Array:
     """Return the squared scale of Student's t of the errors outside each fold, of each recording (FOLDS, E).
 
-    By Newton's method for the logarithm, and by the parameter-expanded EM algorithm where that would leap (Liu, Rubin
-    and Wu, Biometrika 85(4), 1998). `squares` are squared errors of the fits without each fold (FOLDS, R), or of one
-    fit (1, R). A recording with errors in a single fold uses these.
+    `squares` are squared errors of the fits without each fold (FOLDS, R), or of one fit (1, R). A recording with errors
+    in a single fold uses these. The maximum likelihood is found by Newton's method for the logarithm; a step above
+    `LEAP` is replaced by one of the parameter-expanded EM algorithm (Liu, Rubin and Wu, Biometrika 85(4), 1998).
     """
-    order, begins, owner, fold, number = where.cells
+    order, begins, owner, fold, counts = blocks.cells
     squares = squares[:, order]
 
-    def total(values: Array) -> Array:
+    def sum_outside(values: Array) -> Array:
         """Return sums over the rows outside each fold (FOLDS, E)."""
-        sums = np.zeros((len(values), *number.shape[1:]))
+        sums = np.zeros((len(values), *counts.shape[1:]))
         sums[:, owner, fold] = np.add.reduceat(values, begins, axis=1)
-        return np.einsum("kef,kef->ke", np.broadcast_to(sums, number.shape), number > 0)
+        return np.einsum("kef,kef->ke", np.broadcast_to(sums, counts.shape), counts > 0)
 
-    count = np.maximum(number.sum(axis=2), 1)
-    most = np.maximum(total(squares) / count, 1e-300)  # the maximum is no larger, as x / (a + x) is concave
-    square, lengths = most, np.diff(np.append(begins, squares.shape[1]))
+    count = np.maximum(counts.sum(axis=2), 1)
+    most = np.maximum(sum_outside(squares) / count, 1e-300)  # upper limit of the squared scale
+    scale, lengths = most, np.diff(np.append(begins, squares.shape[1]))
     for _ in range(TURNS):
-        share = squares / (NU * np.repeat(square[:, owner], lengths, axis=1) + squares)
-        excess = (NU + 1) * np.maximum(total(share) / count, 1e-300)  # one at the maximum
-        step = (excess - 1.0) / np.maximum(excess - (NU + 1) * total(share**2) / count, 1e-300)
+        share = squares / (NU * np.repeat(scale[:, owner], lengths, axis=1) + squares)
+        excess = (NU + 1) * np.maximum(sum_outside(share) / count, 1e-300)  # one at the maximum
+        step = (excess - 1.0) / np.maximum(excess - (NU + 1) * sum_outside(share**2) / count, 1e-300)
         safe = excess * NU / np.maximum(NU + 1 - excess, 1e-300)
-        before, square = square, square * np.where(np.abs(step) < LEAP, np.exp(np.clip(step, -LEAP, LEAP)), safe)
-        square = np.clip(square, 1e-300, most)
-        if (np.abs(square - before) <= SETTLED * before).all():
+        before, scale = scale, scale * np.where(np.abs(step) < LEAP, np.exp(np.clip(step, -LEAP, LEAP)), safe)
+        scale = np.clip(scale, 1e-300, most)
+        if (np.abs(scale - before) <= SETTLED * before).all():
             break
-    return square
+    return scale
 
 
 @dataclass(frozen=True)
@@ -181,9 +183,9 @@ class Gain:
     """Gain in prediction of one model over another.
 
     Attributes:
-        total: log density gained [nat].
-        error: its standard error, from the scatter between blocks and between recordings, as `p_value` is [nat].
-        p_value: probability of no gain.
+        total: difference of the log densities [nat].
+        error: standard error of `total`, by the bootstrap [nat]; infinite with a single block.
+        p_value: probability that the gain is not above a penalty, by the bootstrap.
     """
 
     total: float
@@ -191,7 +193,7 @@ class Gain:
     p_value: float
 
     def json(self) -> JSON:
-        """Return a dictionary for JSON; no error with a single block."""
+        """Return a dictionary for JSON; an infinite error becomes null."""
         error = self.error if np.isfinite(self.error) else None
         return {"total": self.total, "error": error, "chance": self.p_value}
 
@@ -201,22 +203,19 @@ class Bootstrap:
 
     def __init__(self, of_block: Index, rng: np.random.Generator) -> None:
         self.of_block = of_block
-        recordings, own = np.unique(of_block, return_inverse=True)
+        recordings, recording_of_block = np.unique(of_block, return_inverse=True)
         weights = rng.exponential(size=(DRAWS, len(of_block)))
         for k in range(len(recordings)):
-            weights[:, own == k] /= weights[:, own == k].mean(axis=1, keepdims=True)
+            weights[:, recording_of_block == k] /= weights[:, recording_of_block == k].mean(axis=1, keepdims=True)
         if len(recordings) > 1:
-            between = rng.exponential(size=(DRAWS, len(recordings)))
-            weights *= (between / between.mean(axis=1, keepdims=True))[:, own]
+            recording_weights = rng.exponential(size=(DRAWS, len(recordings)))
+            weights *= (recording_weights / recording_weights.mean(axis=1, keepdims=True))[:, recording_of_block]
         self.weights = weights
 
     def gain(self, after: Array, before: Array, penalty: float = 0.0) -> Gain:
-        """Return the gain of one model over another from their log densities (S,).
+        """Return the gain of a model over another, from the log densities of both, (S,) each.
 
-        Args:
-            after: densities of the one.
-            before: densities of the other.
-            penalty: least gain, for the choice among many models [nat].
+        `penalty` is the gain that the choice among many models reaches by chance [nat].
         """
         difference = after - before
         draws = self.weights @ difference
@@ -224,7 +223,7 @@ class Bootstrap:
         return Gain(float(difference.sum()), error, float(np.mean(draws <= penalty)))
 
     def probabilities(self, densities: Sequence[Array]) -> Array:
-        """Return the probability of each of several models (M,) from their log densities (S,) (pseudo-BMA+)."""
+        """Return the probability of each of M models (M,), from the log densities of each (S,), by pseudo-BMA+."""
         totals = self.weights @ np.column_stack(densities)
         odds = np.exp(totals - totals.max(axis=1, keepdims=True))
         return np.asarray(np.mean(odds / odds.sum(axis=1, keepdims=True), axis=0))
