@@ -94,10 +94,21 @@ def make_table(content: TextTable) -> Html:
 
 
 class PlotCurve(NamedTuple):
-    """Values (N,) of a curve, and its colour."""
+    """Values (N,) of a curve, and its style."""
 
     values: Array
     color: str
+    dashed: bool = False
+
+
+def make_legend(entries: Iterable[tuple[str, PlotCurve]]) -> Html:
+    """Make the legend of curves, each name in its colour."""
+    line = "display:inline-block;width:1.6em;margin:0 .4em .25em 0;border-top:2px"
+    keys = []
+    for name, curve in entries:
+        drawn = make_element("span", f"{line} {'dashed' if curve.dashed else 'solid'} {curve.color}")
+        keys.append(make_element("span", "margin-right:1.2em;white-space:nowrap", drawn, name))
+    return make_element("div", SMALL, *keys)
 
 
 def make_plot(
@@ -105,10 +116,19 @@ def make_plot(
     x: Array,
     curves: Sequence[PlotCurve],
     noise: Array | None = None,
+    span: tuple[float, float] | None = None,
 ) -> Html:
-    """Make a small plot of curves over x, between the lowest and the highest value, which are printed."""
+    """Make a small plot of curves over x, between the lowest and the highest value, which are printed.
+
+    Args:
+        label: what is seen, with its unit.
+        x: abscissa, increasing (N,).
+        curves: what is drawn.
+        noise: half width of a band about zero (N,).
+        span: lowest and highest value shown; what is beyond is cut off.
+    """
     seen = np.concatenate([curve.values for curve in curves])
-    low, high = float(seen.min()), float(seen.max())
+    low, high = span or (float(seen.min()), float(seen.max()))
     room = (high - low) or 1.0
 
     def path(x_values: Array, y_values: Array) -> str:
@@ -124,7 +144,8 @@ def make_plot(
         shapes.append(f'<path d="{band}Z" fill="currentColor" fill-opacity=".18"/>')
     for curve in curves:
         kept = thin(curve.values, 480)
-        line = f'd="{path(x[kept], curve.values[kept])}" stroke="{curve.color}"'
+        dashes = ' stroke-dasharray="5 3"' if curve.dashed else ""
+        line = f'd="{path(x[kept], curve.values[kept])}" stroke="{curve.color}"{dashes}'
         shapes.append(f'<path {line} fill="none" stroke-width="1.4" vector-effect="non-scaling-stroke"/>')
     drawing = Html(
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none" role="img" aria-label="{escape(label)}" '
