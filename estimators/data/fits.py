@@ -23,7 +23,7 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     The covariance holds linear, then continuous nonlinear parameters, whose values stay. Those without derivatives
     (`find_edges`) have errors of their own, outside the covariance.
     """
-    terms, theta = data.fit(terms, exactly=True)
+    terms, theta = data.maker.fit(terms, exactly=True)
     balance = _open_to_noise(data, terms, theta)
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
     is_torque = data.layout.predicts_torque
@@ -87,7 +87,7 @@ def _std_of_edge(
     variants = [set_values(term, [parameter], [value + sign * step]) for sign in (0, 1, -1) for step in steps]
     parts = [
         place_columns(len(fit.residual), [(rows, np.column_stack([part.fixed, part.linear]))])
-        for part in data.columns(variants)
+        for part in data.maker.columns(variants)
     ]
     slopes, w = balance.slopes(fit.theta), balance.weights[:, None]
     others = np.linalg.qr(np.delete(slopes, np.arange(len(fit.theta))[of_term], axis=1) * w)[0]

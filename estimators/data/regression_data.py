@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.data.rows import FittedTerms, FoldFits, RowLayout, RowMaker, ScoredTerms, Terms
-from estimators.regression.balance import Balance, Columns
+from estimators.data.rows import RowLayout, RowMaker, Terms
+from estimators.regression.balance import Balance
 from estimators.selection.errors import Errors
 from estimators.simulation.free_running import (
     Segments,
@@ -130,21 +130,9 @@ class RegressionData:
         """Return the rows of a joint; all rows for terms at no single joint."""
         return self.layout.joints.get(at, slice(None))
 
-    def columns(self, variants: Terms) -> list[Columns]:
-        """Return the columns of each variant of one effect, on the rows of its joint."""
-        return self.maker.columns(variants)
-
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
         """Return the rows of some terms, weighted as in a fit, or `by_noise` alone."""
         return self.maker.equations(terms, by_noise)
-
-    def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
-        """Fit the linear parameters of some terms; `exactly` continues an iterative fit to convergence."""
-        return self.maker.fit(terms, exactly)
-
-    def fit_folds(self, terms: Terms) -> FoldFits:
-        """Fit some terms to all rows and without each fold; linearised around the fit without the last, if accurate."""
-        return self.maker.fit_folds(terms)
 
     def solve(self, terms: Terms) -> Array:
         """Fit the linear parameters (P,) of the terms."""
@@ -162,14 +150,6 @@ class RegressionData:
         Rows of positions have none.
         """
         return self.torque.absorbed_noise(terms) if self.layout.predicts_torque else []
-
-    def trial(self, terms: Terms) -> ScoredTerms:
-        """Return a set of terms with the error of its fit."""
-        return self.maker.trial(terms)
-
-    def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
-        """Optimise the continuous nonlinear parameters of the term `id` of a trial, from their values."""
-        return self.maker.refine(trial, id)
 
     @property
     def recordings(self) -> tuple[Recording, ...]:

@@ -76,7 +76,7 @@ def refine_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> l
     best = [
         trials[0]
         if is_integer
-        else min((data.refine(trial, effect.id) for trial in trials[:STARTS]), key=lambda trial: trial.fitted_rms)
+        else min((data.maker.refine(trial, effect.id) for trial in trials[:STARTS]), key=lambda trial: trial.fitted_rms)
         for trials in forms.values()
     ]
     return sorted(best, key=lambda trial: (count_term_parameters(trial.terms[-1]), trial.fitted_rms))
@@ -90,7 +90,7 @@ def try_variants(data: RegressionData, terms: Terms, variants: Terms) -> list[Sc
 
 def compute_unique_share(data: RegressionData, terms: Terms, term: Term) -> float:
     """Return the part of a term's columns outside the span of other terms' columns, from 0 to 1; the largest of all."""
-    (part,), weights = data.columns([term]), data.equations(terms).weights[:, None]
+    (part,), weights = data.maker.columns([term]), data.equations(terms).weights[:, None]
     of_term = place_columns(len(weights), [(data.locate_rows(term.at), np.column_stack([part.linear, part.fixed]))])
     of_term = of_term[:, np.linalg.norm(of_term, axis=0) > 0] * weights
     outside = project_out(_make_frame(data, tuple(terms)), of_term)

@@ -106,7 +106,7 @@ def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Ter
     term, theta = make_typical_effect(kind)
     if not len(theta):
         return None
-    (columns,) = evaluator.train.columns([term])
+    (columns,) = evaluator.train.maker.columns([term])
     torque, phi = columns.linear @ theta, evaluator.train.equations(terms).phi
     left = torque - phi @ np.linalg.lstsq(phi, torque, rcond=1e-10)[0]
     shown = float(np.sqrt(np.mean(left**2)))

@@ -106,7 +106,7 @@ def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
     """Return whether a term with more parameters can reproduce any torque of another at the same joint."""
     if larger.at != term.at or count_term_parameters(larger) <= count_term_parameters(term) or not term.columns:
         return False
-    (own,), (other,) = evaluator.train.columns([term]), evaluator.train.columns([larger])
+    (own,), (other,) = evaluator.train.maker.columns([term]), evaluator.train.maker.columns([larger])
     left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
     return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own.linear))
 
@@ -143,16 +143,18 @@ def release_parameters(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
 
 def refine_parameters(evaluator: ModelEvaluator, terms: Terms, id: str) -> Terms:
     """Fit the nonlinear parameters of one term, by its id."""
-    return evaluator.train.refine(evaluator.train.trial(terms), id).terms
+    maker = evaluator.train.maker
+    return maker.refine(maker.trial(terms), id).terms
 
 
 def refit_nonlinear(evaluator: ModelEvaluator, terms: Terms) -> Terms:
     """Refit every nonlinear parameter with all terms present."""
-    trial = evaluator.train.trial(terms)
+    maker = evaluator.train.maker
+    trial = maker.trial(terms)
     for term in terms:
         if any(not parameter.integer for parameter in term.free) and term.id not in evaluator.train.data.link_states:
-            trial = evaluator.train.refine(trial, term.id)
-    return evaluator.train.fit(trial.terms, exactly=True).terms
+            trial = maker.refine(trial, term.id)
+    return maker.fit(trial.terms, exactly=True).terms
 
 
 def screen_replacements(evaluator: ModelEvaluator, terms: Terms, term: Term) -> list[Terms]:

@@ -123,7 +123,7 @@ class ModelEvaluator:
             for of_part, part in zip(absorbed, self.parts, strict=True):
                 noise = [w.rate_noise(inertia) for w in part.data.part(without.at).windows]
                 of_part.append((part.locate_rows(without.at), float(np.mean(np.square(noise))) * without.lead**2))
-        fits = self.train.fit_folds(terms)
+        fits = self.train.maker.fit_folds(terms)
         train_rows, holdout_rows = (part.equations(terms, by_noise=True) for part in self.parts)
         return np.concatenate(
             [
@@ -220,11 +220,11 @@ class ModelEvaluator:
 
     def model(self, terms: Terms) -> Model:
         """Fit the terms to the training data, without standard errors."""
-        return Model.build(*self.train.fit(terms)).withhold(self._unknown)
+        return Model.build(*self.train.maker.fit(terms)).withhold(self._unknown)
 
     def _screened_model(self, terms: Terms) -> Model:
         """Return the model of the terms with the parameters of `fit_folds`, on which the score depends."""
-        fits = self.train.fit_folds(terms)
+        fits = self.train.maker.fit_folds(terms)
         return Model.build(fits.terms, fits.theta).withhold(self._unknown)
 
     def _find_unknown(self) -> frozenset[str]:

@@ -76,7 +76,7 @@ def test_bounds_of_an_experiment_are_refused_in_the_loop(plain, asked):
 
 def test_rows_around_a_fit_are_derivatives_of_simulations(rollouts: Rollouts):
     data = RolloutRows(rollouts, RegressionData.from_recordings(rollouts.recordings).torque).data
-    terms, theta = data.fit(TILTED)
+    terms, theta = data.maker.fit(TILTED)
     np.testing.assert_allclose(data.residual(terms), data.residual(terms, theta), atol=1e-9)
     nearby = theta * (1.0 + 5e-3 * np.array([1, -1, 1, -1, 1]))
     simulated, linear = data.residual(terms, nearby), data.equations(terms).error(nearby)

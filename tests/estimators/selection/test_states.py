@@ -48,8 +48,10 @@ class ScoredEvaluator(ModelEvaluator):
             layout=SimpleNamespace(predicts_torque=True, has_fast_fits=True),
             motions={},
             data=SimpleNamespace(link_states={}),
-            fit=lambda terms, exactly: FittedTerms(terms, np.empty(0)),
-            trial=lambda terms: ScoredTerms(tuple(terms), 0.0),
+            maker=SimpleNamespace(
+                fit=lambda terms, exactly: FittedTerms(terms, np.empty(0)),
+                trial=lambda terms: ScoredTerms(tuple(terms), 0.0),
+            ),
         )
         self.residuals = SimpleNamespace(
             joints=("",),
