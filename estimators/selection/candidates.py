@@ -14,46 +14,46 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.nonlinear import release
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
 
-SAME = 1e-6  # of a torque, numerical difference of equal laws
+SAME = 1e-6  # relative difference of equal torques by rounding
 
 
 class Screened(NamedTuple):
-    """Result of screening one effect: the larger model, or the gates that exclude the effect."""
+    """Result of screening one effect: the model with it, or None and the gates that exclude the effect."""
 
     terms: Terms | None
     gates: tuple[Gate, ...] = ()
 
 
 def screen_effects(evaluator: ModelEvaluator, terms: Terms, excluded: Collection[str] = ()) -> list[Terms]:
-    """Return the terms with the best variant of each further effect, the best prediction first."""
+    """Return the terms plus the best variant of each further possible effect, the best prediction first."""
     found = screen_library(evaluator, terms, excluded).values()
-    return sorted((one.terms for one in found if one.terms is not None), key=evaluator.screening_score)
+    return sorted((screened.terms for screened in found if screened.terms is not None), key=evaluator.screening_score)
 
 
 def screen_library(evaluator: ModelEvaluator, terms: Terms, excluded: Collection[str] = ()) -> dict[str, Screened]:
-    """Screen each effect of the library that the terms lack; transmissions come last, since they take long."""
+    """Screen each effect of the library that the terms lack, by id; slow transmissions come last."""
     missing = [effect for id, effect in evaluator.library.items() if id not in list_ids(terms) | {*excluded}]
     missing.sort(key=lambda effect: effect.kind == "transmission")
     found: dict[str, Screened] = {}
-    for done, effect in enumerate(missing):
+    for n_done, effect in enumerate(missing):
         gate = _make_transmission_gate(evaluator, terms, found) if effect.kind == "transmission" else None
         if gate is not None:
             found[effect.id] = Screened(None, (gate,))
             continue
-        evaluator.progress(f"screening {effect.id}", done / len(missing))
+        evaluator.progress(f"screening {effect.id}", n_done / len(missing))
         if (trial := screen_effect(evaluator, terms, effect)) is None:
             found[effect.id] = Screened(None, (Gate("variants", 0, 1, False),))
         else:
-            wrong = tuple(evaluator.violations(trial.terms))
-            found[effect.id] = Screened(None if wrong else trial.terms, wrong)
+            violations = tuple(evaluator.violations(trial.terms))
+            found[effect.id] = Screened(None if violations else trial.terms, violations)
     return found
 
 
 def _make_transmission_gate(evaluator: ModelEvaluator, terms: Terms, found: dict[str, Screened]) -> Gate | None:
-    """Return the gate that keeps a transmission from being tried; None if it is tried.
+    """Return the failed gate of a transmission that is not tried; None if it is tried.
 
-    A joint has one transmission. In a search by torque, a transmission is the first effect, and it is not tried where
-    the terms, or the terms with a simpler effect, leave only noise.
+    It is not tried beside another transmission. In a search by torque, it must be the first effect, and the terms must
+    not leave only noise, alone or with an effect already in `found`.
     """
     if has_transmission(terms):
         return Gate("transmissions", 1, 0, False)
@@ -61,7 +61,7 @@ def _make_transmission_gate(evaluator: ModelEvaluator, terms: Terms, found: dict
         return None
     if len(terms) > len(evaluator.base):
         return Gate("earlier_effects", len(terms) - len(evaluator.base), 0, False)
-    for other in (terms, *(one.terms for one in found.values() if one.terms is not None)):
+    for other in (terms, *(screened.terms for screened in found.values() if screened.terms is not None)):
         if evaluator.residuals.is_noise(other):
             limit = evaluator.criterion.misfit
             return Gate("residual_over_noise", evaluator.residuals.relative_rms(other), limit, False)
@@ -69,12 +69,15 @@ def _make_transmission_gate(evaluator: ModelEvaluator, terms: Terms, found: dict
 
 
 def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
-    """Return the best variant of an effect; with little gain or share, only the best of a coarse grid."""
+    """Return the best variant of an effect beside the terms; None without any variant.
+
+    If the best of a coarse grid has little gain or explained share, it is returned without a refinement.
+    """
     if not find_hints(effect).multimodal:
         ranked = rank_variants(evaluator.train, terms, effect)
         if not ranked:
             return None
-        alike = len({len(trial.terms[-1].columns) for trial in ranked}) == 1  # else the richest comes first
+        alike = len({len(trial.terms[-1].columns) for trial in ranked}) == 1  # else the one with most columns is first
         if alike and (
             evaluator.gain(ranked[0].terms, terms).p_value > evaluator.criterion.coarse_p_value
             or evaluator.residuals.explained_share(ranked[0].terms, terms) < evaluator.criterion.coarse_share
@@ -84,9 +87,10 @@ def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -
 
 
 def find_best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
-    """Return the best variant of an effect, with as few free nonlinear parameters as the data allow; None without any.
+    """Return the refined variant of an effect with the fewest parameters; None without any variant.
 
-    A variant that loses a base parameter is replaced by the next one that keeps it.
+    A variant with more parameters replaces it if it is significantly better, or if it is significant over the terms and
+    keeps the base parameters, which the simpler variant loses.
     """
     trials = refine_variants(evaluator.train, terms, effect)
     if not trials:
@@ -103,16 +107,16 @@ def find_best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term
 
 
 def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
-    """Return whether a term with more parameters can reproduce any torque of another at the same joint."""
+    """Return whether `larger`, with more parameters, can reproduce any torque of `term` at the same joint."""
     if larger.at != term.at or count_term_parameters(larger) <= count_term_parameters(term) or not term.columns:
         return False
-    (own,), (other,) = evaluator.train.maker.columns([term]), evaluator.train.maker.columns([larger])
-    left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
-    return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own.linear))
+    (part,), (whole,) = evaluator.train.maker.columns([term]), evaluator.train.maker.columns([larger])
+    remaining = part.linear - whole.linear @ np.linalg.lstsq(whole.linear, part.linear, rcond=None)[0]
+    return bool(np.linalg.norm(remaining) < SAME * np.linalg.norm(part.linear))
 
 
 def parts_of(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
-    """Return the simpler effects of the library that are a part of an effect, such as the offset in a spring."""
+    """Return the effects of the library without nonlinear parameters that an effect contains, as a spring an offset."""
     if len(effect.columns) < 2 or effect.kind == "transmission":
         return []
     simple = [kind() for kind in evaluator.library.values() if kind.at == effect.at and not kind.nonlinear_parameters]
@@ -120,35 +124,41 @@ def parts_of(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
 
 
 def needs_all_parts(evaluator: ModelEvaluator, terms: Terms) -> bool:
-    """Return whether the last of some terms is supported over each of its parts alone."""
+    """Return whether the last of some terms is supported over each of its parts in its place; see `parts_of`."""
     *others, effect = terms
     return all(evaluator.is_supported(terms, (*others, part)) for part in parts_of(evaluator, effect))
 
 
 def release_parameters(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
-    """Return the terms with one more nonlinear parameter of an effect released from its default, one by one."""
+    """Return the terms with one nonlinear parameter of an effect released from its default and refined, one by one.
+
+    Of the values of an integer, only the best is returned; none is tried if fits are slow.
+    """
     found = []
     for old in terms[len(evaluator.base) :]:
         others = tuple(term for term in terms if term is not old)
         for variants in release(old):
-            if len(variants) > 1:  # of whole numbers the best, where there is time to compare them
-                variants = [v for v in variants if is_possible(v, evaluator.train.motions[old.at])]
+            if len(variants) > 1:  # of an integer
+                variants = [variant for variant in variants if is_possible(variant, evaluator.train.motions[old.at])]
                 is_tried = variants and evaluator.train.layout.has_fast_fits
                 trials = try_variants(evaluator.train, others, variants) if is_tried else []
                 variants = [trial.terms[-1] for trial in sorted(trials, key=lambda trial: trial.fitted_rms)[:1]]
-            longer = [tuple(new if term is old else term for term in terms) for new in variants]
-            found += [refine_parameters(evaluator, one, old.id) for one in longer]
+            released = [tuple(new if term is old else term for term in terms) for new in variants]
+            found += [refine_parameters(evaluator, model, old.id) for model in released]
     return found
 
 
 def refine_parameters(evaluator: ModelEvaluator, terms: Terms, id: str) -> Terms:
-    """Fit the nonlinear parameters of one term, by its id."""
+    """Return the terms with optimised continuous nonlinear parameters of the term `id`."""
     maker = evaluator.train.maker
     return maker.refine(maker.trial(terms), id).terms
 
 
 def refit_nonlinear(evaluator: ModelEvaluator, terms: Terms) -> Terms:
-    """Refit every nonlinear parameter with all terms present."""
+    """Return the terms with continuous nonlinear parameters optimised, one term after another.
+
+    A link with estimated states keeps its parameters.
+    """
     maker = evaluator.train.maker
     trial = maker.trial(terms)
     for term in terms:
@@ -158,16 +168,19 @@ def refit_nonlinear(evaluator: ModelEvaluator, terms: Terms) -> Terms:
 
 
 def screen_replacements(evaluator: ModelEvaluator, terms: Terms, term: Term) -> list[Terms]:
-    """Return the terms with the best variant of each other effect in the place of one, the best prediction first."""
+    """Return the terms with each other effect of its joint in the place of `term`, the best prediction first.
+
+    Slow transmissions are not tried if the terms leave only noise.
+    """
     others = tuple(other for other in terms if other is not term)
-    excluded = [id for id, effect in evaluator.library.items() if effect.at != term.at]  # an effect acts at its joint
+    excluded = [id for id, effect in evaluator.library.items() if effect.at != term.at]
     if evaluator.residuals.is_noise(terms):
-        excluded += [id for id, effect in evaluator.library.items() if effect.kind == "transmission"]  # they are slow
+        excluded += [id for id, effect in evaluator.library.items() if effect.kind == "transmission"]
     return screen_effects(evaluator, others, [term.id, *excluded])
 
 
 def release_significant(evaluator: ModelEvaluator, terms: Terms) -> Terms:
-    """Release nonlinear parameters from their default values, one by one, while the gain is significant."""
+    """Return the terms with nonlinear parameters released, one by one, while the gain is significant and possible."""
     for looser in sorted(release_parameters(evaluator, terms), key=evaluator.screening_score):
         if evaluator.is_significant(looser, terms) and not evaluator.violations(looser):
             return release_significant(evaluator, looser)
@@ -175,7 +188,11 @@ def release_significant(evaluator: ModelEvaluator, terms: Terms) -> Terms:
 
 
 def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step]:
-    """Fit the base model, and the base model with the best variant of an effect."""
+    """Fit the base model, and the base model with the best variant of an effect, with standard errors.
+
+    Raises:
+        IdentificationError: if the data offer no variant of the effect.
+    """
     evaluator.progress("fitting without it", 0.1)
     before = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
     evaluator.progress(f"searching {kind.id}", 0.3)

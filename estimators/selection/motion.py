@@ -1,7 +1,4 @@
-"""Free-running simulation after the search: models refined by the motion.
-
-Windows exclude stick and reversals; a simulation includes both.
-"""
+"""Refits of the final model to simulated motion, which, unlike windows, includes stick and reversals."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,12 +15,16 @@ from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, has_link, has_transmission
 from pendulum_env.physics.terms import has_bristles
 
-SEGMENT = 0.5  # [s], segment length, short enough for errors to grow as linearised
-FEWEST = 2  # segments per parameter
+SEGMENT = 0.5  # length of a segment [s], short enough to linearise the growth of errors
+FEWEST = 2  # least number of segments per parameter
 
 
 def refit_if_misfit(found: SearchResult) -> SearchResult:
-    """Refit the last model to the motion where free-running simulation errs by more than noise, or bristles hide."""
+    """Return the result with the last model refitted to free-running motion, if that is confirmed by held-out data.
+
+    The result is unchanged if the model is no `is_misfit` and has no bristles. The better of both by held-out cost is
+    kept.
+    """
     evaluator, (*others, last) = found.evaluator, found.steps
     if not (is_misfit(evaluator, last) or any(has_bristles(term) for term in last.model.terms)):
         return found
@@ -35,9 +36,13 @@ def refit_if_misfit(found: SearchResult) -> SearchResult:
 
 
 def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
-    """Return whether free-running simulation errs by much more than noise, even from fitted initial states."""
+    """Return whether free-running simulation errs by more than `criterion.misfit` noise levels.
+
+    That must hold from measured and from fitted initial states. Never for a transmission, whose impacts are too sharp
+    to simulate, and without segments or a known inertia.
+    """
     if has_transmission(step.model.terms):
-        return False  # its impacts are too sharp to simulate as closely, and other effects would only imitate them
+        return False
     if not (evaluator.train.segments and step.model.has_known_inertia):
         return False
     segments, point = evaluator.train.segments, Point.from_model(step.model)
@@ -48,7 +53,10 @@ def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
 
 
 def errs_by_more_than_noise(segments: Sequence[Segments], step: Step, criterion: Criterion) -> bool:
-    """Return whether the error of fitted segments is much larger than noise of torque and initial state makes it."""
+    """Return whether the position error of a step exceeds `criterion.misfit` times that by noise in the segments.
+
+    Noise is that of torque and initial states, at least the accuracy of the simulation.
+    """
     noise = max(_accuracy(segments, criterion), output_error.compute_noise_rms(segments, Point.from_model(step.model)))
     return step.errors["train"].position_rms > criterion.misfit * noise
 
@@ -59,59 +67,66 @@ def _accuracy(segments: Sequence[Segments], criterion: Criterion) -> float:
 
 
 def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> SearchResult:
-    """Refit the last model by maximum likelihood, if held-out data confirm it; the states of a link are estimated.
+    """Return the result with the last model refitted by maximum likelihood, if held-out data confirm it.
 
-    Windows lose information near reversals and from a coarse encoder.
+    A model with a link is refitted together with the link's states; others only if their residual is noise.
 
     Args:
-        selection: its last step is refitted.
+        selection: result whose last step is refitted.
         start: initial guess of a model with a link, by default the fit to windows.
     """
     evaluator, (*others, last) = selection.evaluator, selection.steps
     if not last.model.has_known_inertia:
         return selection
     if has_link(last.model.terms):
-        known = evaluator.linked
-        if known is not None and known.model.terms == last.model.terms:
-            found = min(last, known, key=compute_held_out_cost)
+        linked = evaluator.linked
+        if linked is not None and linked.model.terms == last.model.terms:
+            refitted = min(last, linked, key=compute_held_out_cost)
         else:
-            found = _refit_with_link(evaluator, last, start or last.model)
-        # windows take the motion of the link for granted, which its parameters have made
-        found = replace(found, model=multiple_shooting.add_standard_errors(evaluator.train.data.windows, found.model))
+            refitted = _refit_with_link(evaluator, last, start or last.model)
+        model = multiple_shooting.add_standard_errors(evaluator.train.data.windows, refitted.model)
+        refitted = replace(refitted, model=model)
     elif evaluator.residuals.is_noise(last.model.terms):
-        found = _refit_by_likelihood(evaluator, last)
+        refitted = _refit_by_likelihood(evaluator, last)
     else:
         return selection
-    if others and not evaluator.is_confirmed(found, others[-1]):
+    if others and not evaluator.is_confirmed(refitted, others[-1]):
         return selection
-    return replace(selection, steps=[*others, found])
+    return replace(selection, steps=[*others, refitted])
 
 
 def _refit_by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:
-    """Return the maximum-likelihood model, if its standard errors and held-out innovations are no larger."""
+    """Return the step by maximum likelihood, or `last`: with larger innovations or errors, or few segments.
+
+    Held-out innovations must not grow, and standard errors must be smaller on average.
+    """
     start = Point.from_model(last.model)
-    segments, checks = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in evaluator.parts)
+    segments, holdout_segments = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in evaluator.parts)
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
-    found = evaluator.make_step(last.added, output_error.fit_maximum_likelihood(segments, start))
-    filters = output_error.make_innovations(checks, start)
-    old, new = (
-        output_error.compute_rms(checks, point, filters=filters) for point in (start, Point.from_model(found.model))
+    refitted = evaluator.make_step(last.added, output_error.fit_maximum_likelihood(segments, start))
+    filters = output_error.make_innovations(holdout_segments, start)
+    old_rms, new_rms = (
+        output_error.compute_rms(holdout_segments, point, filters=filters)
+        for point in (start, Point.from_model(refitted.model))
     )
-    return found if new <= old and _has_smaller_std(found, last) else last
+    return refitted if new_rms <= old_rms and _has_smaller_std(refitted, last) else last
 
 
-def _has_smaller_std(one: Step, other: Step) -> bool:
-    """Return whether standard errors are smaller on average, of parameters that are free in both."""
-    pairs = [(one.model.estimates[name].std, known.std) for name, known in other.model.estimates.items()]
+def _has_smaller_std(step: Step, reference: Step) -> bool:
+    """Return whether the first step has smaller standard errors: by geometric mean, of parameters free in both."""
+    pairs = [(step.model.estimates[name].std, estimate.std) for name, estimate in reference.model.estimates.items()]
     free = np.array([pair for pair in pairs if min(pair) > 0])
     return len(free) > 0 and float(np.mean(np.log(free[:, 0] / free[:, 1]))) < 0
 
 
 def _refit_with_link(evaluator: ModelEvaluator, last: Step, start: Model) -> Step:
-    """Refit the step together with the states of its link, if that lowers held-out errors."""
-    shot = multiple_shooting.estimate(evaluator.train.data.windows, start)
-    tried = [shot, *([start] if start is not last.model else [])]
-    steps = [evaluator.make_step(last.added, model) for model in tried]
-    no_worse = [step for step in steps if step.errors["holdout"].torque_rms <= last.errors["holdout"].torque_rms]
-    return min(last, *no_worse, key=compute_held_out_cost) if no_worse else last
+    """Return the step with parameters and link states refitted, from its model or `start`, or `last`.
+
+    The least held-out cost decides, among steps whose held-out torque error does not grow.
+    """
+    refitted = multiple_shooting.estimate(evaluator.train.data.windows, start)
+    models = [refitted, *([start] if start is not last.model else [])]
+    steps = [evaluator.make_step(last.added, model) for model in models]
+    candidates = [step for step in steps if step.errors["holdout"].torque_rms <= last.errors["holdout"].torque_rms]
+    return min(last, *candidates, key=compute_held_out_cost) if candidates else last

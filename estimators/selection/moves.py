@@ -27,7 +27,7 @@ class SearchState:
     """Model that the search has reached.
 
     Attributes:
-        evaluator: fits and scores; a fitted link comes with an evaluator that estimates its states.
+        evaluator: fits and scores of models; with a fitted link, on data with its estimated states.
         start: terms that the search started from.
         terms: terms of the model, those of `start` first.
         table: nonparametric function that replaces effects; None without one.
@@ -63,9 +63,10 @@ def remove_term(terms: Terms, term: Term) -> Terms:
 
 
 def add_effect(state: SearchState) -> SearchState | None:
-    """Add an effect: the simplest of those that are confirmed and tie with the best; else two at once, or a link.
+    """Add one effect, or release a nonlinear parameter of an effect; else add a pair. None if nothing is confirmed.
 
-    Candidates are an effect more, or a nonlinear parameter more of an effect that the model has.
+    The best `criterion.max_tried` candidates have to be supported and confirmed. Of those that tie with the best one,
+    that with the fewest parameters is added. A link that comes before any other is added by `add_link`.
     """
     evaluator, terms = state.evaluator, state.terms
     confirmed: list[Terms] = []
@@ -78,7 +79,7 @@ def add_effect(state: SearchState) -> SearchState | None:
             continue
         longer = refit_nonlinear(evaluator, longer)
         evaluator.progress(
-            f"confirming {', '.join(sorted(one[0] for one in list_forms(longer) - list_forms(terms)))}", 0.9
+            f"confirming {', '.join(sorted(form[0] for form in list_forms(longer) - list_forms(terms)))}", 0.9
         )
         if has_link(longer) and not has_link(terms) and evaluator.train.layout.predicts_torque:
             if not confirmed and (linked := add_link(state, longer)) is not None:
@@ -91,32 +92,33 @@ def add_effect(state: SearchState) -> SearchState | None:
 
 
 def improves_form(evaluator: ModelEvaluator, longer: Terms, terms: Terms) -> bool:
-    """Return whether terms differ from others only in the form of one effect, and predict more torque.
+    """Return whether `longer` differs from `terms` only in the form of one effect, and improves the prediction.
 
-    The effect has to lower both errors. The form has to lower only the torque error, since a simulation may be chaotic.
+    The held-out torque error has to fall with the form; all held-out errors have to fall with the effect.
     """
     changed = {id for id, *_ in list_forms(longer) ^ list_forms(terms)}
     if list_ids(longer) != list_ids(terms) or len(changed) != 1 or not evaluator.train.layout.predicts_torque:
         return False
     (effect,) = (term for term in longer if term.id in changed)
-    after, before = (evaluator.fit(None, one).errors["holdout"].get_joint_error(effect.at) for one in (longer, terms))
+    after, before = (
+        evaluator.fit(None, model).errors["holdout"].get_joint_error(effect.at) for model in (longer, terms)
+    )
     return after < before and evaluator.lowers_errors(longer, remove_term(longer, effect))
 
 
 def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
-    """Add two effects of a joint that explain the residual only together, such as Stribeck and load friction.
+    """Add two effects of a joint that explain the residual only together; None if no pair is confirmed.
 
-    Args:
-        state: of the search.
-        firsts: its terms with the first effects to try.
+    A pair is supported over the terms, significant over each of its effects alone, and lowers the held-out errors. The
+    best prediction is taken. `firsts` are the terms of the state plus each first effect to try; links are left out.
     """
     evaluator, terms, found = state.evaluator, state.terms, list[Terms]()
     is_full = len(state.effects) + 2 > evaluator.criterion.max_effects
     if is_full or state.is_noise or not evaluator.train.layout.has_fast_fits:
         return None
-    for first in (one for one in firsts if not has_link(one)):  # links are fitted first, see `add_effect`
+    for first in (model for model in firsts if not has_link(model)):
         elsewhere = [id for id, effect in evaluator.library.items() if effect.at != first[-1].at]
-        for pair in [one for one in screen_effects(evaluator, first, elsewhere) if not has_link(one)][:1]:
+        for pair in [model for model in screen_effects(evaluator, first, elsewhere) if not has_link(model)][:1]:
             singles = [evaluator.without_known(single) for single in (first, (*terms, pair[-1]))]
             if (
                 evaluator.is_supported(pair, terms)
@@ -128,11 +130,10 @@ def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
 
 
 def add_link(state: SearchState, longer: Terms) -> SearchState | None:
-    """Add a link; where it leaves structure, the best of both kinds of link, alone or beside one more effect.
+    """Add the link in `longer` with estimated states; None if it is not confirmed.
 
-    Behind a wide play, the link's state propagated along the measured motion is soon lost, so that an elastic
-    transmission may promise less torque than play. With estimated states, the better kind fits better. All terms decide
-    on which side of the play the link lies: without a torque offset, play is found where there is none.
+    If structure is left, the other kind of link is tried as well, and each kind beside one more effect. The least
+    held-out cost decides: only estimated states show which kind of link fits.
     """
     evaluator, terms = state.evaluator, state.terms
     found = fit_link_states(state, longer)
@@ -143,22 +144,22 @@ def add_link(state: SearchState, longer: Terms) -> SearchState | None:
         trial.terms for trial in (find_best_variant(evaluator, terms, kind) for kind in kinds) if trial is not None
     ]
     for alone in (longer, *trials):
-        trials += [more for more in screen_effects(evaluator, alone)[:1] if evaluator.is_significant(more, alone)]
+        trials += [larger for larger in screen_effects(evaluator, alone)[:1] if evaluator.is_significant(larger, alone)]
     others = [fit_link_states(state, trial) for trial in trials]
-    return min([found, *(one for one in others if one is not None)], key=lambda one: one.evaluator.cost_with_link)
+    fitted = [found, *(other for other in others if other is not None)]
+    return min(fitted, key=lambda candidate: candidate.evaluator.cost_with_link)
 
 
 def fit_link_states(state: SearchState, longer: Terms) -> SearchState | None:
-    """Fit a model with a link together with the link's states; None if it is not confirmed.
+    """Return the state with a fitted link, the last of `longer`, and an evaluator with the link's estimated states.
 
-    Its cost has to be below that of the smaller model fitted to the motion. The position behind a play is chaotic, so
-    that a model with ten times the torque error may by chance end nearer to the measured position.
+    None if no fit is confirmed, or if its held-out cost is not below that of the smaller model refitted to the motion.
     """
     evaluator = state.evaluator
     step, before = evaluator.fit(longer[-1].id, longer), evaluator.fit(None, state.terms)
     evaluator.progress(f"fitting the states of {step.added}", 0.9)
-    shot = evaluator.make_step(step.added, multiple_shooting.estimate(evaluator.train.data.windows, step.model))
-    found = [one for one in (shot, step) if evaluator.is_confirmed(one, before)]
+    refitted = evaluator.make_step(step.added, multiple_shooting.estimate(evaluator.train.data.windows, step.model))
+    found = [fitted for fitted in (refitted, step) if evaluator.is_confirmed(fitted, before)]
     if not found or compute_held_out_cost(found[0]) >= compute_held_out_cost(evaluator.refit_to_motion(before)):
         return None
     linked = min(found, key=compute_held_out_cost)
@@ -166,7 +167,7 @@ def fit_link_states(state: SearchState, longer: Terms) -> SearchState | None:
 
 
 def revise(state: SearchState) -> SearchState:
-    """Drop effects that are not needed beside the others, and swap those with a significantly better competitor."""
+    """Drop and swap effects, and refit nonlinear parameters, until neither move changes the state."""
     for _ in range(2 * state.evaluator.criterion.max_effects):
         changed = drop_effect(state) or swap_effect(state)
         if changed is None:
@@ -176,26 +177,26 @@ def revise(state: SearchState) -> SearchState:
 
 
 def drop_effect(state: SearchState) -> SearchState | None:
-    """Drop an effect, or a part of it that the data do not support, where they do not support it.
+    """Replace the terms by the best smaller model over which they are not supported; None if they always are.
 
-    A part is a released nonlinear parameter, or all that an effect has beyond a simpler one: a spring without stiffness
-    is an offset.
+    A smaller model lacks an effect, has a released nonlinear parameter at its default, or has a simpler part of an
+    effect (`parts_of`).
     """
     terms = state.terms
     tighter = [
-        refine_parameters(state.evaluator, tuple(new if t is old else t for t in terms), new.id)
-        for old in state.effects
-        for new in (*reset(old), *parts_of(state.evaluator, old))
+        refine_parameters(state.evaluator, tuple(variant if term is effect else term for term in terms), variant.id)
+        for effect in state.effects
+        for variant in (*reset(effect), *parts_of(state.evaluator, effect))
     ]
     smaller = sort_by_score(state, [*(remove_term(terms, effect) for effect in state.effects), *tighter])
-    unneeded = (one for one in smaller if not state.evaluator.is_supported(terms, one))
+    unneeded = (model for model in smaller if not state.evaluator.is_supported(terms, model))
     return next(map(state.with_terms, unneeded), None)
 
 
 def swap_effect(state: SearchState) -> SearchState | None:
-    """Put a significantly better competitor in the place of one of several effects, the least needed first."""
+    """Replace one of several effects, the least needed first, by its best competitor, if significantly better."""
     if len(state.effects) < 2:
-        return None  # a single effect was the best of all candidates
+        return None
     evaluator = state.evaluator
     for rest in sort_by_score(state, [remove_term(state.terms, effect) for effect in state.effects]):
         effect = next(term for term in state.terms if term not in rest)
@@ -206,5 +207,5 @@ def swap_effect(state: SearchState) -> SearchState | None:
 
 
 def sort_by_score(state: SearchState, models: Iterable[Terms]) -> list[Terms]:
-    """Return models in the order of their scores, the most probable first."""
+    """Return models sorted by score, the most probable first."""
     return sorted(models, key=state.evaluator.screening_score)

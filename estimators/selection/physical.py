@@ -24,39 +24,42 @@ from pendulum_env.physics import (
 )
 from pendulum_env.physics.terms import list_forms
 
-SELDOM = 0.1  # share of the samples at which friction may come out as negative
+SELDOM = 0.1  # share of the samples at which the power of friction may be negative
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
 
 
 def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
-    """Return a failed gate for each physical bound that a fitted model violates; empty if there is none.
+    """Return a failed gate for each physical bound that a fitted model violates at the joints of `motions`.
 
-    One kind of friction alone may come out negative where the others outweigh it at every recorded speed. `motions` are
-    samples of each joint, by its name.
+    `motions` are the samples of joints, by name. A single friction parameter may be negative if friction in total
+    dissipates power in most samples.
     """
-    here = replace(
+    at_joints = replace(
         model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(list_loads(term.at)))
     )
     found = [
         Gate(column.name, value, column.clamp(value), False, model.units().unit(column.unit))
-        for column, value in bound_violations(here.terms, here.theta)
+        for column, value in bound_violations(at_joints.terms, at_joints.theta)
     ]
     found += [
         Gate(
             term.get_full_name(parameter.name), parameter.high, parameter.high, False, parameter.get_unit(model.units())
         )
-        for term, parameter in find_parameters_at_limit(here.terms)
+        for term, parameter in find_parameters_at_limit(at_joints.terms)
     ]
     for at, x in motions.items():
-        own = replace(model, terms=tuple(term for term in model.terms if term.at == at))
-        found += _find_violations_at(own, x, any(at in list_loads(term.at) for term in model.terms if term.at != at))
+        at_joint = replace(model, terms=tuple(term for term in model.terms if term.at == at))
+        is_coupled = any(at in list_loads(term.at) for term in model.terms if term.at != at)
+        found += _find_violations_at(at_joint, x, is_coupled)
     return found
 
 
 def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
-    """Return the violations of the terms at one joint; where it is coupled, only the power of both joints is known.
+    """Return failed gates of inertia and friction of the terms at one joint, whose samples are `x`.
 
-    Dry friction is too large where it exceeds the recorded torque less that of gravity, load and time-varying terms.
+    Dry friction is too large if it exceeds the largest torque that drives the joint: the recorded torque less that of
+    load, potential and time-varying terms. The power of friction is not tested at a coupled joint, dry friction not in
+    an arm.
     """
     found, inertia = [], model.estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
@@ -66,34 +69,38 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     share = float(np.mean(power < 0))
     if share > SELDOM and not is_coupled:
         found.append(Gate("driving_friction", share, SELDOM, False))
-    pushing = [(column, value) for term, column, value in _list_parts(model) if _drives_joint(term)]
-    pushed = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *pushing]), np.zeros_like(x.time))
-    limit = float(np.abs(x.torque - pushed).max())
+    driving = [(column, value) for term, column, value in _list_parts(model) if _drives_joint(term)]
+    driving_torque = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *driving]), np.zeros_like(x.time))
+    limit = float(np.abs(x.torque - driving_torque).max())
     dry = _compute_dry_friction_over_turn(
         [(column, value) for term, column, value in friction if not column.of_torque], x
     ).max()
-    is_arm = any(term.at for term in model.terms)  # links move its joints as well
+    is_arm = any(term.at for term in model.terms)
     if dry > limit and x.torque.any() and not is_arm:
         found.append(Gate("dry_friction", float(dry), limit, False, model.units().unit("N m")))
     return found
 
 
 def _drives_joint(term: Term) -> bool:
-    """Return whether a term can set a joint in motion without the motor, as its weight; a stop only ends motion."""
+    """Return whether a term, such as gravity, can set a joint in motion without the motor."""
     return term.kind in ("potential", "time-varying") and term.id != "hard_stop"
 
 
 def _list_parts(model: Model) -> list[tuple[Term, Column, float]]:
+    """List the linear columns of a model with their terms and parameters."""
     columns = [(term, column) for term in model.terms for column in term.columns]
-    return [(*own, float(value)) for own, value in zip(columns, model.theta, strict=True)]
+    return [(*pair, float(value)) for pair, value in zip(columns, model.theta, strict=True)]
 
 
 def _compute_dry_friction_over_turn(parts: Sequence[tuple[Column, float]], x: Samples) -> Array:
-    """Return dry friction at angles all around, at the median speed and time of the recording [N m]."""
-    still = np.zeros_like(CIRCLE)
-    speed, middle = float(np.median(np.abs(x.velocity))), float(np.median(x.time))
-    turn = Samples(still + middle, CIRCLE, still + speed, still)
-    return sum((value * (column.dry(turn) + still) for column, value in parts), still)
+    """Return the dry friction of columns with their parameters at angles over one turn (48,) [N m].
+
+    Speed and time are the medians of the recording.
+    """
+    zeros = np.zeros_like(CIRCLE)
+    speed, time = float(np.median(np.abs(x.velocity))), float(np.median(x.time))
+    turn = Samples(zeros + time, CIRCLE, zeros + speed, zeros)
+    return sum((value * (column.dry(turn) + zeros) for column, value in parts), zeros)
 
 
 def bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
@@ -105,28 +112,29 @@ def bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Column, 
 
 
 def find_parameters_at_limit(terms: Sequence[Term]) -> list[tuple[Term, NonlinearParameter]]:
-    """Return nonlinear parameters that a fit drove to the upper end of their range: the data have another law.
+    """Return the continuous nonlinear parameters at the upper limit of their law, with their terms.
 
-    A lag of seconds leaves only the mean of the torque. At the lower end the effect has no size. A limit that a user
-    has set does not count.
+    A fit ends there if the data have another law. Limits that a user has set do not count.
     """
     found = []
     for term in terms:
         sought = {parameter.name: parameter for parameter in effects().get(term.id, type(term)).nonlinear_parameters}
-        own = (sought[parameter.name] for parameter in list_continuous_parameters(term))
-        found += [(term, parameter) for parameter in own if term.nonlinear_values[parameter.name] >= parameter.high]
+        parameters = (sought[parameter.name] for parameter in list_continuous_parameters(term))
+        found += [
+            (term, parameter) for parameter in parameters if term.nonlinear_values[parameter.name] >= parameter.high
+        ]
     return found
 
 
 def find_driving_friction(model: Model) -> list[Finding]:
-    """Find dry or viscous friction that is significantly negative, whatever outweighs it.
+    """Return a finding with the dry and viscous friction parameters that are significantly negative, or nothing.
 
-    Beside a table of friction, both are only parts of friction, and have any sign.
+    Beside a table of friction they may have any sign.
     """
-    tables = any(isinstance(term, Table) and term.kind == "dissipative" for term in model.terms)
+    has_table = any(isinstance(term, Table) and term.kind == "dissipative" for term in model.terms)
     names = [name for name in model.estimates if name.split("@")[0] in ("viscous", "coulomb")]
-    wrong = [name for name in names if is_significantly_negative(model, name) and not tables]
-    return [Finding(Kind.FRICTION_NEGATIVE, parameters=tuple(wrong))] if wrong else []
+    negative = [name for name in names if is_significantly_negative(model, name) and not has_table]
+    return [Finding(Kind.FRICTION_NEGATIVE, parameters=tuple(negative))] if negative else []
 
 
 def is_significantly_negative(model: Model, name: str) -> bool:
@@ -135,7 +143,7 @@ def is_significantly_negative(model: Model, name: str) -> bool:
 
 
 def compute_significant_sign(model: Model, name: str) -> int:
-    """Return the sign of an estimate; 0 within 3 standard errors of zero, or where it is unknown or was given."""
+    """Return the sign of an estimate; 0 within 3 standard errors of zero, or if it is missing, unknown or given."""
     estimate = model.estimates.get(name)
     if estimate is None or estimate.is_unknown or estimate.std <= 0 or not estimate.is_significant:
         return 0
@@ -143,19 +151,19 @@ def compute_significant_sign(model: Model, name: str) -> int:
 
 
 def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples], least_inertia: float) -> list[Gate]:
-    """Return the shares of inertia and of gravity that a larger model of a pendulum keeps as gates.
+    """Return gates on the shares of inertia and of gravity that a larger model of a pendulum keeps.
 
-    A model that loses what the smaller model determines imitates the joint. A lag T before inertia J and friction b
-    has the transfer function 1 / ((1 + T s) (J s + b)), in which T and J/b change places: a lag of J/b leaves T b
-    of the inertia. Without the lag, a fit finds about J + T b, so that a lag shorter than J/b keeps more than half
-    of the inertia, and its imitation less; a longer lag cannot be distinguished from its imitation. A spring with
-    negative gravity imitates a hardening spring.
+    A model that loses inertia or gravity of the smaller model imitates the joint. A lag T before inertia J and friction
+    b has the transfer function 1 / ((1 + T s) (J s + b)), in which T and J/b change places: a lag of J/b leaves T b of
+    the inertia. Without the lag, a fit finds about J + T b, so that a lag shorter than J/b keeps more than half of the
+    inertia, and its imitation less; a longer lag cannot be distinguished from its imitation. A spring with negative
+    gravity imitates a hardening spring.
 
     Inertia has to keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
     It includes the inertia that effects add, as a mean over the motion. Gravity has to keep its sign where the smaller
     model determines it, within 3 standard errors of the larger model, since an effect may explain all of the gravity.
-    Exempt are models with a link, which are uncertain before the link's states are fitted, and gravity beside a tilt,
-    which has any sign.
+    Models with a link have no gates, as they are uncertain before the link's states are fitted. Gravity with a tilt has
+    none, as it may have any sign. `motions` are the samples of joints, by name.
     """
     gates: list[Gate] = []
     shared = before.estimates.keys() & after.estimates.keys()
@@ -175,23 +183,23 @@ def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples],
 
 
 def _compute_mean_inertia(model: Model, x: Samples) -> float:
-    """Return the inertia of a model of a pendulum with all its effects, as a mean over the motion [kg m^2]."""
+    """Return the inertia of a model of a pendulum with all its effects, mean over samples (N,) [kg m^2]."""
     return sum(value * float(np.mean(column.mass(x))) for _, column, value in _list_parts(model))
 
 
 def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]) -> list[Gate]:
-    """Return the gates that a larger model meets beside a smaller one, up to the first that it fails.
+    """Return the gates of a step over a smaller one: physical bounds, then held-out errors, up to the first failure.
 
-    Physical bounds come first, then the held-out errors, which have to fall. Violated bounds are listed together.
-    `motions` are samples of each joint of the training data.
+    All violated bounds are returned. Held-out errors have to be below those of `before`: positions first, then torque
+    of each joint with changed terms; unknown errors have no gate. `motions` are samples of the training data, by joint.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
     common = list_forms(after.model.terms) & list_forms(before.model.terms)
     others = [term for step in (after, before) for term in step.model.terms if list_forms([term]).isdisjoint(common)]
     changed = {joint for term in others for joint in list_loads(term.at)} or set(motions)
-    wrong = find_violations(after.model, {at: motions[at] for at in motions if at in changed})
-    if wrong:
-        return wrong
+    violated = find_violations(after.model, {at: motions[at] for at in motions if at in changed})
+    if violated:
+        return violated
     gates = [Gate("physical_bounds", 0, 0, True)]
     angle, kinds = after.model.units().unit("rad"), [kind for kind in new.kinds if kind != "torque_rms"]
     errors = [(kind.removesuffix("_rms"), getattr(new, kind), getattr(old, kind), angle) for kind in kinds]

@@ -21,11 +21,11 @@ from pendulum_env.physics import ByTime, Term
 
 
 class Power(NamedTuple):
-    """Power of a model's residual at a joint, with the torque noise that the model absorbs [N^2 m^2].
+    """Power of a model's residual at a joint [N^2 m^2].
 
     Attributes:
-        total: mean square.
-        correlated: mean square of the part that neighbouring windows have in common.
+        total: mean square, plus the variance of torque noise that the model removes.
+        correlated: mean square of the part that neighbouring windows share.
     """
 
     total: float
@@ -37,8 +37,8 @@ class Residuals:
     """Residuals of models on training and held-out data; results are memoised.
 
     Attributes:
-        train: recordings to fit.
-        holdout: recordings to predict.
+        train: data to fit.
+        holdout: data to predict.
         criterion: limits of noise.
         base: terms whose fit gives the inertia.
     """
@@ -56,7 +56,7 @@ class Residuals:
         self.holdout_floors = {at: self.holdout.layout.noise(at, self.inertia[at]) for at in self.joints}
 
     def noise_floor(self, part: RegressionData | None = None, at: str | None = None) -> float:
-        """Return the torque error due to sensor noise [N m], by default at the first joint of the training data."""
+        """Return the noise floor of a part of the data at a joint [N m], by default the training data, first joint."""
         return (self.holdout_floors if part is self.holdout else self.floors)[self.joints[0] if at is None else at]
 
     @memoized
@@ -66,6 +66,7 @@ class Residuals:
         return fitted, self._structures_in(self.holdout, self.holdout_residual(terms))
 
     def _structures_in(self, part: RegressionData, residual: Array) -> dict[str, ResidualStructure]:
+        """Return the structure at each joint of a residual (R,) [N m] of a part of the data."""
         layout = part.layout
         return {at: layout.structure(at, residual[layout.joints[at]], self.inertia[at]) for at in self.joints}
 
@@ -75,48 +76,59 @@ class Residuals:
 
     def is_noise_by_part(self, terms: Terms) -> tuple[bool, bool]:
         """Return whether the residual of a fit is noise at every joint, on training and on held-out data."""
-        first, second = (
-            self._are_noise(part, own) for part, own in zip(self.parts, self.structures(terms), strict=True)
+        train, holdout = (
+            self._are_noise(part, structures)
+            for part, structures in zip(self.parts, self.structures(terms), strict=True)
         )
-        return first, second
+        return train, holdout
 
     def is_noise_at(self, at: str, terms: Terms) -> bool:
         """Return whether the residual of a fit is noise at a joint, on the training data."""
         return self._are_noise(self.train, {at: self.structures(terms)[0][at]})
 
     def is_noise_in(self, part: RegressionData, residual: Array) -> bool:
-        """Return whether a residual (R,) [N m] of the training or of the held-out data is noise at every joint."""
+        """Return whether a residual (R,) [N m] of one part of the data is noise at every joint."""
         return self._are_noise(part, self._structures_in(part, residual))
 
     def _are_noise(self, part: RegressionData, structures: Mapping[str, ResidualStructure]) -> bool:
-        return all(self.criterion.is_noise(own, self.noise_floor(part, at)) for at, own in structures.items())
+        """Return whether residuals of a part of the data, by joint, are noise at every joint."""
+        return all(
+            self.criterion.is_noise(structure, self.noise_floor(part, at)) for at, structure in structures.items()
+        )
 
     def relative_rms(self, terms: Terms) -> float:
         """Return the residual of a fit over its noise floor, the largest over joints, training and held-out data."""
-        both = zip(self.parts, self.structures(terms), strict=True)
-        return max(own.rms / max(self.noise_floor(part, at), 1e-300) for part, all in both for at, own in all.items())
+        pairs = zip(self.parts, self.structures(terms), strict=True)
+        return max(
+            structure.rms / max(self.noise_floor(part, at), 1e-300)
+            for part, structures in pairs
+            for at, structure in structures.items()
+        )
 
     def holdout_residual(self, terms: Terms) -> Array:
-        """Return the held-out residual (R,) [N m], with the parameters corrected within their uncertainty.
+        """Return the held-out residual (R,) [N m], with the parameters of the fit updated by the held-out data.
 
-        The right law has the same parameters in all data. A law that imitates another along one motion needs different
-        parameters along the next.
+        Both fits are combined, to first order, with the inverses of their covariances as weights. So parameters that
+        the training data hardly determine cause no residual.
         """
-        known, balance = fit_terms(self.train, terms)[1], self.holdout.equations(terms)
-        free = np.flatnonzero(np.diag(known.covariance))  # the others are given, or at their bounds
-        slopes = balance.slopes(known.theta, self.holdout.maker.nonlinear_jacobian(terms, known.theta)[0])[:, free]
-        error, weights = balance.error(known.theta), balance.weights
+        fit, balance = fit_terms(self.train, terms)[1], self.holdout.equations(terms)
+        free = np.flatnonzero(np.diag(fit.covariance))  # others are known, or at their bounds
+        slopes = balance.slopes(fit.theta, self.holdout.maker.nonlinear_jacobian(terms, fit.theta)[0])[:, free]
+        error, weights = balance.error(fit.theta), balance.weights
         step = solve_least_squares(slopes * weights[:, None], error * weights)
         covariance = compute_robust_covariance(
             slopes * weights[:, None], (error - slopes @ step) * weights, self.holdout.layout.clusters
         )
-        prior, own = invert_covariance(known.covariance[np.ix_(free, free)]), invert_covariance(covariance)
-        return np.asarray(error - slopes @ solve_least_squares(prior + own, own @ step))
+        prior, precision = invert_covariance(fit.covariance[np.ix_(free, free)]), invert_covariance(covariance)
+        return np.asarray(error - slopes @ solve_least_squares(prior + precision, precision @ step))
 
     @memoized
     def power(self, terms: Terms) -> list[dict[str, Power]]:
-        """Return the power of a fit's residual at each joint, on training and on held-out data."""
-        found = []
+        """Return the power of a fit's residual at each joint, on training and on held-out data.
+
+        Functions of time are refitted to each.
+        """
+        powers_by_part = []
         for part in self.parts:
             if any(isinstance(term, ByTime) for term in terms):
                 residual = part.residual(set_time_grid(part, terms))
@@ -127,32 +139,33 @@ class Residuals:
                 absorbed = part.absorbed_noise([term for term in terms if term.at == at])
                 total = structures[at].rms ** 2 + sum(variance for _, variance in absorbed)
                 powers[at] = Power(total, structures[at].correlated_rms ** 2)
-            found.append(powers)
-        return found
+            powers_by_part.append(powers)
+        return powers_by_part
 
     def explained_share(self, after: Terms, before: Terms) -> float:
         """Return the share of one model's explainable residual power that a larger model explains, at its best joint.
 
         The share is the smaller of training and held-out data. Explainable power is
 
-        - all power, where the smaller model leaves white noise in the training data;
-        - removed power + correlated power of the rest, where neighbouring windows are correlated, with a floor set by
-          the number of windows;
+        - all power, if the residual of the smaller model has no structure;
+        - removed power + correlated power of the rest + power of the rest / sqrt(number of clusters), if its
+          neighbouring windows are correlated;
         - all power above the noise floor otherwise.
 
-        Held-out data with white noise count only if the training data have white noise. The best joint counts, since
-        parameters of the links may imitate an effect at its joint at the cost of other joints.
+        Held-out data without structure do not count if the training data have structure. Removed power below the
+        precision of the rows counts as zero. Joints other than the best may lose by a compensation of link parameters.
         """
         return max(self._explained_at(at, after, before) for at in self.joints)
 
     def _explained_at(self, at: str, after: Terms, before: Terms) -> float:
+        """Return the `explained_share` at a joint."""
         least, shares, structures = self.train.layout.precision[at] ** 2, [], self.structures(before)
         structured = [
-            self.criterion.has_structure(own[at], self.noise_floor(part, at))
-            for part, own in zip(self.parts, structures, strict=True)
+            self.criterion.has_structure(of_part[at], self.noise_floor(part, at))
+            for part, of_part in zip(self.parts, structures, strict=True)
         ]
-        both = zip(self.parts, self.power(before), self.power(after), structures, structured, strict=True)
-        for part, olds, news, own, has_structure in both:
+        parts = zip(self.parts, self.power(before), self.power(after), structures, structured, strict=True)
+        for part, olds, news, of_part, has_structure in parts:
             old, new = olds[at], news[at]
             removed = old.total - new.total
             if not has_structure and part is self.holdout and structured[0]:
@@ -161,7 +174,7 @@ class Residuals:
                 shares.append(0.0)
             elif not has_structure:
                 shares.append(removed / old.total)
-            elif own[at].z_score >= self.criterion.z_score:
+            elif of_part[at].z_score >= self.criterion.z_score:
                 resolution = new.total / len(part.layout.clusters[part.locate_rows(at)]) ** 0.5
                 shares.append(removed / (removed + new.correlated + resolution))
             else:
@@ -170,5 +183,5 @@ class Residuals:
 
 
 def set_time_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:
-    """Return the terms with functions of time on a grid that covers some data."""
+    """Return the terms with functions of time on a grid that covers the time of some data."""
     return tuple(make_grid(type(t), part.samples, np.empty(0))[0] if isinstance(t, ByTime) else t for t in terms)

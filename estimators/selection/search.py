@@ -41,17 +41,19 @@ class SearchResult:
 def search(evaluator: ModelEvaluator) -> SearchResult:
     """Search for the effects that the base model of an evaluator lacks.
 
-    If the best first effect leaves structure in the end, the search is repeated from the next ones.
+    If the result leaves structure, the search is repeated from each of the best `criterion.beam` first effects that
+    tie with the found ones; a significantly better result is kept. Finally, unneeded effects are dropped, and effects
+    that imitate a table are replaced by it.
     """
     start = refit_nonlinear(evaluator, evaluator.base)
     state = grow(SearchState(evaluator, start, start))
     if not state.is_noise:
-        known, firsts = list_ids(state.terms), screen_effects(evaluator, start)  # as at first, without states of a link
-        rivals = [*firsts[:1], *((*start, effect) for effect in state.effects)]
+        ids, first_models = list_ids(state.terms), screen_effects(evaluator, start)  # without states of a link
+        rivals = [*first_models[:1], *((*start, effect) for effect in state.effects)]
         freed = state.evaluator.without_known(start)
-        for first in firsts[: evaluator.criterion.beam]:
+        for first in first_models[: evaluator.criterion.beam]:
             if (
-                first[-1].id not in known
+                first[-1].id not in ids
                 and state.evaluator.is_significant(first, freed)
                 and all(state.evaluator.is_tied(first, rival) for rival in rivals)
             ):
@@ -63,26 +65,30 @@ def search(evaluator: ModelEvaluator) -> SearchResult:
 
 
 def _is_better(one: SearchState, other: SearchState) -> bool:
-    """Return whether one state, with an evaluator of its own, predicts significantly better than another."""
+    """Return whether one state predicts significantly better than another, which may have another evaluator."""
     penalty = other.evaluator.penalty(one.terms, other.terms)
     densities = one.evaluator.density(one.terms), other.evaluator.density(other.terms)
     return other.evaluator.bootstrap.gain(*densities, penalty).p_value <= other.evaluator.criterion.p_value
 
 
 def grow(state: SearchState) -> SearchState:
-    """Add effects while they gain; after each, drop and swap effects."""
+    """Add effects until none is supported; after each, drop and swap effects.
+
+    A revision is kept only if it leads to new terms and its steps are confirmed. There are at most
+    `criterion.max_effects` effects.
+    """
     start, seen = state, {list_forms(state.terms)}
     while len(state.terms) - len(start.start) < state.evaluator.criterion.max_effects:
         longer = add_effect(state)
         if longer is None:
             break
         revised = revise(longer)
-        if list_forms(revised.terms) in seen:  # avoids a cycle; unneeded effects are dropped in the end
+        if list_forms(revised.terms) in seen:  # avoids a cycle
             revised = longer
-        follows = list_forms(revised.terms) == list_forms(longer.terms) or are_confirmed(
+        is_kept = list_forms(revised.terms) == list_forms(longer.terms) or are_confirmed(
             revised.evaluator, find_model_path(revised)
         )
-        state = revised if follows else longer
+        state = revised if is_kept else longer
         if list_forms(state.terms) in seen:
             break
         seen.add(list_forms(state.terms))
@@ -90,7 +96,7 @@ def grow(state: SearchState) -> SearchState:
 
 
 def confirm_steps(state: SearchState) -> list[Step]:
-    """Return the steps to the terms of a state, or to those of them that lower both errors one after the other."""
+    """Return the confirmed steps to the terms of a state; the last step is removed until they are confirmed."""
     steps = find_model_path(state)
     while not are_confirmed(state.evaluator, steps):
         steps = find_model_path(state.with_terms(steps[-2].model.terms))
@@ -98,7 +104,11 @@ def confirm_steps(state: SearchState) -> list[Step]:
 
 
 def are_confirmed(evaluator: ModelEvaluator, steps: Sequence[Step]) -> bool:
-    """Return whether every step is confirmed, or all at once if they leave only noise and none can be left out."""
+    """Return whether each step is confirmed by held-out data, or all of them together.
+
+    Together means: the last step leaves noise, is confirmed over the first, and has lower errors than without any one
+    of its effects.
+    """
     if all(evaluator.is_confirmed(after, before) for before, after in pairwise(steps)):
         return True
     base, terms = steps[0].model.terms, steps[-1].model.terms
@@ -111,23 +121,24 @@ def are_confirmed(evaluator: ModelEvaluator, steps: Sequence[Step]) -> bool:
 
 
 def find_model_path(state: SearchState) -> list[Step]:
-    """Return the steps from the start to the terms of a state, in an order in which each lowers both errors.
+    """Return the steps from the start to the terms of a state, in an order in which each is confirmed.
 
-    The effect that the final model needs most comes first. Without such an order, that order is returned. With a large
-    unexplained residual, the errors may fall only with the parameters fitted to the motion.
+    The first order removes, from the last to the first step, the effect that the model needs least. With few effects,
+    other orders follow; then the same orders with parameters refitted to the motion. If none is confirmed, the first
+    order is returned.
     """
     evaluator, terms, known = state.evaluator, state.terms, list_ids(state.start)
     order: list[Term] = []
-    rest = terms
-    while effects := rest[len(state.start) :]:
-        shorter = min((remove_term(rest, effect) for effect in effects), key=evaluator.screening_score)
-        order.insert(0, next(term for term in rest if term not in shorter))
-        rest = shorter
-    few = len(order) <= evaluator.criterion.max_ordered
-    orders = list(permutations(order)) if few else [tuple(order)]
+    remaining = terms
+    while effects := remaining[len(state.start) :]:
+        shorter = min((remove_term(remaining, effect) for effect in effects), key=evaluator.screening_score)
+        order.insert(0, next(term for term in remaining if term not in shorter))
+        remaining = shorter
+    has_few = len(order) <= evaluator.criterion.max_ordered
+    orders = list(permutations(order)) if has_few else [tuple(order)]
     fitted: dict[Terms, Step] = {}
 
-    def path(order: Sequence[Term], refit: Callable[[Step], Step]) -> list[Step]:
+    def fit_steps(order: Sequence[Term], refit: Callable[[Step], Step]) -> list[Step]:
         steps = []
         for count in range(len(order) + 1):
             present = tuple(term for term in terms if term.id in known or term in order[:count])
@@ -138,8 +149,8 @@ def find_model_path(state: SearchState) -> list[Step]:
 
     refits: list[Callable[[Step], Step]] = [lambda step: step, evaluator.refit_to_motion]
     for refit in refits if order and evaluator.train.segments else refits[:1]:
-        for one in orders:
-            steps = path(one, refit)
+        for permutation in orders:
+            steps = fit_steps(permutation, refit)
             if are_confirmed(evaluator, steps):
                 return steps
-    return path(orders[0], refits[0])
+    return fit_steps(orders[0], refits[0])

@@ -1,4 +1,4 @@
-"""Moves with tables: nonparametric functions that compete with effects, since an effect may only imitate such a law."""
+"""Moves with tables: nonparametric functions that compete with effects, which may imitate an unknown law."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -16,11 +16,11 @@ from pendulum_env.physics.terms import count_parameters
 
 
 def replace_by_table(state: SearchState) -> SearchState:
-    """Replace effects that only imitate a table; the state keeps the table, and effects that the table reveals.
+    """Replace effects that imitate a table, and return the state with `table` set; unchanged if there is none.
 
     Effects imitate a table in two cases. A simpler model with a table leaves only noise and predicts as well. Or
-    structure is left, and the table and the effects still needed predict significantly better and explain most of it.
-    Of several tables, the one that best predicts held-out data is kept.
+    structure is left, and the table with the effects still needed predicts significantly better and explains most of
+    it. The table with the best prediction of held-out data is kept. Effects beside it are added by `add_beside_table`.
     """
     totals = {
         terms: total for terms in list_table_models(state) if (total := _compute_table_gain(state, terms)) is not None
@@ -28,16 +28,15 @@ def replace_by_table(state: SearchState) -> SearchState:
     if not totals:
         return state
     likeliest = max(totals, key=lambda terms: totals[terms])
-    same = [terms for terms in totals if get_table(state, terms).id == get_table(state, likeliest).id]
-    tied = [terms for terms in same if state.evaluator.is_tied(terms, likeliest)]  # a table may contain an effect
+    of_table = [terms for terms in totals if get_table(state, terms).id == get_table(state, likeliest).id]
+    tied = [terms for terms in of_table if state.evaluator.is_tied(terms, likeliest)]  # a table may include an effect
     found = add_beside_table(state.with_terms(min([likeliest, *tied], key=len)))
     return replace(found, terms=remove_table(found.evaluator, found.terms), table=get_table(found, found.terms))
 
 
 def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
-    """Return the gain of terms with a table on held-out data [nat]; None if they do not replace those of a state."""
+    """Return the gain of terms with a table on held-out data [nat]; None if they do not replace those of the state."""
     evaluator = state.evaluator
-    # a function of time is refitted to each recording, and so are its competitors
     is_of_time = isinstance(get_table(state, terms), ByTime)
     density = evaluator.refitted_density if is_of_time else evaluator.density
     gain = evaluator.bootstrap.gain(density(terms), density(state.terms), evaluator.penalty(terms, state.terms))
@@ -55,9 +54,9 @@ def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
 
 
 def list_table_models(state: SearchState) -> Iterator[Terms]:
-    """Yield models with each table: instead of all effects, or beside those still needed.
+    """Yield models with each table: in the place of all effects, and beside the effects that are then still needed.
 
-    Where a state leaves only noise, only a table with fewer parameters than its effects may replace them.
+    If the state leaves only noise, the table needs fewer parameters than the effects.
     """
     evaluator = state.evaluator
     limit = sum(map(count_term_parameters, state.effects)) if state.is_noise else np.inf
@@ -74,15 +73,15 @@ def list_table_models(state: SearchState) -> Iterator[Terms]:
 
 
 def add_beside_table(state: SearchState) -> SearchState:
-    """Add effects beside the table of a state that explain most of the residual.
+    """Add effects beside the table of a state while each is needed and structure is left.
 
-    No effect is added if another table predicts significantly better, or if another form of the same table ties.
+    No effect is added if another table predicts significantly better, or another form of the same table ties with it.
     """
     evaluator = state.evaluator
     while len(state.effects) <= evaluator.criterion.max_effects and not state.is_noise:
         terms = state.terms
         tried = screen_effects(evaluator, terms)[: evaluator.criterion.max_tried]
-        longer = next((one for one in tried if evaluator.is_needed(one, terms)), None)
+        longer = next((candidate for candidate in tried if evaluator.is_needed(candidate, terms)), None)
         if longer is None:
             break
         others = [
@@ -97,7 +96,7 @@ def add_beside_table(state: SearchState) -> SearchState:
 
 
 def list_table_forms(state: SearchState) -> list[Terms]:
-    """Return the terms with each other form of their table, with more or fewer pieces."""
+    """Return the terms of a state with each other form of their table: other numbers of pieces."""
     table = get_table(state, state.terms)
     kind = next(kind for kind in state.evaluator.tables if kind.id == table.id)
     trials = refine_variants(state.evaluator.train, remove_term(state.terms, table), kind)
@@ -105,32 +104,38 @@ def list_table_forms(state: SearchState) -> list[Terms]:
 
 
 def drop_unneeded(state: SearchState) -> SearchState:
-    """Drop effects that explain less than remains unexplained, or that their table makes unnecessary."""
+    """Drop effects that are not needed, the least needed first; a table stays.
+
+    Without a table, effects that leave only noise stay, too.
+    """
     evaluator = state.evaluator
     while True:
         effects = remove_table(evaluator, state.terms)[len(state.start) :]
         if len(effects) == len(state.effects) and state.is_noise:
             return state
         smaller = [refit_nonlinear(evaluator, remove_term(state.terms, effect)) for effect in effects]
-        unneeded = [one for one in smaller if not evaluator.is_needed(state.terms, one)]
+        unneeded = [model for model in smaller if not evaluator.is_needed(state.terms, model)]
         if not unneeded:
             return state
         state = state.with_terms(sort_by_score(state, unneeded)[0])
 
 
 def remove_table(evaluator: ModelEvaluator, terms: Terms) -> Terms:
-    """Return the terms without a table that competes with effects."""
+    """Return the terms without tables that compete with effects."""
     competing = {table.id for table in evaluator.tables}
     return tuple(term for term in terms if term.id not in competing)
 
 
 def get_table(state: SearchState, terms: Terms) -> Table:
-    """Return the table among the terms that competes with effects."""
+    """Return the table among the terms after those of the start; there must be one."""
     return next(term for term in terms[len(state.start) :] if isinstance(term, Table))
 
 
 def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
-    """Return the id of the law that best predicts held-out data; None if none is supported and lowers their errors."""
+    """Return the id of the law with the highest held-out density beside the terms.
+
+    Candidates are laws that are supported and lower the held-out errors of the terms. Return None without candidates.
+    """
     trials = [find_best_variant(evaluator, terms, law) for law in laws if law.id not in list_ids(terms)]
     found = [
         trial.terms
@@ -144,6 +149,6 @@ def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[
 
 
 def explain_table(kind: Kind, table: Table) -> Finding:
-    """Return a finding about the law that a table stands for."""
+    """Return a finding of some kind about a table, with its nonlinear parameters."""
     numbers = {name: Quantity(value) for name, value in table.nonlinear_values.items()}
     return Finding(kind, numbers, effects=(table.id,))
