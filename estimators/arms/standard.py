@@ -107,13 +107,14 @@ def nearest_link(standard: Array, columns: Array) -> Array:
     factor = np.linalg.cholesky((axes * np.maximum(eigenvalues, NEAREST.least * size)) @ axes.T)
     start = np.concatenate([np.log(np.diag(factor)), factor[BELOW]])
     triangle = np.linalg.qr(columns, mode="r")
-    found = scipy.optimize.least_squares(
-        lambda x: triangle @ (_standard(x, 1) - standard),
-        start,
-        lambda x: triangle @ _slope(x, 1),
-        x_scale="jac",
-        max_nfev=NEAREST.turns,
-    )
+    with np.errstate(over="ignore", invalid="ignore"):  # a step to infinite masses is refused, and shortened
+        found = scipy.optimize.least_squares(
+            lambda x: triangle @ (_standard(x, 1) - standard),
+            start,
+            lambda x: triangle @ _slope(x, 1),
+            x_scale="jac",
+            max_nfev=NEAREST.turns,
+        )
     return _standard(found.x, 1)
 
 

@@ -86,6 +86,16 @@ def test_moments_that_no_body_has_give_way_to_the_best_of_a_body():
     assert np.array_equal(nearest_link(real, columns), real)
 
 
+def test_noise_in_the_place_of_a_payload_gives_way_to_a_light_body_without_a_warning():
+    """Of a gram, known to parts of it: long steps in the logarithms overflow."""
+    rng = np.random.default_rng(0)
+    noise = 1e-3 * np.append(1.0, rng.normal(size=9))
+    columns = rng.normal(size=(50, 10)) * np.geomspace(1, 30, 10)
+    found = nearest_link(noise, columns)
+    assert np.linalg.eigvalsh(pseudo_inertia(found))[0] > -1e-12 and found[0] > 0
+    assert np.linalg.norm(columns @ (found - noise)) < np.linalg.norm(columns @ noise)
+
+
 def test_a_body_at_the_flange_of_a_robot_in_mujoco_is_told_whole():
     pytest.importorskip("mujoco")
     load = six_joint.Load(1.4, (0.05, -0.03, 0.04), (0.004, 0.003, 0.0035))
