@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
-from pendulum_env.errors import RecordingError, shorten_error
+from pendulum_env.errors import RecordingError
+from pendulum_env.recording.cells import read_cells
 from pendulum_env.recording.clock import count_seconds
-from pendulum_env.recording.table import WIDEST, ColumnFinder, RawTable
+from pendulum_env.recording.columns import add_labels
+from pendulum_env.recording.layout import can_be_number
+from pendulum_env.recording.table import WIDEST, ColumnFinder, RawTable, rank_words
 
 SIGNAL = (("label", "Name"), ("values", "Data"))  # fields of a signal of Simulink and of dSPACE
 QUOTES = "\"' "
@@ -80,20 +83,23 @@ def build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
     places = [(name, k) for name, width in widths.items() if width <= WIDEST for k in range(width)]
     headers = [name if widths[name] == 1 else f"{name}[{k}]" for name, k in places]
     load = cache(lambda name: stored[name][()])
+    firsts = {name: _find_first_text(item) for name, item in stored.items()}
 
     def is_number(name: str) -> bool:
-        kind = stored[name].dtype.kind  # an Arrow column of objects holds texts, an array may hold numbers
-        return kind in "iuf" or (kind == "O" and not isinstance(stored[name], Series))
+        kind, first = stored[name].dtype.kind, firsts[name]
+        if first is None:  # an Arrow column of objects holds texts, an array may hold numbers
+            return kind in "iuf" or (kind == "O" and not isinstance(stored[name], Series))
+        return can_be_number(first, name)
 
     wordy = [k for k, (name, _) in enumerate(places) if math.prod(sides[name]) < 2 or not is_number(name)]
-    columns = find(headers, wordy=wordy)
+    columns = add_labels(find(headers, wordy=wordy), headers, [firsts[name] or "" for name, _ in places])
     values: dict[str, Array] = {}
-    date = None
+    date, texts = None, False
     for quantity, column in columns.items():
         name, k = places[column.index]
         shape, dtype = sides[name], stored[name].dtype
-        dates = quantity == "time" and dtype.kind in "mM"
-        if not (dates or dtype.kind in "biufUO") or len(shape) not in (1, 2):
+        dates, labels = quantity == "time" and dtype.kind in "mM", quantity == "segment" and firsts[name] is not None
+        if not (dates or labels or dtype.kind in "biufUO") or len(shape) not in (1, 2):
             raise RecordingError(
                 f"array {name!r} ({quantity}) has type {dtype} and shape {shape}: "
                 "store real numbers, one of each per sample"
@@ -103,17 +109,27 @@ def build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
             array = array[:, k] if shape[0] >= shape[1] else array[k]
         if dates:
             array, date = count_seconds(array)
-        try:
+        if labels:
+            array = rank_words(array)
+        if dtype.kind in "UO" and not labels and any(isinstance(cell, str) for cell in array):
+            values[quantity], texts = array, True
+        else:
             values[quantity] = np.array(array, dtype=np.float64)  # the caller's stays as it is
-        except ValueError as error:
-            raise RecordingError(
-                f"array {name!r} ({quantity}) holds texts ({shorten_error(error)}): "
-                "store numbers, and dates as datetime64, as by pandas.to_datetime"
-            ) from None
     if len({len(array) for array in values.values()}) > 1:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
+    if texts:
+        read = read_cells(headers, columns, values)
+        return replace(read, date=read.date or date)
     return RawTable(headers, columns, values, date=date)
+
+
+def _find_first_text(item: Any) -> str | None:
+    """Find the first cell of an array of texts; None of others."""
+    if item.dtype.kind not in "UO" or not math.prod(item.shape):
+        return None
+    first = (item.head if isinstance(item, Series) else item[()]).flat[0]
+    return first if isinstance(first, str) else None
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from pendulum_env.recording.vocabulary import (
     ALIASES,
     HEADER,
     INDICES,
+    LABELS,
     LINEAR,
     MOTEUS,
     MOTEUS_REGISTERS,
@@ -285,6 +286,17 @@ def _apply_moteus_units(columns: dict[str, FileColumn], headers: Sequence[str]) 
         else column
         for quantity, column in columns.items()
     }
+
+
+def add_labels(columns: dict[str, FileColumn], headers: Sequence[str], cells: Sequence[str]) -> dict[str, FileColumn]:
+    """Add a column of words as `segment`, by the first cell of each column, where there is none."""
+    if "segment" in columns:
+        return columns
+    for index, (header, cell) in enumerate(zip(headers, cells, strict=True)):
+        is_word = cell.lower() not in ("true", "false", "nan", "inf") and re.match(r"[^\W\d_]{2}", cell)
+        if is_word and normalise_name(_list_spellings(header)[2] or header) in LABELS:
+            return {**columns, "segment": FileColumn("segment", header.strip(), index, None)}
+    return columns
 
 
 def guess_columns(headers: Sequence[str]) -> dict[str, str]:

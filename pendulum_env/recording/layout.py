@@ -32,6 +32,11 @@ class Layout:
     first: tuple[str, ...]  # first cell of each column that is not empty
 
 
+def can_be_number(cell: str, header: str) -> bool:
+    """Return whether a column may hold numbers, by its first cell; a column without cells and name cannot."""
+    return bool(NUMBER.fullmatch(cell.replace(",", "."))) if cell else bool(header.strip())
+
+
 def find_layout(head: bytes) -> Layout:
     """Find the header of a text by its first bytes; a preamble above it and units below it are passed over."""
     if not head.strip():
@@ -52,8 +57,6 @@ def find_layout(head: bytes) -> Layout:
         comments = [text.lstrip(" #") for _, text in lines[:first] if text.strip()] or [""]
         line, start, data = comments[-1], lines[first - 1][0], content
     is_sentence = width > 2 and _is_numeric(_split_cells(row)) and not re.search(r"[,;\t]", line)
-    if "  " in row.strip() and _find_delimiter(row) == " ":
-        raise RecordingError("the cells have several spaces between them: separate cells by commas, or by one tab")
     if (is_bare or is_sentence) and width not in (len(_split_cells(line)), len(line.split())):
         raise RecordingError(f"the file has no header: {NAME_COLUMNS.format(width, quote_value(row.strip(), 40))}")
     delimiter = _find_delimiter(line)

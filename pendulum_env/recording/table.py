@@ -74,6 +74,11 @@ def _copy_values(column: pa.ChunkedArray | pa.Array, dtype: type[np.generic], nu
     return np.concatenate(parts)
 
 
+def rank_words(cells: NDArray[Any]) -> Array:
+    """Number words (N,) by their alphabetical order."""
+    return np.unique(cells.astype(str), return_inverse=True)[1].astype(np.float64)
+
+
 def require_module(module: str) -> None:
     """Refuse a file whose library is not installed."""
     if find_spec(module) is None:

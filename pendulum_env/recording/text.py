@@ -12,11 +12,11 @@ from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError, shorten_error
 from pendulum_env.reading import quote_value
 from pendulum_env.recording.clock import count_seconds
-from pendulum_env.recording.columns import NONE, FileColumn
+from pendulum_env.recording.columns import NONE, FileColumn, add_labels
 from pendulum_env.recording.layout import HEAD, NUMBER, Layout, find_layout
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.stamps import CLOCK, STAMP, convert_times, parse_date
-from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series
+from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series, rank_words
 from pendulum_env.recording.vocabulary import OPTIONAL
 from pendulum_env.settings import format_setting
 
@@ -28,6 +28,7 @@ TRUE, FALSE = (  # cells that are 1 and 0
     for words in (("true", "on", "yes"), ("false", "off", "no"))
 )
 EMPTY = ["", "NA", "N/A", "NULL", "null", "None", "-", "#N/A", "#DIV/0!"]  # cells without a value
+ARRIVAL = re.compile(rb"^\d\d:\d\d:\d\d\.\d{3} -> ", re.MULTILINE)  # that a serial monitor prints before a line
 Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
 
 
@@ -45,10 +46,11 @@ def read_csv(path: Path, find: ColumnFinder) -> RawTable:
 
 def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
     """Read the columns in need of a text, as `read_csv`."""
+    opened = _clean_text(opened)
     with opened() as stream:
         layout = find_layout(stream.read(HEAD))
     wordy = [k for k, cell in enumerate(layout.first) if not NUMBER.fullmatch(cell.replace(",", ".")) or not cell]
-    columns = find(layout.headers, wordy=wordy)
+    columns = add_labels(find(layout.headers, wordy=wordy), layout.headers, layout.first)
     notes = []
     if dated := STAMP.fullmatch(layout.first[columns["time"].index]):
         notes.append(Note(NoteKind.FIRST_DATE, text=dated[0].strip()))
@@ -61,6 +63,37 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
             raise refusal from None
         notes.append(Note(NoteKind.LAST_ROW_CUT))
     return RawTable(layout.headers, columns, values, tuple(notes), None if dated is None else parse_date(dated[0]))
+
+
+def _clean_text(opened: Opened) -> Opened:
+    """Drop what serial monitors add, and separate columns aligned by spaces with tabs."""
+    with opened() as stream:
+        head = stream.read(HEAD)
+    lines = ARRIVAL.sub(b"", head).split(b"\n")[:-1]
+    rows = [line for line in lines if _is_aligned(line)]
+    is_aligned = any(b"  " in row.strip() or row.startswith(b" ") for row in rows)
+    if not (is_aligned or ARRIVAL.search(head)):
+        return opened
+    with opened() as stream:
+        content = ARRIVAL.sub(b"", stream.read())
+    if is_aligned:
+        start, width = content.index(rows[0]), len(rows[0].split())
+        top = [_insert_tabs(line, width) for line in content[:start].split(b"\n")]
+        data = re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[start:]))
+        content = b"\n".join(top) + data
+    return lambda: pa.BufferReader(pa.py_buffer(content))
+
+
+def _is_aligned(line: bytes) -> bool:
+    """Return whether a line is of numbers with spaces between them."""
+    cells = line.decode("latin-1").split()
+    return len(cells) > 1 and b"\t" not in line and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in cells)
+
+
+def _insert_tabs(line: bytes, width: int) -> bytes:
+    """Separate `width` names in a line with tabs; names may hold single spaces."""
+    ways = (re.split(rb"[ \t]{2,}|\t", line.strip()), line.split())
+    return next((b"\t".join(cells) for cells in ways if len(cells) == width), line)
 
 
 def _drop_last_line(opened: Opened) -> pa.NativeFile:
@@ -106,13 +139,15 @@ def _read_values(opened: Opened, layout: Layout, columns: dict[str, FileColumn])
     values = {quantity: convert_series(column) for quantity, column in series.items()}
     if values["time"].dtype.kind == "M":
         values["time"], _ = count_seconds(values["time"])
-    return values
+    return {quantity: rank_words(cells) if cells.dtype.kind == "O" else cells for quantity, cells in values.items()}
 
 
 def _choose_cell_type(quantity: str, layout: Layout, column: FileColumn) -> pa.DataType:
-    """Return the type of a column's cells: numbers, or `true` and `false`."""
-    is_switch = quantity in ("enabled", "segment") and layout.first[column.index] in (*TRUE, *FALSE)
-    return pa.bool_() if is_switch else pa.float64()
+    """Return the type of a column's cells: numbers, `true` and `false`, or words that label segments."""
+    first = layout.first[column.index]
+    if quantity in ("enabled", "segment") and first in (*TRUE, *FALSE):
+        return pa.bool_()
+    return pa.string() if quantity == "segment" and first and not NUMBER.fullmatch(first) else pa.float64()
 
 
 def _refuse_cell(told: str, layout: Layout, columns: dict[str, FileColumn]) -> NoReturn:

@@ -36,6 +36,7 @@ TICKS = {
     "nanoseconds": "ns",
 }  # of a clock
 CARRIERS = ("shaft", "pendulum", "arm")  # before an alias: what moves
+LABELS = ("state", "phase", "test")  # of a column that counts segments, where its cells are words
 MEASURED = ("meas", "measured", "actual", "act", "actualvalue")  # before or after an alias
 ESTIMATED = ("est", "estimated")  # likewise, if no measured one is found
 COMMANDED = ("cmd", "command", "commanded", "des", "desired", "ref", "setpoint")  # torque only, if no other is found

@@ -84,11 +84,14 @@ def test_tables_are_mended_and_refused_as_files_are(swing: Recording, kind: str)
         read_recording(KINDS[kind]({"time": swing.time, "q": swing.position, "m1": swing.torque}), name="mine")
 
 
-@pytest.mark.parametrize("kind", ["mapping", "pyarrow", "stream"])
-def test_durations_of_tables(swing: Recording, kind: str) -> None:
+def test_labels_and_durations_of_tables(swing: Recording) -> None:
+    half = len(swing) // 2
+    words = np.array(["up"] * half + ["down"] * (len(swing) - half))
     passed = np.round(1e6 * swing.time).astype("timedelta64[us]")
-    recording = read_recording(KINDS[kind](columns_of(swing, t=passed)))
-    np.testing.assert_allclose(recording.time, swing.time, rtol=0, atol=1e-6)
+    for kind in ("mapping", "pyarrow", "stream"):
+        recording = read_recording(KINDS[kind](columns_of(swing, t=passed) | {"episode": words}))
+        assert recording.starts == (0, half)
+        np.testing.assert_allclose(recording.time, swing.time, rtol=0, atol=1e-6)
 
 
 def test_a_table_without_known_names_is_refused_with_the_call_that_reads_it(swing: Recording) -> None:
@@ -103,17 +106,33 @@ def test_a_table_without_known_names_is_refused_with_the_call_that_reads_it(swin
     np.testing.assert_array_equal(recording.torque, swing.torque)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_text_cells_of_tables_are_refused_with_the_remedy(swing: Recording, kind: str) -> None:
-    stamps = np.datetime_as_string(np.datetime64("2026-03-01T12:00", "us") + np.round(1e6 * swing.time).astype(int))
-    with pytest.raises(RecordingError, match=r"array '\S*' \(time\) holds texts .*pandas.to_datetime"):
-        read_recording(KINDS[kind](columns_of(swing, t=stamps)))
+def texts_of(columns: dict[str, np.ndarray], decimal: str = ".") -> dict[str, np.ndarray]:
+    return {name: np.array([str(v).replace(".", decimal) for v in values]) for name, values in columns.items()}
 
 
-def test_columns_of_mixed_objects_are_read_as_numbers(swing: Recording) -> None:
-    frame = pandas_frame(columns_of(swing)).astype(object)
+def mixed(columns: dict[str, np.ndarray]) -> Any:
+    frame = pandas_frame(columns).astype(object)
     frame.loc[3, "tau"] = str(frame.loc[3, "tau"])
-    np.testing.assert_array_equal(read_recording(frame).torque, swing.torque)
+    return frame
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "comma", "mixed"])
+def test_text_cells_of_tables_are_read_as_those_of_a_file(tmp_path: Path, swing: Recording, kind: str) -> None:
+    stamps = np.datetime_as_string(np.datetime64("2026-03-01T12:00", "us") + np.round(1e6 * swing.time).astype(int))
+    columns = columns_of(swing, t=stamps)
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    text = "\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)])
+    (tmp_path / "run.csv").write_text(text + "\n")
+    make = {**KINDS, "comma": pa.table, "mixed": mixed}[kind]
+    words = columns if kind == "mixed" else texts_of(columns, "," if kind == "comma" else ".")
+    file, data = read_recording(tmp_path / "run.csv"), read_recording(make(words))
+    for quantity in ("time", "position", "torque"):
+        np.testing.assert_array_equal(getattr(data, quantity), getattr(file, quantity))
+    assert (data.start_date, len(data.notes)) == (file.start_date, len(file.notes))
+    if kind != "mixed":
+        words["tau"] = np.where(np.arange(len(swing)) == 7, "spoilt", words["tau"])
+        with pytest.raises(RecordingError, match=r"data row 8 .*'spoilt' as torque"):
+            read_recording(make(words))
 
 
 @pytest.mark.parametrize("kind", [float, np.datetime64])

@@ -43,6 +43,8 @@ LVM = (
 ROSTOPIC = "%time,field.header.seq,field.name0,field.position0,field.velocity0,field.effort0"
 START = 1.6e9  # [s] since 1970
 NANOSECONDS = 1_700_000_000_000_000_000 + np.round(1e9 * TIME).astype(np.int64)
+ALIGNED = [f"{t:9.3f}{q:10.5f}{u:9.3f}" for t, q, u in zip(TIME, ANGLE, TORQUE, strict=True)]
+ARRIVED = [f"{at} -> {t},{q:.6f},{u}" for at, t, q, u in zip(TIMES_OF_DAY, MILLIS, ANGLE, TORQUE, strict=True)]
 HALVES = [
     text("time,angle,torque", *(x[part] for x in (TIME, ANGLE, TORQUE))) for part in (slice(400), slice(400, 800))
 ]
@@ -60,6 +62,7 @@ DRIVEN: dict[str, str] = {
     "milliseconds of an Arduino": text("millis,angle,torque", MILLIS, ANGLE, TORQUE),
     "a counter of 32 bits": text("micros,angle,torque", (4_293_000_000 + 1000 * MILLIS) % 2**32, ANGLE, TORQUE),
     "rostopic echo -p": text(ROSTOPIC, NANOSECONDS, MILLIS, ["hip"] * 800, ANGLE, SPEED, TORQUE),
+    "a serial monitor": "12:00:00.000 -> millis,angle,torque\n" + "\n".join(ARRIVED) + "\n",
     "LabVIEW": LVM + text("X_Value\tangle\ttorque\tComment", TIME, ANGLE, TORQUE, sep="\t"),
     # turns and degrees
     "quantity / unit": text("t / s;phi / °;tau / Nm", TIME, DEGREES, TORQUE, sep=";", comma=True),
@@ -73,6 +76,7 @@ DRIVEN: dict[str, str] = {
     "quoted decimal commas": text('"Time (s)","Angle (rad)","Torque (Nm)"', TIME, ANGLE, TORQUE, comma=True, quote='"'),
     "a delimiter at the end": text("time,angle,torque", TIME, ANGLE, TORQUE, [""] * 800),
     "a comment between rows": HALVES[0] + "# pushed by hand\n" + HALVES[1].partition("\n")[2],
+    "aligned columns": "  Time (s)  Angle (rad)  Torque (Nm)\n" + "\n".join(ALIGNED) + "\n",
 }
 FREE: dict[str, str] = {  # without torque
     "phyphox": text('"Time (s)","Angle (deg)","Angular velocity (rad/s)"', TIME, DEGREES, SPEED),
@@ -86,6 +90,7 @@ FREE: dict[str, str] = {  # without torque
     "comments above": "# Group 3\n# L = 0.32 m\n" + text("# t [s], theta [rad]", TIME, ANGLE),
     "frames of a video": text("frame,time,angle", range(800), TIME, ANGLE),
     "pandas": text(",time,angle", range(800), TIME, ANGLE),
+    "aligned columns": "     time     angle\n" + "\n".join(row[:19] for row in ALIGNED) + "\n",
 }
 ASKED: dict[str, tuple[str, str, dict[str, str]]] = {  # text, what is said, and the line that reads it
     "samples": (text("sample,angle,torque", range(800), ANGLE, TORQUE), "time=sample/RATE", {"time": "sample/200"}),
@@ -117,10 +122,6 @@ ASKED: dict[str, tuple[str, str, dict[str, str]]] = {  # text, what is said, and
         text("x-axis,1,2\nsecond,Volt,Volt", TIME, ANGLE / 2, TORQUE / 3),
         "'Volt (1)', 'Volt (2)'",
         {"position": "Volt (1)*2", "torque": "Volt (2)*3"},
-    ),
-    "aligned columns": (
-        "time angle torque\n" + "".join(f"{t:9.3f}{q:10.5f}{q:9.3f}\n" for t, q in zip(TIME, ANGLE, strict=True)),
-        "separate cells by commas", {},
     ),
     "a date of a spreadsheet": (
         text("time,angle,torque", [f"03/01/2026 {t}" for t in TIMES_OF_DAY], ANGLE, TORQUE), "dates as 2026-03-01", {},

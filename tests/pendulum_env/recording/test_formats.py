@@ -90,7 +90,7 @@ def put(**changes: np.ndarray | list):
         (
             "run.parquet",
             lambda path: pq.write_table(pa.table(signals() | {"torque": ["a"] * 1000}), path),
-            r"array 'torque' .*holds texts",
+            "data row 1 .* has 'a' as torque",
         ),
     ],
 )

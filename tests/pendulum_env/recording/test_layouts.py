@@ -1,8 +1,9 @@
-"""Layouts that programs write: cells that are words or empty, and turns."""
+"""Layouts that programs write: cells that are words or empty, turns, labels of segments."""
 
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from pendulum_env.recording import Recording, RecordingError, read_recording
@@ -74,6 +75,20 @@ def test_words_of_a_switch_are_1_and_0(tmp_path: Path, swing: Recording, yes: st
     recording = read(tmp_path, "time,position,torque,enabled", *numbers, np.where(on, yes, no).tolist())
     np.testing.assert_array_equal(recording.enabled, on.astype(float))
     np.testing.assert_allclose(recording.torque, np.where(on, swing.torque, 0.0), atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["segment", "state", "phase", "test"])
+def test_labels_in_words_begin_a_segment_where_they_change(tmp_path: Path, swing: Recording, name: str) -> None:
+    third, header = len(swing) // 3, f"time,position,torque,{name}"
+    labels = np.repeat(["homing", "sweep up", "homing"], [third, third, len(swing) - 2 * third])
+    log = {"time": swing.time, "position": swing.position, "torque": swing.torque}
+    assert read(tmp_path, header, *map(cells, log.values()), labels.tolist()).starts == (0, third, 2 * third)
+    assert read_recording(log | {name: labels}).starts == (0, third, 2 * third)
+    for kind in (pa.string(), pa.large_string(), pa.dictionary(pa.int32(), pa.string())):
+        table = pa.table(log | {name: pa.array(labels).cast(kind)})
+        assert read_recording(table).starts == (0, third, 2 * third)
+    if name != "segment":  # numbers of these are other quantities, as the phase of a motor
+        assert read_recording(log | {name: np.arange(len(swing)) % 7}).starts == (0,)
 
 
 def test_an_optional_column_of_words_is_refused_with_the_line_that_leaves_it_out(tmp_path, swing: Recording) -> None:
