@@ -96,8 +96,9 @@ class DiagnoseOnline(MeasurementWrapper):
         """
         self.diagnoser.undo()
 
-    def _write_info(self, info: dict[str, Any]) -> None:
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         info["diagnosis"] = self.diagnoser.diagnosis
+        return observation
 
 
 class DiagnoseOnlineVector(MeasurementVectorWrapper):
@@ -113,10 +114,11 @@ class DiagnoseOnlineVector(MeasurementVectorWrapper):
         self.diagnoser = make_diagnoser(env, terms, **options)
         super().__init__(env, self.diagnoser)
 
-    def _write_info(self, info: dict[str, Any]) -> None:
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         info["diagnosis"] = np.empty(self.num_envs, dtype=object)
         info["diagnosis"][:] = self.diagnoser.diagnoses
         info["_diagnosis"] = np.ones(self.num_envs, dtype=bool)
+        return observation
 
 
 def make_diagnoser(

@@ -9,6 +9,7 @@ from typing import Any, Unpack
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv
+from gymnasium.vector.utils import batch_space
 
 from estimators.online import Estimates, JointState, OnlineEstimator, SchemeEstimate, SchemeEstimates
 from estimators.schemes.six import Scheme
@@ -17,6 +18,7 @@ from estimators.wrappers.options import EstimatorOptions, Names, make_estimator
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Term
 
+OBSERVATION_BOUND = 1e6  # of estimates in an observation
 MAX_TABLE_PARAMETERS = 6  # in the table of a picture
 
 
@@ -51,6 +53,7 @@ class EstimateParameters(MeasurementWrapper):
         terms: Sequence[str | Term] | None = None,
         *,
         rate: float | None = None,
+        in_observation: bool = False,
         robot: str | None = None,
         **options: Unpack[EstimatorOptions],
     ) -> None:
@@ -65,6 +68,7 @@ class EstimateParameters(MeasurementWrapper):
                 arm, terms at joints, such as `viscous@elbow`; None for viscous and Coulomb friction at each joint.
             rate: sampling rate [Hz]; None asks the environment. The resolution of the encoder is asked, too; if it is
                 unknown and `counts` is not given, it is estimated from the first samples of motion.
+            in_observation: append theta and the standard errors of all schemes to a Box observation.
             robot: URDF or MJCF file of an arm, for lengths and axes; None asks the environment.
             options: of `estimators.online.OnlineEstimator`: `forgetting` (factor per equation, 1 for no forgetting),
                 `prior` (P(0) on the diagonal), `counts` (encoder counts per turn), and `smoothing`.
@@ -74,18 +78,23 @@ class EstimateParameters(MeasurementWrapper):
                 rate.
         """
         arguments: dict[str, Any] = {"schemes": schemes, "terms": terms, "rate": rate, **options}
-        self.estimator = make_estimator(env, schemes, terms, rate, options, robot)
-        super().__init__(env, self.estimator, robot=robot, **arguments)
+        self.estimator, self._in_observation = make_estimator(env, schemes, terms, rate, options, robot), in_observation
+        super().__init__(env, self.estimator, in_observation=in_observation, robot=robot, **arguments)
+        if in_observation:
+            self.observation_space = extend_space(env.observation_space, self.estimator)
 
     @property
     def schemes(self) -> tuple[Scheme | JointState, ...]:
         """Return the running schemes."""
         return tuple(self.estimator.schemes)
 
-    def _write_info(self, info: dict[str, Any]) -> None:
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         write_estimates(info, self._known, self.estimator, 0)
         if self.env.render_mode is not None:
             self.env.unwrapped.overlay = functools.partial(self._lines, self._known)  # type: ignore[attr-defined]
+        if not self._in_observation:
+            return observation
+        return np.concatenate([observation, observe_estimates(self._known)[0]], dtype=np.float32)
 
     def _lines(self, now: Estimates) -> tuple[str, ...]:
         """Format the text of a picture; with many parameters, estimates of the first scheme, three per line."""
@@ -113,18 +122,32 @@ class EstimateParametersVector(MeasurementVectorWrapper):
         terms: Sequence[str | Term] | None = None,
         *,
         rate: float | None = None,
+        in_observation: bool = False,
         **options: Unpack[EstimatorOptions],
     ) -> None:
         """Wrap a vector environment; the arguments are those of `EstimateParameters`."""
         self.estimator = make_estimator(env, schemes, terms, rate, options)
         super().__init__(env, self.estimator)
+        self._in_observation = in_observation
+        if in_observation:
+            self.single_observation_space = extend_space(env.single_observation_space, self.estimator)
+            self.observation_space = batch_space(self.single_observation_space, env.num_envs)
 
     def _restart(self, ended: Mask, time: Array) -> None:
         super()._restart(ended, time)
         self._known = self.estimator.after_reset(self._known, ended, time)
 
-    def _write_info(self, info: dict[str, Any]) -> None:
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         write_estimates(info, self._known, self.estimator, slice(None))
+        if not self._in_observation:
+            return observation
+        more = observe_estimates(self._known)
+        if observation.dtype != object:
+            return np.concatenate([observation, more], axis=1, dtype=np.float32)
+        extended = observation.copy()  # last observations of ended episodes, as of `SyncVectorEnv`
+        for k in np.flatnonzero([one is not None for one in observation]):
+            extended[k] = np.concatenate([observation[k], more[k]], dtype=np.float32)
+        return extended
 
 
 def write_estimates(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendulum: int | slice) -> None:
@@ -144,3 +167,18 @@ def write_estimates(info: dict[str, Any], now: Estimates, estimator: OnlineEstim
         found |= {f"_{name}": mask for name in found}
         known |= {f"_{name}": mask for name in ("estimates", *known)}
     info |= {"estimates": SchemeEstimates(info.get("estimates", ()), **found), **known}
+
+
+def observe_estimates(now: Estimates) -> Array:
+    """Return theta and standard errors of all schemes for an observation (B, 2 S P)."""
+    std = np.sqrt(np.maximum(np.einsum("bsii->bsi", now.covariance), 0.0))
+    both = np.concatenate([now.theta, std], axis=2).reshape(len(now.theta), -1)
+    return np.clip(both, -OBSERVATION_BOUND, OBSERVATION_BOUND)
+
+
+def extend_space(space: gym.Space[Any], estimator: OnlineEstimator) -> gym.spaces.Box:
+    """Extend an observation space by theta and standard errors."""
+    if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
+        raise ValueError(f"in_observation needs a Box of one dimension, not {space}: flatten the observation first")
+    more = np.full(2 * len(estimator.schemes) * len(estimator.names), OBSERVATION_BOUND, dtype=np.float32)
+    return gym.spaces.Box(np.concatenate([space.low, -more]), np.concatenate([space.high, more]), dtype=np.float32)

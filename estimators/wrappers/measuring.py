@@ -58,16 +58,14 @@ class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         observation, info = self.env.reset(**kwargs)
         self._algorithm.reset()
         self._clock.restart()
-        self._take(info)
-        return observation, info
+        return self._take(observation, info), info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment, and pass on its measurement."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        self._take(info)
-        return observation, reward, terminated, truncated, info
+        return self._take(observation, info), reward, terminated, truncated, info
 
-    def _take(self, info: dict[str, Any]) -> None:
+    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
         if "fault" not in info:  # a fault has no measurement
             sample = get_measurement(info)
             if sample[0] < self._clock.time:  # the inner environment was reset by itself, as by `Autoreset`
@@ -75,11 +73,11 @@ class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
                 self._clock.restart()
             self._clock.tick(sample[0])
             self._known = self._algorithm.take(*(np.array(part, dtype=float)[None] for part in sample))
-        self._write_info(info)
+        return self._write_info(observation, info)
 
     @abstractmethod
-    def _write_info(self, info: dict[str, Any]) -> None:
-        """Write the result into an info."""
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
+        """Write the result into an info, and return the observation."""
 
 
 class MeasurementVectorWrapper(VectorWrapper):
@@ -94,36 +92,34 @@ class MeasurementVectorWrapper(VectorWrapper):
         """Reset the environments and the algorithm."""
         observation, info = self.env.reset(**kwargs)
         self._time = np.full(self.num_envs, np.inf)  # of the last sample [s]
-        self._take(info)
-        return observation, info
+        return self._take(observation, info), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step the environments, and pass on their measurements."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        self._take(info)
-        return observation, reward, terminated, truncated, info
+        return self._take(observation, info), reward, terminated, truncated, info
 
-    def _take(self, info: dict[str, Any]) -> None:
+    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
         ended: Mask | None = info.get("_final_info")
         if ended is not None:  # SAME_STEP: the last sample of an ended episode counts, too
             final, self._time = info["final_info"], np.asarray(info["time"])
             last = [np.where(ended, a, b) for a, b in zip(get_measurement(final), get_measurement(info), strict=True)]
             self._known = self._algorithm.take(*last)
-            self._write_info(final)
+            info["final_obs"] = self._write_info(info["final_obs"], final)
             self._restart(ended, last[0])
-        else:
-            sample = [np.array(values, dtype=float) for values in get_measurement(info)]
-            for name, values in zip(("_time", "_position", "_torque"), sample, strict=True):
-                values[~np.broadcast_to(info.get(name, True), values.shape)] = np.nan  # masked: not measured
-            self._algorithm.reset(sample[0] <= self._time)
-            self._time = np.where(np.isfinite(sample[0]), sample[0], self._time)
-            self._known = self._algorithm.take(*sample)
-        self._write_info(info)
+            return self._write_info(observation, info)
+        sample = [np.array(values, dtype=float) for values in get_measurement(info)]
+        for name, values in zip(("_time", "_position", "_torque"), sample, strict=True):
+            values[~np.broadcast_to(info.get(name, True), values.shape)] = np.nan  # masked: not measured
+        self._algorithm.reset(sample[0] <= self._time)
+        self._time = np.where(np.isfinite(sample[0]), sample[0], self._time)
+        self._known = self._algorithm.take(*sample)
+        return self._write_info(observation, info)
 
     def _restart(self, ended: Mask, time: Array) -> None:
         """Restart plants (B,), whose last samples have the times (B,) [s]."""
         self._algorithm.reset(ended)
 
     @abstractmethod
-    def _write_info(self, info: dict[str, Any]) -> None:
-        """Write the result into an info."""
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
+        """Write the result into an info, and return the observation."""

@@ -166,7 +166,7 @@ def make_estimator(
     Raises:
         ValueError: as in `Plant.from_env`, or if an option is unknown.
     """
-    own = ("schemes", "terms", "rate", *EstimatorOptions.__annotations__)
+    own = ("schemes", "terms", "rate", "in_observation", *EstimatorOptions.__annotations__)
     for name in options:
         find("argument", name, dict.fromkeys(own))
     plant = Plant.from_env(env, rate, robot)

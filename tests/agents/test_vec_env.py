@@ -20,12 +20,12 @@ def test_stable_baselines_checker_has_nothing_to_say():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(RescaleAction(gym.make(PENDULUM), np.float32(-1), np.float32(1)))
-        check_env(InformationReward(EstimateParameters(gym.make(PENDULUM, max_torque=1.0))))
+        check_env(InformationReward(EstimateParameters(gym.make(PENDULUM, max_torque=1.0), in_observation=True)))
 
 
 def made(count, steps, **arguments):
     env = gym.make_vec(PENDULUM, num_envs=count, max_episode_steps=steps, autoreset_mode="SameStep", **arguments)
-    env = InformationRewardVector(EstimateParametersVector(env, schemes="dynamic"))
+    env = InformationRewardVector(EstimateParametersVector(env, schemes="dynamic", in_observation=True))
     return BatchedVecEnv(env)
 
 
@@ -39,8 +39,10 @@ def test_episodes_end_as_vec_envs_do():
         observation, reward, done, infos = env.step(np.full((3, 1), 5.0 * np.sin(0.02 * k), dtype=np.float32))
         assert done.all() == (k == 499)
     assert infos[0]["TimeLimit.truncated"]
-    np.testing.assert_allclose(infos[0]["terminal_observation"], last[0], atol=0.1)
-    np.testing.assert_array_equal(observation, [[1, 0, 0]] * 3)
+    assert infos[0]["terminal_observation"].shape == last[0].shape
+    np.testing.assert_array_equal(observation[:, :7], [[1, 0, 0, 0, 0, 0, 0]] * 3)  # nothing is estimated yet
+    np.testing.assert_allclose(infos[0]["terminal_observation"][3:7], last[0][3:7], rtol=0.05)  # and here it was
+    assert infos[0]["terminal_observation"][3] > 0.05
     assert reward.dtype == np.float32
 
 

@@ -115,9 +115,9 @@ def test_terms_with_memory_and_delay_are_those_of_the_model(id):
 
 
 def test_it_runs_beside_the_others_in_a_wrapper():
-    env = EstimateParameters(gym.make(PENDULUM, rate=200), schemes=["joint_state_ukf", "energy"])
-    _, info = env.reset(seed=0)
-    assert list(info["estimates"]) == ["energy", "joint_state_ukf"]
+    env = EstimateParameters(gym.make(PENDULUM, rate=200), schemes=["joint_state_ukf", "energy"], in_observation=True)
+    observation, info = env.reset(seed=0)
+    assert list(info["estimates"]) == ["energy", "joint_state_ukf"] and observation.shape == (3 + 2 * 2 * 4,)
     *_, info = played(env, 900)
     np.testing.assert_allclose(info["estimates"]["joint_state_ukf"]["theta"], [0.0895, 2.01, 0.3638, 0.9163], rtol=0.02)
     several = EstimateParametersVector(gym.make_vec(PENDULUM, num_envs=2, rate=200), schemes=[*SCHEMES, JointState()])

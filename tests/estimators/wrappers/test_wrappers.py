@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers import Autoreset, RescaleAction, TimeLimit
+from gymnasium.wrappers import Autoreset, NormalizeObservation, RescaleAction, TimeLimit
 
 from estimators.regression.recursive import compute_history
 from estimators.schemes import six
@@ -42,9 +42,9 @@ def paid(env, steps):
     (observation, _), state, total = env.reset(seed=1), None, np.zeros(env.num_envs)
     for _ in range(steps):
         action, state = POLICY.predict(observation, state)
-        observation, reward, _, truncated, info = env.step(action)
+        observation, reward, *ends, info = env.step(action)
         total += reward
-    return total, truncated, info
+    return total, observation, ends, info
 
 
 def test_estimates_while_it_runs_are_those_of_the_recording_and_converge_to_the_plant():
@@ -103,10 +103,12 @@ def test_spec_rebuilds_the_wrapped_environment():
             schemes=["energy", "dynamic"],
             terms=["inertia", "gravity", "viscous", "coulomb", "stribeck"],
             forgetting=0.999,
+            in_observation=True,
         )
     )
     again = gym.make(env.spec)
     assert str(again) == str(env)
+    assert again.observation_space == env.observation_space
     a, b = last_info(env, 1500), last_info(again, 1500)
     np.testing.assert_array_equal(a["estimates"]["energy"]["theta"], b["estimates"]["energy"]["theta"])
     assert len(a["estimates"]["energy"]["theta"]) == 5
@@ -114,15 +116,20 @@ def test_spec_rebuilds_the_wrapped_environment():
 
 
 def test_wrapped_environment_passes_the_checker_and_can_be_pickled():
-    env = EstimateParameters(gym.make(PENDULUM, max_torque=1.0))
-    env.reset(seed=0)
+    env = EstimateParameters(gym.make(PENDULUM, max_torque=1.0), in_observation=True)
+    observation, _ = env.reset(seed=0)
+    assert observation.shape == (3 + 2 * 6 * 4,) and observation.dtype == np.float32
     for k in range(300):
-        env.step(np.array([np.sin(k / 20)], dtype=np.float32))
+        observation, *_ = env.step(np.array([np.sin(k / 20)], dtype=np.float32))
+        assert env.observation_space.contains(observation)
     with pytest.warns(UserWarning, match="different from the unwrapped version"):
         check_env(env, skip_render_check=True)
     copy = pickle.loads(pickle.dumps(env))
-    a, b = last_info(env, 100), last_info(copy, 100)
-    np.testing.assert_allclose(a["estimates"]["energy"]["theta"], b["estimates"]["energy"]["theta"], rtol=1e-9)
+    action = np.array([0.5], dtype=np.float32)
+    for _ in range(100):
+        a, b = env.step(action)[0], copy.step(action)[0]
+    np.testing.assert_allclose(a, b, rtol=1e-5)
+    assert NormalizeObservation(env).reset(seed=0)[0].shape == observation.shape
 
 
 def test_reset_starts_estimation_anew():
@@ -155,9 +162,10 @@ def test_reward_is_the_growth_of_the_information():
 def test_many_pendulums_are_estimated_like_one():
     env = RandomizePlantVector(gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=1500, counts=0), 0.2)
     schemes = ["dynamic", six.scheme("filtered_dynamic", operator=LowPass(order=2))]
-    env = InformationRewardVector(EstimateParametersVector(env, schemes=schemes))
-    total, truncated, info = paid(env, 1500)
+    env = InformationRewardVector(EstimateParametersVector(env, in_observation=True, schemes=schemes))
+    total, observation, (_, truncated), info = paid(env, 1500)
     plants = np.stack([info["plant"][name] for name in PAPER], axis=1)
+    assert observation.shape == (2, 3 + 2 * 2 * 4) and env.observation_space.contains(observation)
     assert truncated.all() and (total > 20).all()
     np.testing.assert_allclose(info["estimates"]["filtered_dynamic"]["theta"], plants, rtol=0.02)
     alone = gym.make(PENDULUM, counts=0, theta=dict(zip(PAPER, plants[1].tolist(), strict=True)))
@@ -256,3 +264,16 @@ def test_an_environment_that_resets_itself_starts_estimation_and_reward_anew():
         steps = [env.step(np.array([3.0], dtype=np.float32)) for _ in range(350)]
         runs.append([(reward, info["estimates_time"]) for k, (_, reward, *_, info) in enumerate(steps) if k != 200])
     np.testing.assert_allclose(*runs)
+
+
+@pytest.mark.parametrize("mode", ["sync", "vector_entry_point"])
+def test_estimates_are_in_the_last_observations_of_episodes_too(mode):
+    settings = {"vector_kwargs": {"autoreset_mode": "SameStep"}} if mode == "sync" else {"autoreset_mode": "SameStep"}
+    env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=100, vectorization_mode=mode, **settings)
+    env = EstimateParametersVector(env, schemes="dynamic", in_observation=True)
+    env.reset(seed=0)
+    for _ in range(100):
+        observation, *_, info = env.step(np.full((2, 1), 3.0, dtype=np.float32))
+    assert env.observation_space.contains(observation)
+    for last, theta in zip(info["final_obs"], info["final_info"]["estimates"]["dynamic"]["theta"], strict=True):
+        np.testing.assert_allclose(last[3:7], theta, rtol=1e-6)
