@@ -76,7 +76,7 @@ class Kind(StrEnum):
     FRICTION_NEGATIVE = "friction_negative"
     INCOMPLETE = "incomplete"  # residual in noise floors, disagreement of the schemes in standard errors
     TIED = "tied"
-    SMALL_EFFECT = "small_effect"  # share of the residual that it explains, least share, p_value
+    SMALL_EFFECT = "small_effect"  # share that it explains, least share, p_value
     UNTESTED_RANGE = "untested_range"  # low, high, where nothing was met so far
 
     # what a model leaves of the residual

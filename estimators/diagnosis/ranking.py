@@ -14,11 +14,10 @@ from estimators.selection.errors import Gate, Step, Terms, compute_error_fall, e
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import remove_term
 from estimators.selection.physical import make_confirmation_gates
-from estimators.selection.score import Bootstrap, Gain
+from estimators.selection.score import Gain
 from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table, remove_table
-from estimators.simulation import output_error
-from pendulum_env.physics import SIGNIFICANT, Model, Term, has_transmission, is_hidden
+from pendulum_env.physics import SIGNIFICANT, Term, is_hidden
 from pendulum_env.physics.terms import find_untested_ends
 
 
@@ -84,7 +83,7 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
     others = remove_term(final, term)
     # windows, in which a link is carried along, say little of hidden states: the motion has decided
     odds = {term.id: 1.0} if is_hidden(term) else compute_alternatives(evaluator, final, term)
-    share = 1.0 if evaluator.residuals.is_noise(final) else max(0.0, evaluator.residuals.explained_share(final, others))
+    share = 1.0 if evaluator.residuals.is_noise(final) else max(0.0, evaluator.explained_share(final, others))
     rivals = {rival[-1].id: rival for rival in screen_replacements(evaluator, final, term)} if len(odds) > 1 else {}
     least = evaluator.criterion.tie_probability
     tied = sorted((id for id in odds if id != term.id and odds[id] > least), key=lambda id: -odds[id])
@@ -182,30 +181,7 @@ def can_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: T
     rival, terms, others = (remove_table(evaluator, one) for one in (rival, terms, others))
     if not (evaluator.keeps_base(rival, others) and evaluator.lowers_errors(rival, others)):
         return False
-    if has_transmission(rival) or has_transmission(terms) or not evaluator.train.segments:
-        return True  # segments with a transmission soon diverge
-    first, second = (evaluator.refit_to_motion(evaluator.fit(None, one)).model for one in (terms, rival))
-    if not (first.has_known_inertia and second.has_known_inertia):
-        return True
-    gain, share = compute_simulation_gain(evaluator, first, second)
-    return gain.p_value > evaluator.criterion.p_value or share <= evaluator.criterion.explained_share
-
-
-def compute_simulation_gain(evaluator: ModelEvaluator, after: Model, before: Model) -> tuple[Gain, float]:
-    """Return the gain of one model over another on all segments, and the removed share of the training squared error.
-
-    The gain can only refuse a rival; its probability comes from windows. Errors within a segment are fully correlated,
-    so the gain is the logarithm of their ratio; noise is added to both, since errors below it carry no information.
-    """
-    parts = (evaluator.train.segments, evaluator.holdout.segments)
-    points = [output_error.Point.from_model(model) for model in (after, before)]
-    new, old = (np.concatenate([output_error.compute_segment_rms(part, one) ** 2 for part in parts]) for one in points)
-    counts = [sum(len(segment.first) for segment in part) for part in parts]
-    owner = np.repeat(np.arange(2), counts)
-    noise = np.array([output_error.compute_torque_noise_rms(part, points[1]) ** 2 for part in parts])[owner]
-    gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
-    had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
-    return gain, (had - left) / had if had > 0 else 0.0
+    return evaluator.explained_shares_of_motion(terms, rival)[0] <= evaluator.criterion.explained_share
 
 
 def make_excitation_gate(evaluator: ModelEvaluator, longer: Terms) -> Gate:

@@ -16,7 +16,14 @@ from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Step, Terms, compute_held_out_cost
 from estimators.selection.physical import find_violations, make_base_gates, make_confirmation_gates
 from estimators.selection.residuals import Residuals, set_time_grid
-from estimators.selection.score import Bootstrap, Gain, cross_validated, make_blocks, predict_density
+from estimators.selection.score import (
+    Bootstrap,
+    Gain,
+    compute_motion_gain,
+    cross_validated,
+    make_blocks,
+    predict_density,
+)
 from estimators.simulation import output_error
 from pendulum_env._typing import Array
 from pendulum_env.arms.model import make_arm_model
@@ -194,8 +201,8 @@ class ModelEvaluator:
         """Return the gates of a larger model up to the first failure: gain with p-value, share, base parameters.
 
         Beside known parameters, `after` also has to predict significantly better than `before` with these free, else it
-        explains only other values of them. `least_share` is the limit of the explained share, by default
-        `criterion.explained_share`.
+        explains only other values of them. `least_share` is the limit of the explained share of torque or
+        motion, by default `criterion.explained_share`.
         """
         gain, penalty, criterion = self.gain(after, before), self.penalty(after, before), self.criterion
         least_share = criterion.explained_share if least_share is None else least_share
@@ -208,9 +215,34 @@ class ModelEvaluator:
             chance = self.gain(after, freed).p_value
             gates.append(Gate("known_parameters", chance, criterion.p_value, chance <= criterion.p_value))
         if gates[-1].passed:
-            share = self.residuals.explained_share(after, before)
+            share = self.explained_share(after, before, least_share)
             gates.append(Gate("explained_share", share, least_share, share > least_share))
         return [*gates, *self.base_gates(after, before)] if gates[-1].passed else gates
+
+    def explained_share(self, after: Terms, before: Terms, enough: float = np.inf) -> float:
+        """Return the share of the residual torque, or of the error of free motion, that a larger model explains.
+
+        It is the larger of both shares: an effect matters if it changes the torque or the motion. Windows of torque
+        leave out stick and reversals, and noise of the torque may exceed the torque of an effect that moves the joint
+        far. Motion is simulated only if the share of the torque is not above `enough`.
+        """
+        share = self.residuals.explained_share(after, before)
+        return share if share > enough else max(share, min(self.explained_shares_of_motion(after, before)))
+
+    @memoized
+    def explained_shares_of_motion(self, after: Terms, before: Terms) -> tuple[float, float]:
+        """Return the shares of the power of free-running errors, training first, that one model has less than another.
+
+        Both are fitted to the motion, so that parameters of the other model imitate what they can. Shares are 0 if the
+        gain over all segments is not significant, without segments, and with a transmission: its segments soon diverge.
+        """
+        if not self.train.segments or has_transmission(after) or has_transmission(before):
+            return 0.0, 0.0
+        new, old = (self.refit_to_motion(self.fit(None, one)).model for one in (after, before))
+        if not (new.has_known_inertia and old.has_known_inertia):
+            return 0.0, 0.0
+        gain, shares = compute_motion_gain((self.train.segments, self.holdout.segments), new, old)
+        return shares if gain.p_value <= self.criterion.p_value else (0.0, 0.0)
 
     def without_known(self, terms: Terms) -> Terms:
         """Return the terms with known parameters free; unchanged for free swings, whose inertia has to be known."""

@@ -27,7 +27,10 @@ from scipy.special import gammaln
 from estimators.data.rows import BLOCK, FOLDS, RowLayout
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import SOLVER
+from estimators.simulation import output_error
+from estimators.simulation.free_running import Segments
 from pendulum_env._typing import JSON, Array, Index
+from pendulum_env.physics import Model
 
 NU = 4.0  # degrees of freedom of Student's t
 PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # its density at zero
@@ -227,3 +230,21 @@ class Bootstrap:
         totals = self.weights @ np.column_stack(densities)
         odds = np.exp(totals - totals.max(axis=1, keepdims=True))
         return np.asarray(np.mean(odds / odds.sum(axis=1, keepdims=True), axis=0))
+
+
+def compute_motion_gain(
+    parts: tuple[Sequence[Segments], Sequence[Segments]], after: Model, before: Model
+) -> tuple[Gain, tuple[float, float]]:
+    """Return the gain of one model over another on all segments, and the removed share of squared errors of each part.
+
+    Errors within a segment are fully correlated, so the gain is the logarithm of their ratio. Torque noise is known: it
+    is added to both errors in the gain, since errors below it carry no information, and subtracted from the shares.
+    """
+    points = [output_error.Point.from_model(model) for model in (after, before)]
+    new, old = (np.concatenate([output_error.compute_segment_rms(part, one) ** 2 for part in parts]) for one in points)
+    owner = np.repeat(np.arange(2), [sum(len(segment.first) for segment in part) for part in parts])
+    noise = np.array([output_error.compute_torque_noise_rms(part, points[1]) ** 2 for part in parts])[owner]
+    gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
+    had, left = (np.bincount(owner, squares - noise).tolist() for squares in (old, new))
+    first, second = ((a - b) / a if a > 0 else 0.0 for a, b in zip(had, left, strict=True))
+    return gain, (first, second)

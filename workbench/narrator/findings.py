@@ -385,7 +385,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.SMALL_EFFECT: lambda found: (
         f"{capitalise(name_effect(found.effects[0]))} may be missing: it predicts better "
         f"({format_p_value(found.numbers['p_value'].value)}), but explains only "
-        f"{100 * found.numbers['share'].value:.2g} % of the residual, less than "
+        f"{100 * found.numbers['share'].value:.2g} % of the residual or of the motion error, less than "
         f"{100 * found.numbers['least'].value:.2g} %."
     ),
     Kind.FEEDBACK: (

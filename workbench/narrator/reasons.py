@@ -93,7 +93,7 @@ def _describe_gate(found: Finding) -> str:
         limits = f"{format_p_value(p_value.value)} with a penalty of {penalty:.2g} nat, limit {most:.2g}"
         return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"
     if name == "explained_share":
-        return f"explains {value.value:.0%} of the residual, less than {limit.value:.0%}"
+        return f"explains {value.value:.0%} of the residual or of the motion error, less than {limit.value:.0%}"
     if name == "known_parameters":
         return f"predicts no better than other values of the parameters that were given: {format_p_value(value.value)}"
     if name == "kept_gravity":

@@ -46,6 +46,7 @@ class ScoredEvaluator(ModelEvaluator):
         self.held_out = slice(None)
         self.train = SimpleNamespace(
             layout=SimpleNamespace(predicts_torque=True, has_fast_fits=True),
+            segments=(),
             motions={},
             data=SimpleNamespace(link_states={}),
             maker=SimpleNamespace(
