@@ -17,6 +17,7 @@ from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
+from estimators.in_loop import decide_goals
 from estimators.progress import Progress, no_progress
 from estimators.selection.candidates import fit_without_and_with
 from estimators.selection.errors import explain_rejection
@@ -63,6 +64,8 @@ def add(
     body = model.body
     recordings = select_recordings(recordings, body=body, log_format=model.log_format)
     holdout = select_recordings(holdout, empty=True, body=body, log_format=model.log_format)
+    if "goal" in model.log_format:  # the model was fitted with goals that were read so
+        recordings, holdout = (decide_goals(own, model) for own in (recordings, holdout))
     kind = find_kind(id, body)
     model.add(kind())  # raises if it is there already
     select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that none has

@@ -35,7 +35,9 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         table = find_explaining_law(evaluator, model.terms, TABLES.values())
     kept = None if table is None else Finding(Kind.TABLE_HELPS, effects=(table,))
     trial.setting.progress("looking for the next experiment", 0.95)
-    asked = list_questions(evaluator, model.terms, found.ambiguous, found.candidates, doubts)
+    is_complete = not regions and len(trial.terms) == len(evaluator.base)
+    detectable = find_detectable_effects(evaluator, trial.terms, evaluator.library) if is_complete else ()
+    asked = list_questions(evaluator, model.terms, found.ambiguous, found.candidates, doubts, detectable)
     if find_violations(model, evaluator.train.motions) or not model.has_known_inertia:
         asked = []  # the motion under another torque is unknown
     limits = trial.setting.limits.with_trusted_torque((trial.data.whole or trial.data).recordings)
@@ -44,7 +46,6 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         forbidden = Finding(Kind.INERTIA_UNKNOWN)
     elif regions and not asked:
         forbidden = find_holdout_structure(evaluator, trial.terms) or kept or Finding(Kind.NO_EFFECT_OPEN)
-    is_complete = not regions and len(trial.terms) == len(evaluator.base)
     return replace(
         found,
         findings=(
@@ -56,7 +57,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
             *_find_untested_ranges(model, *evaluator.train.get_range()),
             *([kept] if kept and kept != forbidden else []),
         ),
-        detectable=find_detectable_effects(evaluator, trial.terms, evaluator.library) if is_complete else (),
+        detectable=detectable,
         suggestion=suggestion,
         forbidden=forbidden,
         tables=() if table is None else (table,),

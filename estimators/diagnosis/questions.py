@@ -60,8 +60,14 @@ def list_questions(
     groups: Sequence[tuple[str, ...]],
     candidates: Sequence[Candidate],
     doubts: Sequence[Finding],
+    detectable: Sequence[Detectable] = (),
 ) -> list[Question]:
-    """List the open questions of a diagnosis."""
+    """List the open questions of a diagnosis.
+
+    Effects that the data do not show are asked for: those that are not excited, and those of which no possible size
+    would be detected.
+    """
+    hidden = {one.effect for one in detectable if not one.is_excited}
     pairs = [(id, selected) for selected, *alike in groups for id in alike]
     pairs += [doubt.rivals for doubt in doubts if doubt.rivals is not None]
     present = list_ids(terms)
@@ -76,7 +82,8 @@ def list_questions(
         kind = evaluator.library[candidate.effect]
         out_of_reach = any(kind().open_ends)  # no motion is risked for a mere suspicion
         asked_already = candidate.effect in {question.aim.effect for question in asked}
-        if candidate.verdict is Verdict.NOT_EXCITED and not out_of_reach and not asked_already:
+        is_hidden = candidate.verdict is Verdict.NOT_EXCITED or candidate.effect in hidden
+        if is_hidden and not out_of_reach and not asked_already:
             inertia = evaluator.train.recordings[0].known_inertia
             asked.append(Question(Aim(candidate.effect), tuple(terms), make_typical_effect(kind, inertia)))
     return asked
@@ -130,13 +137,15 @@ def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Ter
 def find_detectable_effects(
     evaluator: ModelEvaluator, terms: Terms, library: Mapping[str, type[Term]]
 ) -> tuple[Detectable, ...]:
-    """Find the smallest detectable size of effects in addition to the terms."""
-    sizes = {id: find_detectable_size(evaluator, terms, library[id]) for id in TOLD if id in library}
-    units = evaluator.train.units()
-    found = [
-        Detectable(id, size, units.unit(make_typical_effect(library[id])[0].columns[0].unit))
-        for id, size in sizes.items()
-        if size is not None
-    ]
+    """Find the smallest detectable size of effects in addition to the terms.
+
+    A size whose torque exceeds all that was applied is impossible: the data do not excite such an effect.
+    """
+    found, data, units = list[Detectable](), evaluator.train.data, evaluator.train.units()
+    for kind in (library[id] for id in TOLD if id in library):
+        size, (term, _) = find_detectable_size(evaluator, terms, kind), make_typical_effect(kind)
+        if size is not None:
+            above = size if size <= data.find_largest_sizes(term)[0] else None
+            found.append(Detectable(kind.id, above, units.unit(term.columns[0].unit)))
     stop = Detectable("hard_stop", unit=units.unit("rad"), between=evaluator.train.get_range())
     return tuple(found) if makes_whole_turns(evaluator.train.samples.position) else (*found, stop)

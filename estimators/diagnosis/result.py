@@ -64,12 +64,20 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Detectable:
-    """An effect that would have shown: above a size in its unit, or wherever it is between two angles [rad]."""
+    """An effect that would have shown: above a size in its unit, or wherever it is between two angles [rad].
+
+    Without either, the motion does not excite the effect: no possible size would have shown.
+    """
 
     effect: str
     above: float | None = None
     unit: str = "rad"
     between: tuple[float, float] | None = None
+
+    @property
+    def is_excited(self) -> bool:
+        """Return whether the data would have shown some possible size of the effect."""
+        return self.above is not None or self.between is not None
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""

@@ -23,7 +23,7 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.selection.score import Bootstrap
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
-from pendulum_env.physics import BASE, Term, list_ids
+from pendulum_env.physics import BASE, Model, Term, list_ids
 from pendulum_env.physics.actuation import ActuatorLag, BackEmf, DeadTime
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
@@ -107,13 +107,15 @@ def make_base(recordings: Sequence[Recording], base: Sequence[Term] = BASE) -> t
     return (*base, *(term for term in more if term.id not in list_ids(base)))
 
 
-def decide_goals(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """Return the recordings with goals that are held or run on, decided as a diagnosis decides it.
+def decide_goals(recordings: Sequence[Recording], model: Model) -> tuple[Recording, ...]:
+    """Return the recordings with goals that are held or run on, as of a model, or else decided as by a diagnosis.
 
     Goals of a joint that moves too little for the decision are held. Recordings without drives stay as they are.
     """
     if not are_driven(recordings):
         return tuple(recordings)
+    if (goal := model.log_format.get("goal")) is not None:
+        return with_goals(recordings, goal == "held")
     try:
         reading = read_goals(recordings, make_base(recordings))
     except IdentificationError:

@@ -200,6 +200,15 @@ def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[S
     if trial is None:
         raise IdentificationError(f"{', '.join(evaluator.train.names)}: nothing there shows {kind.id}", kind.id)
     evaluator.progress(f"fitting with {kind.id}", 0.8)
-    return before, evaluator.fit_with_std(
-        kind.id, refit_nonlinear(evaluator, release_significant(evaluator, trial.terms))
-    )
+    longer = evaluator.fit_with_std(kind.id, refit_nonlinear(evaluator, release_significant(evaluator, trial.terms)))
+    if evaluator.train.layout.predicts_torque:
+        term, data = longer.model.terms[-1], evaluator.train.data
+        for column, most in zip(term.columns, data.find_largest_sizes(term).tolist(), strict=True):
+            own = longer.model.estimates[column.name]
+            if not own.is_significant and max(abs(own.value), own.std) > most:
+                raise IdentificationError(
+                    f"{', '.join(evaluator.train.names)}: {column.name} is not determined: within its standard error "
+                    "it means more torque than was applied",
+                    kind.id,
+                )
+    return before, longer

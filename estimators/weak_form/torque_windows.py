@@ -30,6 +30,7 @@ from pendulum_env.physics.friction import PositionDependentFriction, QuadraticDr
 from pendulum_env.physics.potential import Cogging, GravityTilt, HardStop
 from pendulum_env.recording import Recording
 from pendulum_env.recording.sampling import SAMPLING
+from pendulum_env.units import is_of_torque
 
 NEGLIGIBLE = 0.01  # share of the torque below which encoder noise hides no effect of practical use
 NEGLIGIBLE_SWING = 0.002  # the same of a free swing, in which friction is a small share of the torque
@@ -164,6 +165,15 @@ class TorqueWindows:
             return [(self.shared_columns[variant.id].linear, np.zeros(len(self.weights))) for variant in variants]
         of_joint = self.part(variants[0].at)
         return of_joint.averages.columns(variants, of_joint.trace(variants))
+
+    def find_largest_sizes(self, term: Term) -> Array:
+        """Return the size of each linear parameter of a term (P,) whose torque is the largest that was applied.
+
+        A parameter in N m is such a torque by itself: dry friction acts in full at low speeds that windows leave out.
+        """
+        linear, is_torque = self.columns([term])[0][0], [is_of_torque(column.unit) for column in term.columns]
+        most = float(np.abs(self.part(term.at).applied_torque()).max())
+        return most / np.where(is_torque, 1.0, np.maximum(np.abs(linear).max(axis=0), 1e-300))
 
     def rates(self, term: Term) -> Array:
         """Return time derivatives of the linear columns of a term (R, P), on the rows of its joint."""

@@ -155,16 +155,22 @@ def _read_pendulum(source: Source) -> Recording:
 
 
 def collect_log_format(recordings: Sequence[Recording]) -> JSON:
-    """Return the reading settings that all recordings share, for the next log of the same machine."""
+    """Return the reading settings that all recordings share, for the next log of the same machine.
+
+    Beside the settings of a study it has `goal`, whether goals are held or run on, if that was given or decided.
+    """
     loads = ({} if own.load is None else {"load": asdict(own.load)} for own in recordings)
     formats: list[JSON] = [{**own.log_format, **load} for own, load in zip(recordings, loads, strict=True)]
     alike = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
-    return {key: formats[0][key] for key in alike if key in formats[0]}
+    goals = {own.drive.goal for own in recordings if own.drive is not None}
+    goal = goals.pop() if len(goals) == 1 else None
+    return {key: formats[0][key] for key in alike if key in formats[0]} | ({"goal": goal} if goal else {})
 
 
 def parse_log_format(log_format: Mapping[str, Any]) -> Source:
     """Parse the log format of a model as a source without a file; raises ValueError if it is invalid."""
-    return _build_source(Path(), convert({"file": "log", **log_format}, _Recording), {}, {})
+    said = {key: own for key, own in log_format.items() if key != "goal"}  # which belongs to a drive
+    return _build_source(Path(), convert({"file": "log", **said}, _Recording), {}, {})
 
 
 def apply_log_format(source: Source, format: Mapping[str, Any], said_by: str) -> Source:

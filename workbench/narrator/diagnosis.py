@@ -15,7 +15,7 @@ from pendulum_env.excitation import encode_signal
 from pendulum_env.formatting import capitalise, join_words
 from pendulum_env.recording import NEWTON_METRE, NoteKind
 from pendulum_env.units import TURNING, JointUnits, show_angles, to_shown_unit
-from workbench.narrator.effects import name_effect
+from workbench.narrator.effects import find_description, name_effect
 from workbench.narrator.findings import describe, describe_aim, measure, measure_change, measure_range
 from workbench.narrator.reasons import describe_reason
 
@@ -150,7 +150,9 @@ def describe_treatment(found: TriedTreatment) -> str:
 
 
 def describe_detectable(found: Detectable) -> str:
-    """Return the sizes that would have shown: `above 0.05 N m`, `from -1.2 to 0.9 rad`."""
+    """Return the sizes that would have shown: `above 0.05 N m`, `from -1.2 to 0.9 rad`, or `not excited`."""
+    if not found.is_excited:
+        return "not excited"
     if found.between is not None:
         return f"from {measure_range(*found.between, found.unit)}"
     unit = "" if found.unit == "1" else found.unit
@@ -167,6 +169,9 @@ def describe_next_step(found: Diagnosis) -> str:
         return f"No torque would tell {' from '.join(found.inseparable[0])}."
     if any(own.kind is Kind.SMALL_EFFECT for own in found.findings):
         return "Record again, and hold the new recording out: it shows whether the small effect repeats."
+    if hidden := [one.effect for one in found.detectable if not one.is_excited]:
+        experiments = join_words(list(dict.fromkeys(find_description(id).informative_experiment for id in hidden)))
+        return f"These recordings show no {join_words(hidden)}, whatever the size: record {experiments}."
     return "No further experiment is needed."
 
 

@@ -1,13 +1,17 @@
 """A verdict of "nothing" says what it could have seen, and is held to it."""
 
+import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
+from estimators import IdentificationError, add, diagnose
 from estimators.data.split import split_recordings
 from estimators.diagnosis.questions import find_detectable_effects, find_detectable_size
 from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import BASE, effects
+from pendulum_env.recording import Recording
 from tests.cases import diagnosed, recorded
+from workbench.narrator.diagnosis import describe_detectable
 
 EXPERIMENT = Experiment(rate=500.0, seconds=10.0, seed=4)
 
@@ -32,3 +36,30 @@ def test_it_is_told_with_sizes_and_with_the_angles_that_were_reached(evaluator):
     found = {one.effect: one for one in find_detectable_effects(evaluator, BASE, effects())}
     assert found["stribeck"].above == find_detectable_size(evaluator, BASE, effects()["stribeck"])
     assert found["stribeck"].unit == "N m" and found["hard_stop"].between == evaluator.train.get_range()
+
+
+def record_fast_motion(torque: float, frequencies: tuple[float, float], noise: float) -> list[Recording]:
+    """Two recordings without any effect under a sweep of a torque [N m], of motion that is fast between reversals."""
+    time, (low, high) = np.arange(2000) / 200, frequencies
+    command = torque * np.sin(2 * np.pi * (low * time + (high - low) * time**2 / 20))
+    experiments = [Experiment(200.0, 10.0, seed=seed, torque_noise=noise, counts=65_536) for seed in (1, 2)]
+    return recorded(Plant(), *experiments, commands=[command, 1.05 * command])
+
+
+def test_an_effect_that_would_show_only_beyond_the_applied_torque_is_not_excited_and_asked_for():
+    fitted, held_out = record_fast_motion(10.0, (2.0, 4.0), 0.05)
+    found = diagnose(fitted, held_out)
+    assert not found.selected and not found.unexplained
+    sizes = {one.effect: one for one in found.detectable}
+    assert not sizes["stribeck"].is_excited and sizes["quadratic_drag"].is_excited
+    assert found.suggestion is not None and "stribeck" in {aim.effect for aim in found.suggestion.settles}
+    assert "not excited" in describe_detectable(sizes["stribeck"])
+
+
+def test_an_added_effect_that_the_data_do_not_determine_is_refused_with_the_reason():
+    fitted, held_out = record_fast_motion(5.0, (2.0, 2.5), 0.05)
+    model = diagnose(fitted, held_out, only=["quadratic_drag"]).model
+    with pytest.raises(IdentificationError, match="stribeck is not determined") as refused:
+        add(model, "stribeck", fitted, held_out)
+    assert refused.value.effect == "stribeck"
+    assert add(model, "quadratic_drag", fitted, held_out).after.model.estimates["quadratic_drag"].std < 0.05

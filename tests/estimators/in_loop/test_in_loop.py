@@ -446,3 +446,21 @@ def test_positions_of_a_slow_log_are_compared_with_its_motion_and_not_with_chord
     rollouts = Rollouts((own,))
     inner = slice(4, -4)
     assert np.abs(rollouts.position - 0.8 * np.sin(5.0 * rollouts.time))[inner].max() < 2e-4
+
+
+@pytest.mark.parametrize("is_held", [True, False])
+def test_goals_are_read_once_and_the_model_keeps_the_reading(is_held, tmp_path):
+    recordings = [logged_slowly(is_held, 0.0, kp, k) for k, kp in enumerate((4.0, 7.0, 5.0))]
+    goal = {"held" if is_held else "ramp"}
+    found = diagnose(recordings[:2], recordings[2:], only=["dead_time"])
+    assert found.data is not None and {own.drive.goal for own in found.data.recordings if own.drive} == goal
+    found.model.save(tmp_path / "model.json")
+    model, others = (
+        Model.load(tmp_path / "model.json"),
+        [logged_slowly(not is_held, 0.0, 6.0, 8)],
+    )  # read by itself, else
+    unread = replace(model, log_format={})
+    for known, goals in ((model, goal), (unread, {"held", "ramp"} - goal)):
+        compared = compare(known, others)
+        assert compared.data is not None and {own.drive.goal for own in compared.data.recordings if own.drive} == goals
+    assert add(model, "dead_time", others).after.model.log_format["goal"] in goal
