@@ -9,6 +9,7 @@ from estimators.free_swings import fit_inertia, scale_swing, scale_swings
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.recording import NEWTON_METRE, PER_INERTIA, Recording, TorqueConstant
+from pendulum_env.servo.torque import has_unknown_integral
 from pendulum_env.settings import Blank, format_setting
 
 Recordings = tuple[Recording, ...]
@@ -27,7 +28,7 @@ def calibrate(
     """
     combined, count = (*recordings, *holdout), len(recordings)
     driven, doubt = [recording for recording in combined if not recording.is_free], None
-    if any(recording.has_unknown_integral for recording in combined):
+    if any(map(has_unknown_integral, combined)):
         doubt = explain_unknown_constant(Kind.INTEGRAL_CONTROLLER, combined[0].torque_unit)
     elif len(driven) == len(combined):
         combined, doubt = _convert_by_constant(combined, count, constant)

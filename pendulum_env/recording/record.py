@@ -250,11 +250,6 @@ class Recording:
         """Return the position that the controller was asked to follow (N,) [rad]; None if none is known."""
         return self.reference if self.drive is not None and not self.drive.acts_on_speed else None
 
-    @property
-    def has_unknown_integral(self) -> bool:
-        """Return whether no known load tells the torque, as it is that of a controller with an integral part."""
-        return self.drive is not None and bool(self.drive.ki) and self.torque_unit != NEWTON_METRE
-
     def convert_to_newton_metres(self, constant: TorqueConstant) -> Self:
         """Return the recording in N m; the torque constant becomes the gain of its drive."""
         torque, drive = constant.value * self.torque, self.drive and self.drive.with_gain(constant.value, constant.of)

@@ -5,12 +5,18 @@ from dataclasses import replace
 import numpy as np
 
 from pendulum_env._typing import Array
+from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.vocabulary import OUTPUTS
 from pendulum_env.servo.drive import ServoDrive
 
 MOTOR = ServoDrive(output="torque")  # stands for a recording without a drive: its torque is what was logged
+
+
+def has_unknown_integral(recording: Recording) -> bool:
+    """Return whether no known load tells the torque, as it is that of a controller with an integral part."""
+    return (recording.drive or MOTOR).ki > 0 and recording.torque_unit != NEWTON_METRE
 
 
 def get_bus_voltage(recording: Recording) -> Array:
