@@ -21,7 +21,6 @@ from estimators.in_loop import decide_goals
 from estimators.progress import Progress, no_progress
 from estimators.selection.candidates import fit_without_and_with
 from estimators.selection.errors import explain_rejection
-from estimators.selection.physical import make_confirmation_gates
 from estimators.selection.search import SearchResult
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.lookup import refuse_unknown_arguments
@@ -84,7 +83,7 @@ def add(
     more = longer.model.terms[-1]
     found = case.refit(SearchResult(evaluator, [before, longer]), refitted.model.add(more))
     after, is_gain = found.steps[-1], evaluator.is_significant(longer.model.terms, before.model.terms)
-    objection = explain_rejection(make_confirmation_gates(after, refitted, evaluator.train.motions))
+    objection = explain_rejection(evaluator.confirmation_gates(after, refitted))
     if objection is None and not is_gain and not (is_hidden(more) and evaluator.train.segments):
         objection = Finding(Kind.BY_CHANCE)  # the motion shows hidden states
     trial, log_format = Trial(case, data, setting, found), collect_log_format(data.recordings)

@@ -13,7 +13,6 @@ from estimators.selection.candidates import contains, needs_all_parts, screen_li
 from estimators.selection.errors import Gate, Step, Terms, compute_error_fall, explain_rejection, get_error_at
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import remove_term
-from estimators.selection.physical import make_confirmation_gates
 from estimators.selection.score import Gain
 from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table, remove_table
@@ -96,7 +95,7 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
         reason = Finding(Kind.ERROR_FALLS_AT_JOINT, {"share": Quantity(less / more)}, joints=(term.at,))
     gates = (
         *([] if is_hidden(term) else evaluator.gates(final, others)),
-        *make_confirmation_gates(after, before, evaluator.train.motions),
+        *evaluator.confirmation_gates(after, before),
     )
     gained: tuple[Gain | None, int] = (None, 1) if is_hidden(term) else _compute_gain(evaluator, final, others)
     ratio, total = less / more, score * sum(odds[id] for id in (term.id, *tied))
@@ -132,7 +131,7 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
         verdict, gates = Verdict.REJECTED, [excited, *gates]
         if all(gate.passed for gate in gates):
             step = evaluator.fit_with_std(term.id, longer)
-            gates += make_confirmation_gates(step, found.steps[-1], evaluator.train.motions)
+            gates += evaluator.confirmation_gates(step, found.steps[-1])
         selected = [step.added for step in found.steps if step.added is not None]
         reason = explain_rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)
         if found.table is not None and term.kind == found.table.kind:

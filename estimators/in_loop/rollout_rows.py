@@ -7,7 +7,6 @@ positions in y and their derivatives in phi.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -56,7 +55,8 @@ class RolloutRows:
     _least_errors: dict[tuple[Key, str], float] = field(default_factory=dict, init=False)  # extrapolated [rad]
     _converged: set[Key] = field(default_factory=set, init=False)
 
-    @cached_property
+    @property
+    @memoized
     def layout(self) -> RowLayout:
         """Blocks and noise of the rows, of one joint without a name."""
         return RowLayout(
@@ -70,7 +70,8 @@ class RolloutRows:
             has_fast_fits=False,
         )
 
-    @cached_property
+    @property
+    @memoized
     def data(self) -> RegressionData:
         """Data of the regression with these rows."""
         return RegressionData(self.torque.data, rollouts=self)
@@ -79,7 +80,8 @@ class RolloutRows:
         """Return the rows with more or fewer steps of the integrator, and nothing fitted."""
         return replace(self, rollouts=replace(self.rollouts, steps=steps), guide=guide)
 
-    @cached_property
+    @property
+    @memoized
     def fine(self) -> RolloutRows:
         """The rows with shorter steps of the integrator."""
         return self.with_steps(FINE, self.guide and self.guide.fine)

@@ -309,7 +309,11 @@ class ModelEvaluator:
 
     def is_confirmed(self, after: Step, before: Step) -> bool:
         """Return whether held-out errors of `after` are below those of `before` and its parameters are possible."""
-        return all(gate.passed for gate in make_confirmation_gates(after, before, self.train.motions))
+        return all(gate.passed for gate in self.confirmation_gates(after, before))
+
+    def confirmation_gates(self, after: Step, before: Step) -> list[Gate]:
+        """Return the gates of physical bounds and held-out errors; see `make_confirmation_gates`."""
+        return make_confirmation_gates(after, before, self.train.motions)
 
     def keeps_base(self, after: Terms, before: Terms) -> bool:
         """Return whether a larger model keeps the base parameters of a smaller one; see `make_base_gates`."""

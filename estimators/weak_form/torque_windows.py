@@ -8,7 +8,6 @@ from functools import cache, cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from estimators.data.rows import ResidualStructure
 from estimators.regression.least_squares import Equations, IdentificationError
@@ -375,7 +374,9 @@ def _bound_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance:
         ]
     )
     bound = np.abs(rows @ theta) + WEAK_FORM.significant * _compute_deviations(rows, covariance)
-    return np.asarray(sliding_window_view(bound, len(w.kernel))[w.centers - len(w.kernel) // 2].max(axis=1))
+    return np.asarray(
+        np.lib.stride_tricks.sliding_window_view(bound, len(w.kernel))[w.centers - len(w.kernel) // 2].max(axis=1)
+    )
 
 
 def _spread(angle: Array, force: Array) -> float:
@@ -390,7 +391,7 @@ def _spread(angle: Array, force: Array) -> float:
 
 def _durations(w: Windows) -> Array:
     """Return the effective number of samples of the acceleration a in each window, (sum a)^2 / sum a^2 >= 1 (R,)."""
-    a = sliding_window_view(w.acceleration, len(w.kernel))[w.centers - len(w.kernel) // 2]
+    a = np.lib.stride_tricks.sliding_window_view(w.acceleration, len(w.kernel))[w.centers - len(w.kernel) // 2]
     return np.asarray(np.maximum(a.sum(axis=1) ** 2 / np.maximum((a**2).sum(axis=1), 1e-300), 1.0))
 
 
