@@ -43,19 +43,18 @@ def add(
 
     Args:
         model: to start from.
-        id: of the effect, or of a function to be kept as a table, such as `torque_by_angle`; of an arm at one of its
-            joints, `stribeck@elbow`.
+        id: of the effect, or of a table such as `torque_by_angle`; of an arm at a joint, `stribeck@elbow`.
         recordings: fitted jointly.
-        holdout: recordings to confirm on; without them the last 30 % of each recording is held out.
-        progress: called with what is being done and the share that is done.
-        fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
+        holdout: confirm the effect; by default the last 30 % of each recording.
+        progress: called with the present work and the share that is done.
+        fixed: known values by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"stribeck": (0.0, 0.5)}`; None is no limit.
 
     Raises:
         ValueError: if the effect, its joint or a parameter is unknown.
-        ModelError: if the model has it already, or has no inertia.
+        ModelError: if the model has the effect already, or has no inertia.
         IdentificationError: if the recordings hold too little motion, or do not show the effect.
-        TypeError: if something else is given than a model, an id and recordings.
+        TypeError: if an argument is no model, id or recordings.
     """
     if not isinstance(id, str):
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
@@ -66,8 +65,8 @@ def add(
     if "goal" in model.log_format:  # the model was fitted with goals that were read so
         recordings, holdout = (decide_goals(own, model) for own in (recordings, holdout))
     kind = find_kind(id, body)
-    model.add(kind())  # raises if it is there already
-    select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that none has
+    model.add(kind())  # raises if the model has it
+    select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that no recording has
     if all(recording.is_free for recording in recordings):
         fixed = find_scaling_values(model, fixed)
     terms, library = apply_limits(model.terms, {kind.id: kind}, fixed, bounds)
@@ -80,11 +79,11 @@ def add(
     before, longer = fit_without_and_with(evaluator, library[kind.id])
     progress("refitting", 0.9)
     (refitted,) = case.refit(SearchResult(evaluator, [before]), replace(model, terms=tuple(setting.base))).steps
-    more = longer.model.terms[-1]
-    found = case.refit(SearchResult(evaluator, [before, longer]), refitted.model.add(more))
+    added = longer.model.terms[-1]
+    found = case.refit(SearchResult(evaluator, [before, longer]), refitted.model.add(added))
     after, is_gain = found.steps[-1], evaluator.is_significant(longer.model.terms, before.model.terms)
     objection = explain_rejection(evaluator.confirmation_gates(after, refitted))
-    if objection is None and not is_gain and not (is_hidden(more) and evaluator.train.segments):
+    if objection is None and not is_gain and not (is_hidden(added) and evaluator.train.segments):
         objection = Finding(Kind.BY_CHANCE)  # the motion shows hidden states
     trial, log_format = Trial(case, data, setting, found), collect_log_format(data.recordings)
     refitted, after = (case.present(trial, step).with_log_format(log_format) for step in (refitted, after))

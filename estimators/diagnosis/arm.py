@@ -23,24 +23,24 @@ from pendulum_env.recording import Recording
 
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
-    """Take the recordings as they are, with columns of all terms that may be fitted."""
-    known = list_ids(setting.base)
-    library = {id: kind for id, kind in setting.library.items() if id not in known}
+    """Return uncalibrated data with all terms that may be fitted, and options without base terms in the library."""
+    ids = list_ids(setting.base)
+    library = {id: kind for id, kind in setting.library.items() if id not in ids}
     data = FitData.from_recordings(recordings, holdout, (*setting.base, *library.values()))
     return data, replace(setting, library=library)
 
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
-    """Make the evaluator of models; every table may compete at every joint."""
+    """Return the evaluator of models; every table competes at every joint."""
     return setting.evaluator(data.parts, place_effects(TABLES.values(), find_links(setting.base)))
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
-    """Withhold parameters that the recordings do not determine."""
+    """Return the result without parameters of links that the recordings do not determine, and no findings."""
     *others, last = trial.found.steps
     body, data = find_links(trial.setting.base), trial.evaluator.train.data
-    seen = (concatenate_samples([w.samples for w in data.part(at).windows]) for at in body.joints)
-    motion = zip(*((x.position, x.velocity, x.torque) for x in seen), strict=True)
+    samples = (concatenate_samples([w.samples for w in data.part(at).windows]) for at in body.joints)
+    motion = zip(*((x.position, x.velocity, x.torque) for x in samples), strict=True)
     model = last.model.withhold(find_undetermined_links(last.model, *map(np.column_stack, motion)))
     return replace(trial.found, steps=[*others, replace(last, model=model)]), ()
 

@@ -28,23 +28,23 @@ Treatment = Callable[["Trial"], FitData | None]  # data after one more treatment
 
 @dataclass(frozen=True)
 class Case:
-    """Functions by which recordings of a pendulum, of an arm, and of servos differ in a diagnosis.
+    """Functions in which diagnoses of a pendulum, an arm and servos differ.
 
     Attributes:
-        takes: whether a base model and recordings are of the case.
-        prepare: calibrate recordings, and complete the base model and the library for them.
-        evaluator: make the evaluator of models.
-        search: search for effects.
-        refit: refit the steps of a search by all that the data hold, from a model with a link if one is given.
-        refine: refit a trial, drop effects that the refit rejects, and withhold parameters that the data do not
-            determine; return findings on these as well.
-        unexplained: find regions of the residual of the final model of a trial.
-        present: return a step in the units of the user.
-        conclude: add findings and the next step to a diagnosis.
-        reveal: return data that show a given effect, for an addition to the base model.
-        treatments: candidates, in the order in which they are tried.
+        takes: returns whether a base model and recordings belong to the case.
+        prepare: maps fitted and held-out recordings to calibrated data, and completes base model and library.
+        evaluator: makes the evaluator of models.
+        search: searches for effects.
+        refit: refits the last step of a search to the motion, from a start model with a link if given.
+        refine: returns the refitted result of a trial, without parameters that the data do not determine, and findings
+            on these.
+        unexplained: returns regions of the residual of the final model of a trial.
+        present: returns a step in the units of the user.
+        conclude: adds findings and the next step to a diagnosis.
+        reveal: returns data that show an effect, given the base terms and the effect, for `add`.
+        treatments: candidate treatments of the data, in the order of their trials.
         is_timed: whether the time between torque and motion is corrected first.
-        refit_to_horizon: refit the final model to free-running motion; None where no motion follows from torque alone.
+        refit_to_horizon: refits the final model to free-running motion; None if torque alone gives no motion.
     """
 
     takes: Callable[[Sequence[Term], Sequence[Recording]], bool]
@@ -64,7 +64,14 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A search for effects in data under some treatments."""
+    """Search for effects in data under some treatments.
+
+    Attributes:
+        case: functions of the case.
+        data: treated recordings.
+        setting: options.
+        found: result of the search.
+    """
 
     case: Case
     data: FitData
@@ -73,7 +80,7 @@ class Trial:
 
     @classmethod
     def search(cls, case: Case, data: FitData, setting: Setting) -> Trial:
-        """Search for effects in data."""
+        """Return the trial of a search for effects in data."""
         return cls(case, data, setting, case.search(case.evaluator(data, setting)))
 
     @property
@@ -83,11 +90,12 @@ class Trial:
 
     @cached_property
     def _refined(self) -> tuple[SearchResult, Sequence[Finding]]:
+        """Final result, and findings on parameters that the data do not determine."""
         return self.case.refine(self)
 
     @property
     def final(self) -> SearchResult:
-        """The result refitted by all that the data hold, without parameters that they do not determine."""
+        """Refitted result, without parameters that the data do not determine."""
         return self._refined[0]
 
     @property
@@ -97,18 +105,19 @@ class Trial:
 
     @property
     def model(self) -> Model:
-        """The final model."""
+        """Final model."""
         return self.final.steps[-1].model
 
     @property
     def terms(self) -> Terms:
-        """Terms of the final model, as they were searched for unless the refit dropped some."""
+        """Terms of the final model with nonlinear parameters of the search; of the refit if that dropped terms."""
         return (self.found if list_ids(self.found.terms) == list_ids(self.final.terms) else self.final).terms
 
     def release_bounds(self, model: Model) -> Model:
-        """Return a final model as the data alone would have it, where a parameter is at a bound of a body."""
-        held = any(own.at_bound and name.partition("@")[0] in NOT_NEGATIVE for name, own in model.estimates.items())
-        return fit_within_laws(self.evaluator.train, model.terms) if held else model
+        """Return a model refitted within bounds of the laws alone, if a parameter is at a body's bound; else it."""
+        bounded = (name.partition("@")[0] for name, estimate in model.estimates.items() if estimate.at_bound)
+        has_bound = any(name in NOT_NEGATIVE for name in bounded)
+        return fit_within_laws(self.evaluator.train, model.terms) if has_bound else model
 
     @cached_property
     def unexplained(self) -> tuple[Region, ...]:
@@ -117,18 +126,18 @@ class Trial:
 
     @cached_property
     def outliers(self) -> tuple[Disagreement, ...]:
-        """Recordings that disagree with the others, with those that were excluded before.
+        """Disagreements of recordings with the others, including those already excluded, in order.
 
-        The base models of single recordings are compared only if the final model leaves a residual: an effect may show
-        as a difference between recordings alone. If all recordings would be excluded, no more are than before.
+        Fits of the final terms to single recordings are compared; before, if the final model leaves a residual and no
+        recording was excluded, fits of the base. New disagreements are ignored if no fitted recording would remain.
         """
         whole = self.data.whole or self.data
         datasets = [part.data for part in (whole.parts if whole.holdout else whole.parts[:1])]
-        found = {one.recording: one for one in self.data.excluded}
-        named: tuple[Disagreement, ...] = ()
-        if self.unexplained and not found:
-            named = find_disagreements(fit_each_recording(datasets, self.setting.base), only_if_all_fit=True)
-        named = named or find_disagreements(fit_each_recording(datasets, self.model.terms))
-        more = found | {one.recording: one for one in named}
-        is_any_fitted = any(k + 1 not in more for k in range(len(whole.recordings)))
-        return tuple(own for _, own in sorted((more if is_any_fitted else found).items()))
+        excluded = {disagreement.recording: disagreement for disagreement in self.data.excluded}
+        new: tuple[Disagreement, ...] = ()
+        if self.unexplained and not excluded:
+            new = find_disagreements(fit_each_recording(datasets, self.setting.base), only_if_all_fit=True)
+        new = new or find_disagreements(fit_each_recording(datasets, self.model.terms))
+        combined = excluded | {disagreement.recording: disagreement for disagreement in new}
+        is_any_fitted = any(k + 1 not in combined for k in range(len(whole.recordings)))
+        return tuple(disagreement for _, disagreement in sorted((combined if is_any_fitted else excluded).items()))

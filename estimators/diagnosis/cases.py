@@ -11,9 +11,9 @@ from pendulum_env.recording import Recording
 
 
 def choose_case(base: Sequence[Term], recordings: Sequence[Recording]) -> Case:
-    """Return the case of recordings: of an arm, of servos with their controllers, or of a joint and its torque.
+    """Return the first case that takes the recordings: an arm, servos with controllers, or a pendulum.
 
     Raises:
-        RecordingError: if some recordings are of servos with a known controller, and others are not.
+        RecordingError: if some recordings have a known controller, and others do not.
     """
     return next(case for case in (ARM, SERVO, PENDULUM) if case.takes(base, recordings))

@@ -17,97 +17,104 @@ from estimators.selection.tables import find_explaining_law
 from pendulum_env.physics import TABLES, Model
 from pendulum_env.physics.terms import find_untested_ends
 
-ENOUGH = 40  # windows; with fewer, a finding warns
+ENOUGH = 40  # number of windows below which a finding warns
 
 
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
-    """Add findings on the torque channel, detectable sizes, and the experiment for open questions."""
+    """Return the diagnosis of a pendulum with findings, detectable sizes, tables, and the next experiment.
+
+    With a reversed sign of the logged torque, only findings on data and torque channel are added.
+    """
     found = replace(found, disagreements=trial.outliers)
     channel = find_in_channel(trial, found)
-    wrong = find_remedies(
+    remedies = find_remedies(
         trial.release_bounds(found.model), trial.data.recordings, found.ambiguous, not found.unexplained
     )
     if (cause := find_contradiction(trial.evaluator)) is not None:
-        return replace(found, findings=(*wrong, *channel), forbidden=cause)
+        return replace(found, findings=(*remedies, *channel), forbidden=cause)
     evaluator, model, regions, doubts = trial.final.evaluator, trial.model, found.unexplained, trial.doubts
     table = trial.found.table.id if trial.found.table is not None and trial.found.table.id in TABLES else None
     if regions and table is None:
         table = find_explaining_law(evaluator, model.terms, TABLES.values())
-    kept = None if table is None else Finding(Kind.TABLE_HELPS, effects=(table,))
+    table_finding = None if table is None else Finding(Kind.TABLE_HELPS, effects=(table,))
     trial.setting.progress("looking for the next experiment", 0.95)
     is_complete = not regions and len(trial.terms) == len(evaluator.base)
     detectable = find_detectable_effects(evaluator, trial.terms, evaluator.library) if is_complete else ()
-    asked = list_questions(evaluator, model.terms, found.ambiguous, found.candidates, doubts, detectable)
+    questions = list_questions(evaluator, model.terms, found.ambiguous, found.candidates, doubts, detectable)
     if find_violations(model, evaluator.train.motions) or not model.has_known_inertia:
-        asked = []  # the motion under another torque is unknown
+        questions = []  # motion cannot be predicted
     limits = trial.setting.limits.with_trusted_torque((trial.data.whole or trial.data).recordings)
-    suggestion, hopeless, forbidden = suggest_experiment(evaluator, model, asked, limits, regions)
+    suggestion, unanswerable, forbidden = suggest_experiment(evaluator, model, questions, limits, regions)
     if not model.has_known_inertia:
         forbidden = Finding(Kind.INERTIA_UNKNOWN)
-    elif regions and not asked:
-        forbidden = find_holdout_structure(evaluator, trial.terms) or kept or Finding(Kind.NO_EFFECT_OPEN)
+    elif regions and not questions:
+        forbidden = find_holdout_structure(evaluator, trial.terms) or table_finding or Finding(Kind.NO_EFFECT_OPEN)
     return replace(
         found,
         findings=(
-            *wrong,
+            *remedies,
             *channel,
             *(Finding(Kind.TIED, effects=group) for group in found.ambiguous),
             *_find_few_clusters(evaluator),
             *doubts,
             *_find_untested_ranges(model, *evaluator.train.get_range()),
-            *([kept] if kept and kept != forbidden else []),
+            *([table_finding] if table_finding and table_finding != forbidden else []),
         ),
         detectable=detectable,
         suggestion=suggestion,
         forbidden=forbidden,
         tables=() if table is None else (table,),
-        inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
+        inseparable=tuple((aim.instead, aim.effect) for aim in unanswerable if aim.instead),
     )
 
 
 def conclude_arm(trial: Trial, found: Diagnosis) -> Diagnosis:
-    """Add the residual of each joint, tables that explain it, and the next step."""
+    """Return the diagnosis of an arm with the residual of each joint, tables that explain it, and the next step."""
     evaluator, terms = trial.evaluator, trial.terms
-    left, regions = find_joint_residuals(evaluator, terms)
+    residuals, regions = find_joint_residuals(evaluator, terms)
     joints = [region.at for region in regions if not region.held_out_recordings]
-    by_law = ([table for table in evaluator.tables if table.at == at] for at in joints)
-    tables = tuple(id for laws in by_law if (id := find_explaining_law(evaluator, terms, laws)) is not None)
-    forbidden = Finding(Kind.NO_EFFECT_OPEN) if left else None
-    if left and not joints:
+    tables_at_joints = ([table for table in evaluator.tables if table.at == at] for at in joints)
+    tables = tuple(id for kinds in tables_at_joints if (id := find_explaining_law(evaluator, terms, kinds)) is not None)
+    forbidden = Finding(Kind.NO_EFFECT_OPEN) if residuals else None
+    if residuals and not joints:
         forbidden = Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names)
     elif found.ambiguous:
         forbidden = Finding(Kind.TIED, effects=found.ambiguous[0])
     elif tables:
         forbidden = Finding(Kind.TABLE_HELPS, effects=tables)
-    carried = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
-    findings = (*carried, *find_driving_friction(trial.release_bounds(found.model)), *trial.data.corrections)
-    return replace(found, findings=findings, forbidden=forbidden, tables=tables, left=left)
+    payloads = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
+    findings = (*payloads, *find_driving_friction(trial.release_bounds(found.model)), *trial.data.corrections)
+    return replace(found, findings=findings, forbidden=forbidden, tables=tables, left=residuals)
 
 
 def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
-    """Return findings on the torque channel: its constant, the time between torque and motion, and feedback."""
-    whole = trial.data.whole or trial.data
-    constant, findings = whole.constant, [] if whole.doubt is None else [whole.doubt]
+    """Return findings on the torque constant, the time between torque and motion, and feedback.
+
+    Torque that acts late is reported with a dead time or lag in the model, or with an unexplained residual if the
+    selected effects do not explain the delay.
+    """
+    data = trial.data.whole or trial.data
+    constant, findings = data.constant, [] if data.doubt is None else [data.doubt]
     if constant is not None:
-        findings += find_gain_doubts(found.model, constant, whole.parts[0].data)
-    findings += whole.corrections
-    named = {id for group in found.effects for id in group}
-    if named & {"dead_time", "actuator_lag"}:
-        findings += whole.find_timing(False)
-    elif found.unexplained and whole.find_timing(False):  # not where the effects explain the delay
-        findings += whole.with_timing([term for term in found.model.terms if term.id in found.selected]).find_timing(
+        findings += find_gain_doubts(found.model, constant, data.parts[0].data)
+    findings += data.corrections
+    selected = {id for group in found.effects for id in group}
+    if selected & {"dead_time", "actuator_lag"}:
+        findings += data.find_timing(False)
+    elif found.unexplained and data.find_timing(False):
+        findings += data.with_timing([term for term in found.model.terms if term.id in found.selected]).find_timing(
             False
         )
-    return [*findings, *find_feedback(whole.recordings)]
+    return [*findings, *find_feedback(data.recordings)]
 
 
 def _find_few_clusters(evaluator: ModelEvaluator) -> list[Finding]:
-    """Return a finding where few stretches of motion are clear of stick."""
+    """Return a finding if there are fewer than `ENOUGH` windows, else nothing."""
     count = len(evaluator.train.layout.clusters)
     return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < ENOUGH else []
 
 
 def _find_untested_ranges(model: Model, low: float, high: float) -> list[Finding]:
-    """Return findings on terms that were tested between two angles [rad] only."""
+    """Return a finding on each term that would act beyond the recorded range of angles [rad]."""
     ends = {term.id: find_untested_ends(term, low, high, model.units(term.at)) for term in model.terms}
-    return [Finding(Kind.UNTESTED_RANGE, own, effects=(id,)) for id, own in ends.items() if own]
+    return [Finding(Kind.UNTESTED_RANGE, untested, effects=(id,)) for id, untested in ends.items() if untested]

@@ -1,10 +1,10 @@
-"""The next experiment: the torque signal that would settle what a diagnosis leaves open.
+"""The next experiment: the torque signal that answers most open questions of a diagnosis.
 
-Open are effects that fit equally well, and effects that the recorded motion does not show. The fitted model is
-simulated under a family of candidate signals, and the simulated recordings are put through the same windowed equations
-as real ones. What the rival model cannot explain of them, its parameters fitted anew, is what the experiment would
-show: the signal that makes it largest against the noise is suggested (T-optimality), of those that show plenty the
-gentlest.
+Questions are about effects that fit equally well, and effects that the recorded motion does not show. The fitted model
+is simulated under a family of candidate signals. The rival model of a question is fitted to the simulated recordings by
+the same windowed equations as to real ones; its residual is the answer that the experiment would give. The signal with
+the largest residuals over the noise is suggested (T-optimality); of signals that are as good, that with the smallest
+range of angles.
 
 Source: Atkinson and Fedorov, Biometrika 62(1), 1975.
 """
@@ -31,24 +31,24 @@ from pendulum_env.physics import Model, Samples, simulate
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.units import JointUnits
 
-BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
-USUAL = 6.0  # [N m], the paper's peak torque: what a motor is trusted with unless it is known to give more
+BOLDER = 10.0  # default torque limit over the largest recorded torque, at most
+USUAL = 6.0  # [N m], default torque limit, the paper's peak torque
 
 
 @dataclass(frozen=True)
 class DesignSettings:
-    """Which experiments are simulated, and when one settles a question."""
+    """Settings of simulated experiments, and limits of their choice."""
 
-    seconds: float = 20.0  # [s], length of the experiment
-    shown: float = 0.7  # times the noise floor: a difference as large as this is found
-    plenty: float = 20.0  # times the noise floor: enough to show a twentieth part of it, too
-    alike: float = 0.05  # of the worth, a logarithm: signals as close are as good, and the smallest swing is chosen
-    fewest: int = 40  # windows clear of stick that an experiment has to give
-    releases: tuple[float, ...] = (0.3, 0.6, 1.0, 1.4, 1.8, 2.2, 2.5, 2.8, 3.0)  # [rad], at which a joint is let go
-    shares: tuple[float, ...] = (1.0, 0.3, 0.1)  # of the torque: what small angles and low speeds call for
-    fastest: float = 30.0  # times the highest speed that was recorded: of a motion beyond, a model knows nothing
-    hanging: float = 0.1  # [rad], as near to which a recording began where any motion begins
-    safe: float = 0.9  # share of an angle or speed that is used: the model that foretells the motion is in doubt
+    seconds: float = 20.0  # length of the experiment [s]
+    shown: float = 0.7  # residual of the rival model above which a question is answered [noise floors]
+    plenty: float = 20.0  # residual above which more does not count [noise floors]
+    alike: float = 0.05  # difference of worth, a sum of logarithms, up to which experiments are equal
+    fewest: int = 40  # least number of windows clear of stick
+    releases: tuple[float, ...] = (0.3, 0.6, 1.0, 1.4, 1.8, 2.2, 2.5, 2.8, 3.0)  # angles of free swings [rad]
+    shares: tuple[float, ...] = (1.0, 0.3, 0.1)  # of the torque limit, for small angles and low speeds
+    fastest: float = 30.0  # highest speed of a simulation over the highest recorded speed
+    hanging: float = 0.1  # largest distance of a recording from hanging down that counts as reaching it [rad]
+    safe: float = 0.9  # share of a limit of angle or speed that the simulated motion may use
 
 
 DESIGN = DesignSettings()
@@ -56,13 +56,13 @@ DESIGN = DesignSettings()
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of an experiment; by default those of the recordings, and the default torque.
+    """Limits of an experiment; None for a limit by the recordings.
 
     Attributes:
-        torque: largest [N m].
-        angle: to either side of hanging down [rad].
-        speed: largest [rad/s].
-        usual: torque that is trusted without limits [N m].
+        torque: largest torque [N m].
+        angle: largest angle to either side of hanging down [rad].
+        speed: largest speed [rad/s].
+        usual: torque limit without a bound of the user [N m].
     """
 
     torque: float | None = None
@@ -71,21 +71,26 @@ class Limits:
     usual: float = USUAL
 
     def quantities(self, units: JointUnits) -> dict[str, Quantity]:
-        """Return the bounds that were given, by name; without torque where none may be applied."""
+        """Return the limits that are not None, by name; a torque of zero is left out."""
         bounds = {"torque": (self.torque or None, "N m"), "angle": (self.angle, "rad"), "speed": (self.speed, "rad/s")}
-        return {name: Quantity(own, unit=units.unit(unit)) for name, (own, unit) in bounds.items() if own is not None}
+        return {name: Quantity(x, unit=units.unit(unit)) for name, (x, unit) in bounds.items() if x is not None}
 
     def with_trusted_torque(self, recordings: Sequence[Recording]) -> Limits:
-        """Return the limits with the torque that is trusted where no bound is given, by what was recorded."""
+        """Return the limits with `usual`, which is also `torque` if that is None or zero, by the recordings.
+
+        It is the largest recorded torque, or, if larger, the smaller of `USUAL` and `BOLDER` times the largest; the
+        latter only in N m.
+        """
         largest = max(float(np.abs(recording.torque).max()) for recording in recordings)
-        bold = min(USUAL, BOLDER * largest) if recordings[0].torque_unit == NEWTON_METRE else 0.0
-        usual = max(bold, largest)
+        trusted = min(USUAL, BOLDER * largest) if recordings[0].torque_unit == NEWTON_METRE else 0.0
+        usual = max(trusted, largest)
         return replace(self, torque=self.torque or usual, usual=usual)
 
     def find_angle_range(self, recordings: Sequence[Recording]) -> tuple[float, float]:
-        """Return the lowest and highest angle of a motion [rad]; a joint that turned may turn as far either way.
+        """Return the lowest and highest angle of the motion [rad]: `safe` of the limit, else of the recorded range.
 
-        Any motion begins hanging down, which may be beyond the angles that were recorded.
+        The range includes hanging down, from which the motion begins. A joint that made whole turns may turn through
+        the recorded range in either direction. A range away from hanging down is used fully.
         """
         safe, hanging = DESIGN.safe, DESIGN.hanging
         if self.angle is not None:
@@ -97,29 +102,31 @@ class Limits:
         return (safe * min(low, 0.0), safe * max(high, 0.0)) if -hanging < high and low < hanging else (low, high)
 
     def find_release_range(self, recordings: Sequence[Recording]) -> tuple[float, float]:
-        """Return the lowest and highest angle from which a joint may be released [rad]; it swings no further."""
+        """Return the lowest and highest angle of a release [rad]: the limit, or the largest recorded, either side."""
         bound = self.angle or max(float(np.abs(recording.position).max()) for recording in recordings)
         return -bound, bound
 
     def find_largest_speed(self, recorded: Samples) -> float:
-        """Return the highest speed of a motion [rad/s]."""
+        """Return `safe` of the speed limit, or of the highest recorded speed [rad/s]."""
         return DESIGN.safe * (float(np.abs(recorded.velocity).max()) if self.speed is None else self.speed)
 
 
 def suggest_experiment(
     evaluator: ModelEvaluator,
     model: Model,
-    asked: Sequence[Question],
+    questions: Sequence[Question],
     limits: Limits,
-    left: Sequence[Region] = (),
+    regions: Sequence[Region] = (),
 ) -> tuple[Suggestion | None, list[Aim], Finding | None]:
-    """Choose the experiment that settles most questions, and that reaches the angle of the largest region left.
+    """Choose the experiment within limits that answers most questions.
+
+    `left` are regions of the residual; if the first is over position, the motion has to reach it.
 
     Returns:
-        The experiment, if there is one; aims that no torque up to the usual settles, whatever the limits; and a finding
-        on the questions that only the limits keep open.
+        The experiment or None; aims that no candidate reaches without limits of angle and speed, up to the usual
+        torque; a finding on aims that only the limits forbid, or None.
     """
-    if not asked:
+    if not questions:
         return None, [], None
     recorded, torque = evaluator.train.samples, limits.torque or limits.usual
     (low, high), fastest = limits.find_angle_range(evaluator.train.recordings), limits.find_largest_speed(recorded)
@@ -129,18 +136,18 @@ def suggest_experiment(
     else:
         runs = simulate_candidates(evaluator, model, torque)
     allowed = [run for run in runs if low <= run.reach[0] and run.reach[1] <= high and run.peak_speed <= fastest]
-    place = next((0.5 * (own.low + own.high) for own in left[:1] if own.axis == "position"), None)
+    place = next((0.5 * (region.low + region.high) for region in regions[:1] if region.axis == "position"), None)
     if place is not None and not makes_whole_turns(recorded.position):
         allowed = [run for run in allowed if run.reach[0] <= place <= run.reach[1]]
-    suggestion, unsettled = _choose(evaluator, allowed, asked)
+    suggestion, unsettled = _choose(evaluator, allowed, questions)
     if not unsettled:
         return suggestion, [], None
     if limits.usual > torque and not is_free:
         runs = [*runs, *simulate_candidates(evaluator, model, limits.usual)]
     if not runs:  # the model runs away under every torque
         return None, [], None
-    _, hopeless = _choose(evaluator, runs, unsettled)
-    aims = [question.aim for question in hopeless]
+    _, unanswerable = _choose(evaluator, runs, unsettled)
+    aims = [question.aim for question in unanswerable]
     forbidden = [question.aim for question in unsettled if question.aim not in aims]
     if not forbidden:
         return suggestion, aims, None
@@ -153,35 +160,36 @@ def suggest_experiment(
 
 
 def _choose(
-    evaluator: ModelEvaluator, runs: Sequence[Run], asked: Sequence[Question]
+    evaluator: ModelEvaluator, runs: Sequence[Run], questions: Sequence[Question]
 ) -> tuple[Suggestion | None, list[Question]]:
-    """Choose the experiment that answers most questions, and list the questions that no experiment answers."""
+    """Choose the experiment that answers most questions, None if none does, and list questions without any answer."""
     if not runs:
-        return None, list(asked)
-    shown = np.zeros((len(runs), len(asked)))  # against the noise floor
+        return None, list(questions)
+    shown = np.zeros((len(runs), len(questions)))  # [noise floors]
     for j, run in enumerate(runs):
         if len(run.data.weights) >= DESIGN.fewest:
-            rivals = {terms: run.data.equations(terms) for terms in {question.terms for question in asked}}
-            told = [question.unexplained(run.data, rivals[question.terms]) for question in asked]
-            shown[j] = np.array(told) / evaluator.residuals.noise_floor()
+            rival_equations = {terms: run.data.equations(terms) for terms in {question.terms for question in questions}}
+            residuals = [question.unexplained(run.data, rival_equations[question.terms]) for question in questions]
+            shown[j] = np.array(residuals) / evaluator.residuals.noise_floor()
     answerable = shown.max(axis=0) > DESIGN.shown
-    # one question well settled and one open is worse than both settled
     worth = np.log1p(np.minimum(shown[:, answerable], DESIGN.plenty)).sum(axis=1)
     best = min(np.flatnonzero(worth >= worth.max() - DESIGN.alike).tolist(), key=lambda j: runs[j].swing)
-    settled = tuple(question.aim for question, ratio in zip(asked, shown[best], strict=True) if ratio > DESIGN.shown)
-    hopeless = [question for question, hope in zip(asked, answerable, strict=True) if not hope]
+    settled = tuple(
+        question.aim for question, ratio in zip(questions, shown[best], strict=True) if ratio > DESIGN.shown
+    )
+    hopeless = [question for question, hope in zip(questions, answerable, strict=True) if not hope]
     return (runs[best].suggestion(settled) if settled else None), hopeless
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A candidate signal with the motion that the fitted model makes of it.
+    """Simulated experiment.
 
     Attributes:
-        signal: torque over time; None where the joint is let go.
-        recording: as it would be recorded.
+        signal: torque over time; None of a free swing.
+        recording: simulated recording.
         half_width: of windows [s].
-        peak_speed: its highest speed [rad/s].
+        peak_speed: highest speed [rad/s].
     """
 
     signal: Excitation | None
@@ -196,26 +204,23 @@ class Run:
 
     @property
     def swing(self) -> float:
-        """Between them [rad]."""
+        """Range of the angle [rad]."""
         return self.reach[1] - self.reach[0]
 
     @cached_property
     def data(self) -> TorqueWindows:
-        """The motion as windowed equations."""
+        """Windowed equations of the recording."""
         return join_windows([cut(self.recording, self.half_width)])
 
     def suggestion(self, settled: tuple[Aim, ...]) -> Suggestion:
-        """Return the experiment, with its expected result."""
+        """Return the suggestion of this experiment for some aims."""
         peak = float(np.abs(self.recording.torque).max())
         release = float(self.recording.position[0]) if self.signal is None else None
         return Suggestion(self.signal, DESIGN.seconds, settled, peak, self.reach, self.peak_speed, release)
 
 
 def simulate_candidates(evaluator: ModelEvaluator, model: Model, torque: float) -> list[Run]:
-    """Simulate candidate signals up to a torque [N m], sampled and windowed much as the recordings are.
-
-    Motions that are far faster than any recorded are left out: a light joint with little friction runs away.
-    """
+    """Simulate the family of signals at each of `DESIGN.shares` of a torque [N m], from rest hanging down."""
     seconds, shares = DESIGN.seconds, DESIGN.shares
     signals = [signal for share in shares for signal in draw_family(np.random.default_rng(0), seconds, share * torque)]
     time = _make_times(evaluator)
@@ -225,14 +230,14 @@ def simulate_candidates(evaluator: ModelEvaluator, model: Model, torque: float) 
 
 
 def simulate_releases(evaluator: ModelEvaluator, model: Model) -> list[Run]:
-    """Simulate free swings from several angles alike."""
+    """Simulate free swings from each of `DESIGN.releases`."""
     angles = np.array(DESIGN.releases)
-    still = np.zeros((len(_make_times(evaluator)), len(angles)))
-    return _simulate_experiments(evaluator, model, [None] * len(angles), still, angles)
+    zeros = np.zeros((len(_make_times(evaluator)), len(angles)))
+    return _simulate_experiments(evaluator, model, [None] * len(angles), zeros, angles)
 
 
 def _make_times(evaluator: ModelEvaluator) -> Array:
-    """Make the times of the samples of an experiment (N,) [s]."""
+    """Return the times of the samples of an experiment (N,) [s], at `RATE` or a lower recorded rate."""
     rate = min(RATE, evaluator.train.data.windows[0].recording.rate)
     return np.arange(round(DESIGN.seconds * rate)) / rate
 
@@ -240,7 +245,11 @@ def _make_times(evaluator: ModelEvaluator) -> Array:
 def _simulate_experiments(
     evaluator: ModelEvaluator, model: Model, signals: Sequence[Excitation | None], torques: Array, position: ArrayLike
 ) -> list[Run]:
-    """Simulate experiments under torques (N, K) from rest at a position (K,) [rad]."""
+    """Simulate K experiments under torques (N, K) from rest at positions (K,) [rad].
+
+    Motions above `DESIGN.fastest` times the highest recorded speed are left out. The windows are those of the first
+    recording.
+    """
     windows, time = evaluator.train.data.windows[0], _make_times(evaluator)
     recorded, half_width = windows.recording, (len(windows.kernel) // 2) / windows.recording.rate
     fastest = DESIGN.fastest * float(np.abs(evaluator.train.samples.velocity).max())

@@ -12,9 +12,9 @@ from pendulum_env.recording.study import collect_log_format
 
 
 def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
-    """Rank the effects of a trial, and add findings, the residual and the next step."""
+    """Return the diagnosis of a trial: verdicts, refit to the horizon, residual, findings and the next step."""
     trial.setting.progress("judging", 0.93)
-    has_contacts = any(own.treatment.kind is Kind.IMPACTS_INCLUDED for own in tried)
+    has_contacts = any(tried_treatment.treatment.kind is Kind.IMPACTS_INCLUDED for tried_treatment in tried)
     candidates, groups = rank_effects(trial.final, trial.terms, trial.doubts, has_contacts)
     refit = trial.case.refit_to_horizon(trial) if trial.case.refit_to_horizon is not None else None
     *others, last = trial.final.steps
@@ -26,7 +26,7 @@ def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
         refit = replace(refit, before=_present(trial, refit.before, True), after=refitted)
     steps = [_present(trial, step, step is last) for step in (*others, last)]
     data = trial.data.with_horizon(trial.setting.horizon)
-    found = Diagnosis(
+    diagnosis = Diagnosis(
         steps=(*steps[:-1], steps[-1].with_log_format(collect_log_format(data.recordings))),
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
@@ -41,18 +41,27 @@ def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
         treatments=tuple(tried),
         refit=refit,
     )
-    found = trial.case.conclude(trial, found)
-    found = replace(found, findings=(*found.findings, *find_small_effect(found)))
+    diagnosis = trial.case.conclude(trial, diagnosis)
+    diagnosis = replace(diagnosis, findings=(*diagnosis.findings, *find_small_effect(diagnosis)))
     trial.setting.progress("done", 1.0)
-    return found
+    return diagnosis
 
 
 def find_small_effect(found: Diagnosis) -> list[Finding]:
-    """Find the likeliest effect that is significant but too small to be selected, where nothing else is missing."""
+    """Return a finding on the effect with the largest gain that failed only by its explained share.
+
+    There is none if effects were selected, or a residual is unexplained.
+    """
     if found.selected or found.unexplained:
         return []
-    failed = [(own, {gate.name: gate for gate in own.gates}) for own in found.candidates if own.gates]
-    small = [(own, gates) for own, gates in failed if own.gates[-1].name == "explained_share" and "p_value" in gates]
+    with_gates = [
+        (candidate, {gate.name: gate for gate in candidate.gates}) for candidate in found.candidates if candidate.gates
+    ]
+    small = [
+        (candidate, gates)
+        for candidate, gates in with_gates
+        if candidate.gates[-1].name == "explained_share" and "p_value" in gates
+    ]
     if not small:
         return []
     candidate, gates = max(small, key=lambda one: one[1]["gain"].value)
@@ -62,6 +71,6 @@ def find_small_effect(found: Diagnosis) -> list[Finding]:
 
 
 def _present(trial: Trial, step: Step, is_final: bool) -> Step:
-    """Return a step in the units of the user; the final model is biased by what it leaves unexplained."""
+    """Return a step in the units of the user; a final model with an unexplained residual is marked as biased."""
     step = trial.case.present(trial, step)
     return replace(step, model=step.model.mark_biased()) if is_final and trial.unexplained else step

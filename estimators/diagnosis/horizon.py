@@ -1,13 +1,12 @@
 """Refit of the final model of a pendulum to free-running motion over a long horizon.
 
-Windows of torque weigh every moment alike, but a mean torque that is slightly wrong adds up over seconds of free
-motion. The refit minimises the product of two errors, that of the free motion E_q and that of the torque E_tau: the
-likelihood of both with unknown noise, at equal weights. Motion over seconds depends little on the inertia, which the
-torque keeps in place.
+A small error of the mean torque adds up over seconds of free motion. The refit minimises the product of two errors,
+that of the free motion E_q and that of the torque E_tau: the likelihood of both with unknown noise, at equal weights.
+The torque determines the inertia, on which motion over seconds depends little.
 
-Each segment starts from its measured position and its smoothed velocity. They are not fitted, and a constant torque is
-fitted only if it is a term of the model: either would hide a drift. The horizon grows by factors of two from the usual
-one, so that each fit starts where its errors are nearly linear.
+Each segment starts from its measured position and its smoothed velocity, which are not fitted, since that would hide a
+drift. The horizon grows by factors of two from the default of segments, so that each fit starts where its errors are
+nearly linear.
 """
 
 from __future__ import annotations
@@ -29,16 +28,16 @@ from estimators.simulation.output_error import ErrorsOf, Point
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model
 
-PROGRESS = (0.93, 0.95)  # shares of the diagnosis between which the refit lies
-REWEIGHTED = 3  # fits to the last horizon, each weighted by the errors of the one before
+PROGRESS = (0.93, 0.95)  # shares of the diagnosis at begin and end of the refit
+REWEIGHTED = 3  # fits to the last horizon, each weighted by the errors of the fit before
 
 
 def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     """Refit the final model to free-running motion; None without a horizon, or if the inertia is unknown.
 
-    A model whose motion errs by no more than noise is not refitted: it is the most likely one already. The refit is
-    kept if it lowers the held-out error over the horizon and no parameter is impossible. A keyboard interrupt ends it
-    at the parameters that were reached.
+    A model whose motion errs by no more than noise is not refitted. The refit is kept if it lowers the held-out
+    position error over the horizon and violates no physical bound. A keyboard interrupt ends it at the reached
+    parameters.
     """
     seconds, last = trial.setting.horizon, trial.final.steps[-1]
     if seconds is None or not last.model.has_known_inertia:
@@ -62,40 +61,41 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     model = output_error.make_model_with_covariance(
         point, compute_robust_covariance(slopes, error, clusters)
     ).convert_units(data[0].recordings[0].units)
-    model = model.withhold({name for name, own in last.model.estimates.items() if own.is_unknown})
+    model = model.withhold({name for name, estimate in last.model.estimates.items() if estimate.is_unknown})
     after = _step(last, model, data)
-    old, new = (step.errors["holdout"].position_rms for step in (before, after))
-    is_kept = new < old and not find_violations(model, trial.evaluator.train.motions)
+    old_rms, new_rms = (step.errors["holdout"].position_rms for step in (before, after))
+    is_kept = new_rms < old_rms and not find_violations(model, trial.evaluator.train.motions)
     return HorizonRefit(seconds, before, after, is_kept, is_interrupted)
 
 
 def _step(last: Step, model: Model, data: Sequence[RegressionData]) -> Step:
-    """Return a model with its errors on fitted and held-out data."""
+    """Return a step with a model and its errors on fitted and held-out data."""
     return Step(
-        last.added, model, {name: own.errors(model) for name, own in zip(("train", "holdout"), data, strict=True)}
+        last.added, model, {name: part.errors(model) for name, part in zip(("train", "holdout"), data, strict=True)}
     )
 
 
 def _steady(part: RegressionData, model: Model) -> RegressionData:
-    """Return data with link states of a model, without the segments in which a small error grows."""
+    """Return the data with link states of a model, and without segments in which a small error grows tenfold."""
     return part.with_link_states(model).with_steady_segments(model)[0]
 
 
 def _rows(data: RegressionData, seconds: float, model: Model, point: Point) -> tuple[ErrorsOf, Index]:
-    """Return the errors of free motion and of torque, each of norm one at a point, and their clusters.
+    """Return a function of K points that gives errors (R, K) of free motion and torque, and their clusters (R,).
 
-    A segment in which small errors grow is left out, and one with a large error has a small weight.
+    Motion and torque have norm one at `point`. Segments last `seconds`; those in which small errors grow are left out,
+    and those with a large error have a small weight.
     """
     segments = _steady(data.with_horizon(seconds, covers=True), model).segments
     weights = np.sqrt(data.equations(point.terms).weights)
-    error, which = output_error.compute_errors(segments, [point], from_measured=True)
-    trust = np.sqrt(output_error.weigh_segments(output_error.sizes_of(error, which)))[which]
+    error, owner = output_error.compute_errors(segments, [point], from_measured=True)
+    trust = np.sqrt(output_error.weigh_segments(output_error.sizes_of(error, owner)))[owner]
 
     def parts_of(points: Sequence[Point]) -> tuple[Array, Array]:
         motion = output_error.compute_errors(segments, points, from_measured=True)[0]
-        torque = np.column_stack([data.residual(own.terms, own.theta) for own in points])
+        torque = np.column_stack([data.residual(point_k.terms, point_k.theta) for point_k in points])
         return motion * trust[:, None], torque * weights[:, None]
 
     scales = [1 / np.linalg.norm(part) for part in parts_of([point])]
-    clusters = np.concatenate([which, which.max() + 1 + data.layout.clusters])
+    clusters = np.concatenate([owner, owner.max() + 1 + data.layout.clusters])
     return lambda points: np.vstack([s * part for s, part in zip(scales, parts_of(points), strict=True)]), clusters

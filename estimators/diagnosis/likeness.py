@@ -19,22 +19,30 @@ Formula = Callable[..., Sequence[Array]]  # of the argument (N,) and nonlinear p
 
 @dataclass(frozen=True)
 class LikenessSettings:
-    """Which formulas a table is compared with, and which of them it looks like."""
+    """Limits of the search for formulas of a table, and of their report."""
 
-    most: int = 3  # formulas that are reported
-    least: float = 0.5  # share of the shape, below which it looks like nothing of the kind,
-    by_chance: float = Criterion.p_value  # and probability that a random shape comes as near, above which it does not
-    alike: float = 1e-3  # share that is left, below which none is nearer than another
-    widths: tuple[float, float] = (0.02, 1.0)  # shares of the table, from which to which a bump or a step may reach
-    powers: tuple[float, float] = (0.1, 9.0)  # of the speed, from which to which they are searched for
-    orders: range = range(1, 25)  # of waves over a turn
+    most: int = 3  # largest number of reported formulas
+    least: float = 0.5  # share of the table's variance that a reported formula explains
+    by_chance: float = Criterion.p_value  # largest probability that a random table gives the same share
+    alike: float = 1e-3  # unexplained share below which formulas count as equal
+    widths: tuple[float, float] = (0.02, 1.0)  # range of the width of bumps and steps, shares of the table's range
+    powers: tuple[float, float] = (0.1, 9.0)  # range of the power of the speed
+    orders: range = range(1, 25)  # of waves per turn
 
 
 LIKENESS = LikenessSettings()
 
 
 class Family(NamedTuple):
-    """Formulas of one kind; their nonlinear parameters are searched for between their ends, from the starts."""
+    """Formulas of one kind.
+
+    Attributes:
+        form: kind of the formulas.
+        formula: columns of the linear parameters, as a function of the argument and the nonlinear parameters.
+        starts: start values of the nonlinear parameters.
+        ends: range of each nonlinear parameter.
+        known: values that the formula already contains.
+    """
 
     form: Form
     formula: Formula
@@ -45,72 +53,88 @@ class Family(NamedTuple):
 
 @dataclass(frozen=True)
 class Likeness:
-    """A formula, and the share of the table's variance that it explains."""
+    """Formula with its share of a table's variance.
+
+    Attributes:
+        form: kind of the formula.
+        values: nonlinear parameters; of a wave, its number per turn.
+        share: explained share of the table's weighted variance.
+        parameters: number of all parameters.
+    """
 
     form: Form
-    values: tuple[float, ...]  # of the nonlinear parameters; of a wave, its number in a turn
+    values: tuple[float, ...]
     share: float
     parameters: int
 
 
 def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
-    """Find the formulas of three kinds that are nearest to a table, the nearest first; fewer if none is near.
+    """Find at most `LIKENESS.most` formulas that resemble a table, the largest explained share first.
 
-    They are fitted to the table where it is told best, beside what the model has of its argument. Of a formula with
-    more parameters nothing is said unless it leaves less than half of what simpler ones do: a line is also a wide step.
-    The share that k parameters explain of a random table of P has a beta distribution with k/2 and (P - k)/2; a formula
-    is reported if the best of all families rarely reaches its share by chance.
+    They are fitted to the curve of the table, weighted by its standard errors, in addition to the base laws of its
+    argument. A formula with more parameters has to leave less than half of the residual of simpler ones. The share that
+    k parameters explain of a random table of P has a beta distribution with k/2 and (P - k)/2; a formula is reported if
+    the best of all families rarely reaches its share by chance.
     """
     base = np.column_stack([np.empty((len(curve.x), 0)), *(law(curve.x) for law in type(table).laws())])
-    usual = max(float(np.median(curve.std)), 1e-3 * float(np.ptp(curve.value)), 1e-300)
-    weights = 1.0 / np.maximum(curve.std, usual)  # no point counts for more than half of them do
-    whole, constant = (
+    typical_std = max(float(np.median(curve.std)), 1e-3 * float(np.ptp(curve.value)), 1e-300)
+    weights = 1.0 / np.maximum(curve.std, typical_std)  # no weight is above that of the median error
+    total, constant = (
         _compute_residual_squares(curve, base, weights),
         [np.ones_like(curve.x)] * (table.axis == "position"),
     )
     found = []
     for family in _list_families(table):
 
-        def left(shape: Array, formula: Formula = family.formula) -> float:
+        def residual_of(shape: Array, formula: Formula = family.formula) -> float:  # residual sum of squares
             with np.errstate(all="ignore"):
                 columns = np.column_stack([*constant, *formula(curve.x, *shape)])
             return _compute_residual_squares(
                 curve, np.column_stack([base, np.nan_to_num(columns, nan=0.0, posinf=0.0, neginf=0.0)]), weights
             )
 
-        start = min(family.starts, key=lambda values: left(np.array(values)))
+        start = min(family.starts, key=lambda values: residual_of(np.array(values)))
         shape = np.array(start)
         if start:
             shape = scipy.optimize.minimize(
-                left, start, method="Nelder-Mead", bounds=family.ends, options={"maxiter": 200}
+                residual_of, start, method="Nelder-Mead", bounds=family.ends, options={"maxiter": 200}
             ).x
         count = len(constant) + len(family.formula(curve.x[:1], *shape)) + len(shape)
-        found.append(Likeness(family.form, (*family.known, *shape.tolist()), 1.0 - left(shape) / whole, count))
-    found.sort(key=lambda one: -one.share)
-    near = [one for one in found if one.share > LIKENESS.least and _is_significant(one, len(table.columns), len(found))]
-    return [one for one in near if not any(_is_enough(other, one) for other in found)][: LIKENESS.most]
+        found.append(Likeness(family.form, (*family.known, *shape.tolist()), 1.0 - residual_of(shape) / total, count))
+    found.sort(key=lambda likeness: -likeness.share)
+    similar = [
+        likeness
+        for likeness in found
+        if likeness.share > LIKENESS.least and _is_significant(likeness, len(table.columns), len(found))
+    ]
+    return [nearest for nearest in similar if not any(_is_enough(other, nearest) for other in found)][: LIKENESS.most]
 
 
-def _is_significant(one: Likeness, freedom: int, families: int) -> bool:
+def _is_significant(likeness: Likeness, freedom: int, families: int) -> bool:
     """Return whether a formula explains more of a table than the best of several families would of a random table."""
-    spare = freedom - one.parameters
-    chance = scipy.special.betainc(0.5 * spare, 0.5 * one.parameters, 1.0 - one.share) if spare > 0 else 1.0
-    return bool(families * chance <= LIKENESS.by_chance)
+    freedom_left = freedom - likeness.parameters
+    p_value = (
+        scipy.special.betainc(0.5 * freedom_left, 0.5 * likeness.parameters, 1.0 - likeness.share)
+        if freedom_left > 0
+        else 1.0
+    )
+    return bool(families * p_value <= LIKENESS.by_chance)
 
 
-def _is_enough(simple: Likeness, other: Likeness) -> bool:
-    """Return whether one formula makes another one unnecessary."""
-    left, less = (max(1.0 - one.share, LIKENESS.alike) for one in (simple, other))
-    return simple.parameters < other.parameters and left < 2.0 * less
+def _is_enough(simpler: Likeness, other: Likeness) -> bool:
+    """Return whether a simpler formula leaves less than twice the residual of another."""
+    simple_residual, other_residual = (max(1.0 - likeness.share, LIKENESS.alike) for likeness in (simpler, other))
+    return simpler.parameters < other.parameters and simple_residual < 2.0 * other_residual
 
 
 def _compute_residual_squares(curve: TableCurve, columns: Array, weights: Array) -> float:
-    """Compute the weighted residual sum of squares of a fit of columns (N, K)."""
+    """Return the weighted residual sum of squares of a fit of columns (N, K) to a curve, with weights (N,)."""
     scaled, target = columns * weights[:, None], weights * curve.value
     return float(np.sum((target - scaled @ solve_least_squares(scaled, target)) ** 2))
 
 
 def _list_families(table: Table) -> list[Family]:
+    """List the families for a table: powers over speed; waves of a turning joint, lines, bumps and steps over angle."""
     low, high = table.extent[:2]
     if table.axis == "velocity":
         return [Family("power", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (LIKENESS.powers,))]

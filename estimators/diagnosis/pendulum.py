@@ -21,20 +21,24 @@ from pendulum_env.recording import Recording
 
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
-    """Calibrate the recordings; the base model of free swings has the inertia that scales them."""
+    """Return calibrated data, and options whose base has the known inertia of free swings."""
     data = FitData.from_recordings(recordings, holdout, setting.base)
     return data, replace(setting, base=make_swing_terms(setting.base, data.recordings), original=setting.base)
 
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
-    """Make the evaluator of models; only tables that the recordings can show compete."""
+    """Return the evaluator of models; in free swings, tables that need torque do not compete.
+
+    Raises:
+        IdentificationError: if a recording is shorter than the horizon.
+    """
     data.with_horizon(setting.horizon)  # raises an error before the search begins
     is_free = all(recording.known_inertia for recording in data.recordings)
     return setting.evaluator(data.parts, [kind for kind in COMPETING if not (is_free and is_torque_needed(kind))])
 
 
 def present(trial: Trial, step: Step) -> Step:
-    """Return a step with the torque constant in its model, and with known values as the user gave them."""
+    """Return a step whose model has the torque constant, and known values as the user gave them."""
     model = add_torque_constant(step.model, trial.data.parts[0].data)
     return replace(step, model=restore_known(model, trial.setting.original, trial.data.recordings))
 

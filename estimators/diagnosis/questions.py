@@ -1,4 +1,4 @@
-"""Questions that a diagnosis leaves open, which an experiment may settle, and the smallest effects that would show."""
+"""Open questions of a diagnosis for an experiment, and the smallest detectable size of absent effects."""
 
 from __future__ import annotations
 
@@ -22,19 +22,20 @@ from pendulum_env.physics import Term, list_ids
 from pendulum_env.plant import get_typical_values, paper_plant
 from pendulum_env.units import is_of_torque
 
-TOLD = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")  # as long as they are known
-CLEAR = 2.0  # times what counts as structure: windows next to each other share about half of it
-DOUBT = 3.0  # times the gain that chance may give, which is then found nearly always
+TOLD = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")  # reported detectable effects
+CLEAR = 2.0  # factor on the limits of structure, since neighbouring windows share about half of a torque
+DOUBT = 3.0  # factor on the penalty, above which a gain is nearly always found
 
 
 @dataclass(frozen=True)
 class Question:
-    """Question that an experiment may settle: whether a rival model explains the torque.
+    """Question for an experiment: whether a rival model explains a torque.
 
     Attributes:
-        aim: what it is.
-        terms: of the rival model: with the effect in place of the other, or without it.
-        torque: effect of typical size whose torque is to be seen, with its linear parameters; None to see the model's.
+        aim: aim of the experiment.
+        terms: terms of the rival model: with the effect in the place of a term, or without the effect.
+        torque: effect of typical size with its linear parameters, whose torque is to be explained; None for the
+            torque of the fitted model.
     """
 
     aim: Aim
@@ -42,7 +43,10 @@ class Question:
     torque: tuple[Term, Array] | None = None
 
     def unexplained(self, data: TorqueWindows, equations: Equations) -> float:
-        """Compute the RMS torque of a simulated experiment that the rival model cannot explain [N m]."""
+        """Return the RMS torque of a simulated experiment that the rival model cannot explain [N m].
+
+        `equations` are those of `terms` on `data`; known parameters keep their values.
+        """
         known = find_known_values(self.terms)
         given = [k for k, name in enumerate(c.name for term in self.terms for c in term.columns) if name in known]
         equations = give(equations, given, np.array(list(known.values())))
@@ -64,35 +68,35 @@ def list_questions(
 ) -> list[Question]:
     """List the open questions of a diagnosis.
 
-    Effects that the data do not show are asked for: those that are not excited, and those of which no possible size
-    would be detected.
+    Each effect that ties with a selected effect (`groups`) or, by `doubts`, with a term is a question; then each effect
+    that was not excited, or of which no possible size is `detectable`, unless its own range is not reached.
     """
     hidden = {one.effect for one in detectable if not one.is_excited}
-    pairs = [(id, selected) for selected, *alike in groups for id in alike]
+    pairs = [(id, selected) for selected, *tied in groups for id in tied]
     pairs += [doubt.rivals for doubt in doubts if doubt.rivals is not None]
     present = list_ids(terms)
-    asked = []
+    questions = []
     for id, instead in pairs:
         others = [term for term in terms if term.id != instead]
         if id in evaluator.library.keys() - present and len(others) < len(terms):
             trial = find_best_variant(evaluator, tuple(others), evaluator.library[id])
             if trial is not None:
-                asked.append(Question(Aim(id, instead), trial.terms))
+                questions.append(Question(Aim(id, instead), trial.terms))
     for candidate in candidates:
         kind = evaluator.library[candidate.effect]
-        out_of_reach = any(kind().open_ends)  # no motion is risked for a mere suspicion
-        asked_already = candidate.effect in {question.aim.effect for question in asked}
+        is_out_of_range = any(kind().open_ends)
+        is_asked = candidate.effect in {question.aim.effect for question in questions}
         is_hidden = candidate.verdict is Verdict.NOT_EXCITED or candidate.effect in hidden
-        if is_hidden and not out_of_reach and not asked_already:
+        if is_hidden and not is_out_of_range and not is_asked:
             inertia = evaluator.train.recordings[0].known_inertia
-            asked.append(Question(Aim(candidate.effect), tuple(terms), make_typical_effect(kind, inertia)))
-    return asked
+            questions.append(Question(Aim(candidate.effect), tuple(terms), make_typical_effect(kind, inertia)))
+    return questions
 
 
 def make_typical_effect(kind: type[Term], inertia: float = 0.0) -> tuple[Term, Array]:
-    """Make an effect of a typical size, and its linear parameters (P,).
+    """Return an effect of typical size and its linear parameters (P,).
 
-    Of a free swing, torques are in the proportion of its inertia to that of the paper's rig.
+    With the inertia of a free swing [kg m^2], torques are scaled by its ratio to the inertia of the paper's rig.
     """
     values = get_typical_values(kind)
     term = kind(**{parameter.name: values.pop(parameter.name) for parameter in kind.nonlinear_parameters})
@@ -106,40 +110,41 @@ def make_typical_effect(kind: type[Term], inertia: float = 0.0) -> tuple[Term, A
 def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float | None:
     """Find the smallest detectable size of an effect added to the terms, in the unit of its first parameter.
 
-    An effect whose torque has a root mean square r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats
-    over N windows whose noise is s; and r has to be structure, not noise, which N windows may be too few to tell. None
-    if no size would do, or the data do not depend on it.
+    An effect with RMS torque r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats over N windows with
+    noise s. The gain has to reach `DOUBT` penalties, and r has to be significant structure. Return None if no size is
+    detectable in N windows, or if the terms imitate the effect.
     """
     term, theta = make_typical_effect(kind)
     if not len(theta):
         return None
     (columns,) = evaluator.train.maker.columns([term])
     torque, phi = columns.linear @ theta, evaluator.train.equations(terms).phi
-    left = torque - phi @ np.linalg.lstsq(phi, torque, rcond=1e-10)[0]
-    shown = float(np.sqrt(np.mean(left**2)))
-    if shown < 1e-9 * float(np.sqrt(np.mean(torque**2))) or shown == 0.0:
+    outside = torque - phi @ np.linalg.lstsq(phi, torque, rcond=1e-10)[0]
+    outside_rms = float(np.sqrt(np.mean(outside**2)))
+    if outside_rms < 1e-9 * float(np.sqrt(np.mean(torque**2))) or outside_rms == 0.0:
         return None
     noise = max(evaluator.residuals.noise_floor(), float(np.sqrt(np.mean(evaluator.train.residual(terms) ** 2))))
     correlated = (
-        CLEAR * evaluator.criterion.z_score / float(np.sqrt(len(left)))
-    )  # r^2 / (r^2 + s^2) that is significantly shared
+        CLEAR * evaluator.criterion.z_score / float(np.sqrt(len(outside)))
+    )  # least significant r^2 / (r^2 + s^2)
     if correlated >= 1.0:
         return None
     nats = DOUBT * evaluator.penalty((*terms, term), terms)
     least = max(
-        noise * float(np.sqrt(np.expm1(2 * nats / len(left)))),
+        noise * float(np.sqrt(np.expm1(2 * nats / len(outside)))),
         noise * float(np.sqrt(correlated / (1.0 - correlated))),
         CLEAR * evaluator.criterion.noise_ratio * evaluator.residuals.noise_floor(),
     )
-    return float(np.linalg.norm(theta)) * least / shown
+    return float(np.linalg.norm(theta)) * least / outside_rms
 
 
 def find_detectable_effects(
     evaluator: ModelEvaluator, terms: Terms, library: Mapping[str, type[Term]]
 ) -> tuple[Detectable, ...]:
-    """Find the smallest detectable size of effects in addition to the terms.
+    """Return the smallest detectable size of each effect in `TOLD`, and the recorded range without a hard stop.
 
-    A size whose torque exceeds all that was applied is impossible: the data do not excite such an effect.
+    A size whose torque exceeds the applied torque is impossible and left out: the data do not excite the effect. A
+    joint that makes whole turns has no range.
     """
     found, data, units = list[Detectable](), evaluator.train.data, evaluator.train.units()
     for kind in (library[id] for id in TOLD if id in library):

@@ -23,16 +23,16 @@ from pendulum_env.physics.terms import find_untested_ends
 def rank_effects(
     found: SearchResult, final: Terms, doubts: Sequence[Finding] = (), has_contacts: bool = False
 ) -> tuple[list[Candidate], list[tuple[str, ...]]]:
-    """Return the verdict on each effect of the library, and groups that these data cannot tell apart.
+    """Return the verdict on each effect of the library, and groups of ids that the data cannot tell apart.
 
-    Effects of the model are compared beside the table that was found, if there is one; the others without it. In a
-    group, the selected effect comes first.
+    Selected effects are compared with the table of the search in the model, others without. The selected effect comes
+    first in its group.
 
     Args:
         found: result of the search; its last step may be refitted.
-        final: terms of the final model, as they were searched for.
-        doubts: parameters that the data do not determine: an effect that imitates a term of the model is not rejected.
-        has_contacts: whether the recordings show contacts with a stop, so that an end of the range was tested.
+        final: terms of the final model, see `Trial.terms`.
+        doubts: findings on effects that imitate a term of the model, which are not rejected.
+        has_contacts: whether contacts with a stop were tried, which tests the ends of the range.
     """
     verdicts: dict[str, Candidate] = {}
     groups: list[tuple[str, ...]] = []
@@ -42,7 +42,7 @@ def rank_effects(
         if tied:
             groups.append(tuple(candidate.effect for candidate in (chosen, *tied)))
     library = screen_library(found.evaluator, final)
-    tried = [one.terms for one in library.values() if one.terms is not None]
+    tried = [screened.terms for screened in library.values() if screened.terms is not None]
     for longer in sorted(tried, key=found.evaluator.screening_score):
         if longer[-1].id not in verdicts:
             verdicts[longer[-1].id] = _rank_other(found, longer, has_contacts)
@@ -54,33 +54,35 @@ def rank_effects(
 
 
 def mark_imitators(candidates: Sequence[Candidate], doubts: Sequence[Finding]) -> list[Candidate]:
-    """Return candidates; a rejected effect that cannot be distinguished from a term of the model is not excited."""
-    alike = dict(doubt.rivals for doubt in doubts if doubt.rivals is not None)
+    """Return candidates by verdict; rejected effects that imitate a term, by `doubts`, become not excited."""
+    rivals = dict(doubt.rivals for doubt in doubts if doubt.rivals is not None)
     return sort_by_verdict(
-        replace(one, verdict=Verdict.NOT_EXCITED, reason=Finding(Kind.IMITATES, effects=(alike[one.effect],)))
-        if one.verdict is Verdict.REJECTED and one.effect in alike
-        else one
-        for one in candidates
+        replace(
+            candidate, verdict=Verdict.NOT_EXCITED, reason=Finding(Kind.IMITATES, effects=(rivals[candidate.effect],))
+        )
+        if candidate.verdict is Verdict.REJECTED and candidate.effect in rivals
+        else candidate
+        for candidate in candidates
     )
 
 
 def sort_by_verdict(candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Return candidates in the order of their verdicts, the likelier first."""
+    """Return candidates in the order of `Verdict`, then by falling score."""
     order = list(Verdict)
     return sorted(candidates, key=lambda candidate: (order.index(candidate.verdict), -candidate.score))
 
 
 def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step) -> list[Candidate]:
-    """Return the effect added from `before` to `after`, followed by the effects that tie with it.
+    """Return the verdicts on the effect added from `before` to `after`, then on effects that tie with it.
 
-    The score is the probability of the effect, or of its group, among the library, times the share of the residual of
-    the other terms that it explains: an unknown law may cause the rest, and then this effect as well.
+    The score is the probability of the effect, or of its group, times the explained share of the residual of the other
+    terms, since an unknown law may cause the rest; it is at most `Criterion.max_score`. Effects with hidden states have
+    no competitors, since the motion has decided.
     """
     evaluator = found.evaluator
-    final = (*final, found.table) if found.table is not None else final  # beside it, effects that it hides show
+    final = (*final, found.table) if found.table is not None else final
     term = next(term for term in final if term.id == after.added)
     others = remove_term(final, term)
-    # windows, in which a link is carried along, say little of hidden states: the motion has decided
     odds = {term.id: 1.0} if is_hidden(term) else compute_alternatives(evaluator, final, term)
     share = 1.0 if evaluator.residuals.is_noise(final) else max(0.0, evaluator.explained_share(final, others))
     rivals = {rival[-1].id: rival for rival in screen_replacements(evaluator, final, term)} if len(odds) > 1 else {}
@@ -88,32 +90,39 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
     tied = sorted((id for id in odds if id != term.id and odds[id] > least), key=lambda id: -odds[id])
     score = evaluator.criterion.max_score * share
     if evaluator.train.segments or before.errors["holdout"].is_in_loop:
-        less, more = (step.errors["holdout"].get_joint_error(term.at) for step in (after, before))
+        error_with, error_without = (step.errors["holdout"].get_joint_error(term.at) for step in (after, before))
         reason = compute_error_fall(before, after)
-    else:  # without a simulation, windows give the errors of the final model, as they give the score
-        less, more = (_compute_held_out_rms(evaluator, terms, term.at) for terms in (final, others))
-        reason = Finding(Kind.ERROR_FALLS_AT_JOINT, {"share": Quantity(less / more)}, joints=(term.at,))
+    else:  # without a simulation
+        error_with, error_without = (_compute_held_out_rms(evaluator, terms, term.at) for terms in (final, others))
+        reason = Finding(Kind.ERROR_FALLS_AT_JOINT, {"share": Quantity(error_with / error_without)}, joints=(term.at,))
     gates = (
         *([] if is_hidden(term) else evaluator.gates(final, others)),
         *evaluator.confirmation_gates(after, before),
     )
-    gained: tuple[Gain | None, int] = (None, 1) if is_hidden(term) else _compute_gain(evaluator, final, others)
-    ratio, total = less / more, score * sum(odds[id] for id in (term.id, *tied))
+    best_gain: tuple[Gain | None, int] = (None, 1) if is_hidden(term) else _compute_gain(evaluator, final, others)
+    ratio, total = error_with / error_without, score * sum(odds[id] for id in (term.id, *tied))
     found_tied = []
     for id in tied:
-        own = (*evaluator.gates(rivals[id], others), Gate("tie_probability", odds[id], least, True))
+        rival_gates = (*evaluator.gates(rivals[id], others), Gate("tie_probability", odds[id], least, True))
         gain, variants = _compute_gain(evaluator, rivals[id], others)
         ties = Finding(Kind.TIES, effects=(term.id,))
         found_tied.append(
-            Candidate(id, score * odds[id], Verdict.AMBIGUOUS, ratio, ties, gain, variants, own, rivals[id])
+            Candidate(id, score * odds[id], Verdict.AMBIGUOUS, ratio, ties, gain, variants, rival_gates, rivals[id])
         )
-    return [Candidate(term.id, total, Verdict.SELECTED, ratio, reason, gained[0], gained[1], gates, final), *found_tied]
+    return [
+        Candidate(term.id, total, Verdict.SELECTED, ratio, reason, best_gain[0], best_gain[1], gates, final),
+        *found_tied,
+    ]
 
 
 def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candidate:
-    """Return the verdict on an effect that the final model lacks, from its best variant beside that model."""
-    evaluator, (*rest, term) = found.evaluator, longer
-    others = tuple(rest)
+    """Return the verdict on the last of some terms, an effect that the final model lacks, in its best variant.
+
+    The score is half of the probability of a gain. An effect is not excited if its range was not tested or its torque
+    is too small; but if a term of the model contains it, it is rejected. Other effects are rejected, by their gates.
+    """
+    evaluator, (*other_terms, term) = found.evaluator, longer
+    others = tuple(other_terms)
     gain, variants = _compute_gain(evaluator, longer, others)
     ratio = _compute_held_out_rms(evaluator, longer, term.at) / _compute_held_out_rms(evaluator, others, term.at)
     gates = evaluator.gates(longer, others)
@@ -125,8 +134,8 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
         reason = Finding(Kind.NOT_TESTED, untested, effects=(term.id,))
     elif not (excited := make_excitation_gate(evaluator, longer)).passed:
         reason, gates = Finding(Kind.NOT_EXCITED, effects=(term.id,)), [excited]
-        if whole := [other.id for other in others if contains(evaluator, other, term)]:
-            verdict, reason = Verdict.REJECTED, Finding(Kind.IMITATES, effects=(whole[0],))
+        if containing := [other.id for other in others if contains(evaluator, other, term)]:
+            verdict, reason = Verdict.REJECTED, Finding(Kind.IMITATES, effects=(containing[0],))
     else:
         verdict, gates = Verdict.REJECTED, [excited, *gates]
         if all(gate.passed for gate in gates):
@@ -145,57 +154,59 @@ def _compute_gain(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tup
 
 
 def _compute_held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:
-    """Return the held-out torque error of the terms fitted to the training data [N m]."""
+    """Return the held-out RMS torque error, at the joints of a place, of the terms fitted to training data [N m]."""
     error = evaluator.holdout.equations(terms, by_noise=True).error(evaluator.train.solve(terms))
     return get_error_at(evaluator.holdout.joint_errors(error), at, np.nan)
 
 
 def compute_alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) -> dict[str, float]:
-    """Return the probability of each effect in the place of one of the terms, itself first, by id.
+    """Return the probability of each effect in the place of `term`, including itself, which comes first, by id.
 
-    A more complex law that contains the term, as a spring contains an offset, does not compete, nor does one of which a
-    simpler part is enough, nor a likely one that `can_replace` refuses.
+    Laws that contain the term do not compete, nor laws of which a simpler part suffices, nor likely laws that
+    `can_replace` refuses.
     """
     others = tuple(other for other in terms if other is not term)
-    open_to = [
+    rivals = [
         rival
         for rival in screen_replacements(evaluator, terms, term)
         if not contains(evaluator, rival[-1], term) and needs_all_parts(evaluator, rival)
     ]
-    known: dict[Terms, bool] = {}
+    decisions: dict[Terms, bool] = {}
     while True:
-        odds = evaluator.bootstrap.probabilities([evaluator.density(one) for one in (terms, *open_to)])
+        odds = evaluator.bootstrap.probabilities([evaluator.density(model) for model in (terms, *rivals)])
         likely = [
-            rival for rival, share in zip(open_to, odds[1:], strict=True) if share > evaluator.criterion.tie_probability
+            rival for rival, share in zip(rivals, odds[1:], strict=True) if share > evaluator.criterion.tie_probability
         ]
-        known |= {rival: can_replace(evaluator, rival, terms, others) for rival in likely if rival not in known}
-        refuted = [rival for rival in likely if not known[rival]]
+        decisions |= {rival: can_replace(evaluator, rival, terms, others) for rival in likely if rival not in decisions}
+        refuted = [rival for rival in likely if not decisions[rival]]
         if not refuted:
-            return dict(zip((term.id, *(rival[-1].id for rival in open_to)), odds.tolist(), strict=True))
-        open_to = [rival for rival in open_to if rival not in refuted]
+            return dict(zip((term.id, *(rival[-1].id for rival in rivals)), odds.tolist(), strict=True))
+        rivals = [rival for rival in rivals if rival not in refuted]
 
 
 def can_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: Terms) -> bool:
-    """Return whether a rival keeps the base of the others and lowers both errors, and follows the motion as well."""
-    rival, terms, others = (remove_table(evaluator, one) for one in (rival, terms, others))
+    """Return whether a rival of `terms` keeps the base of the `others` and lowers their held-out errors.
+
+    In addition, `terms` must not follow the motion significantly better. Tables are removed from all models.
+    """
+    rival, terms, others = (remove_table(evaluator, model) for model in (rival, terms, others))
     if not (evaluator.keeps_base(rival, others) and evaluator.lowers_errors(rival, others)):
         return False
     return evaluator.explained_shares_of_motion(terms, rival)[0] <= evaluator.criterion.explained_share
 
 
 def make_excitation_gate(evaluator: ModelEvaluator, longer: Terms) -> Gate:
-    """Return the excitation of the last of some terms by the data as a gate.
+    """Return a gate on the excitation of the last of some terms.
 
-    It is the recorded torque over the smallest torque of the term that would be significant beside the others: N rows
-    with residuals s show a torque r, of which a share u is no imitation by the others, with a standard error of
-    s / (u sqrt(N)).
+    It is the recorded torque over the smallest significant torque of the term. N rows with residual s show a torque of
+    which a share u is outside the span of the other terms with a standard error of s / (u sqrt(N)).
     """
     *others, term = longer
-    train, here, least = evaluator.train, evaluator.train.locate_rows(term.at), evaluator.criterion.least_excitation
-    residual, recorded = train.residual(tuple(others))[here], train.equations(others).y[here]
+    train, rows, least = evaluator.train, evaluator.train.locate_rows(term.at), evaluator.criterion.least_excitation
+    residual, recorded = train.residual(tuple(others))[rows], train.equations(others).y[rows]
     if not recorded.any():  # a free swing
-        recorded = train.data.applied_torque()[here]
-    noise, torque = (float(np.sqrt(np.mean(own**2))) for own in (residual, recorded))
+        recorded = train.data.applied_torque()[rows]
+    noise, torque = (float(np.sqrt(np.mean(series**2))) for series in (residual, recorded))
     share = compute_unique_share(train, others, term)
     value = torque * share * len(residual) ** 0.5 / max(SIGNIFICANT * noise, 1e-300)
     return Gate("excitation", value, least, value > least)

@@ -28,15 +28,15 @@ class Candidate:
     """Verdict on one effect of the library, with its scores.
 
     Attributes:
-        effect: its id.
-        score: probability, between 0 and 1, that it is what the data call for at its place among the alternatives.
-        verdict: what became of it.
-        error_ratio: torque error on held-out data with the effect, over the error without it.
-        reason: a finding that says why.
-        gain: what it predicts better than its absence beside the other effects of the final model, where that is known.
-        variants: number of compared variants, as in `ModelEvaluator.n_variants`; the best of many gains by chance.
-        gates: tests that the effect met, in order; a rejected effect failed the last.
-        terms: of the model that was evaluated; empty if the effect was not tried.
+        effect: id of the effect.
+        score: probability of the effect among its alternatives, from 0 to 1.
+        verdict: decision on the effect.
+        error_ratio: held-out torque error with the effect over the error without.
+        reason: finding that explains the verdict.
+        gain: gain of the effect beside the other effects of the final model; None if unknown.
+        variants: number of compared variants, see `ModelEvaluator.n_variants`.
+        gates: tests of the effect, in order; a rejected effect failed the last.
+        terms: terms of the evaluated model; empty if the effect was not tried.
     """
 
     effect: str
@@ -64,9 +64,13 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Detectable:
-    """An effect that would have shown: above a size in its unit, or wherever it is between two angles [rad].
+    """Absent effect that the data would have shown; without `above` and `between`, the data do not excite it.
 
-    Without either, the motion does not excite the effect: no possible size would have shown.
+    Attributes:
+        effect: id of the effect.
+        above: smallest detectable size, in `unit`; None with `between`, or if no possible size is detectable.
+        unit: of `above` or `between`.
+        between: angles between which the effect would have been detected; None for other effects than a stop.
     """
 
     effect: str
@@ -89,11 +93,11 @@ class TriedTreatment:
     """A treatment of the recordings under which effects were searched for.
 
     Attributes:
-        treatment: what was done.
-        error_ratio: held-out error of the model that was found, over that of the model without the treatment.
-        assumptions: effects, corrected torque and treatments of windows, with the treatment.
-        before: the same without it.
-        is_kept: whether the result stands on it.
+        treatment: finding that names the treatment.
+        error_ratio: held-out cost with the treatment over the cost without.
+        assumptions: number of assumptions with the treatment, see `count_assumptions`.
+        before: number without the treatment.
+        is_kept: whether the treatment was kept.
     """
 
     treatment: Finding
@@ -117,11 +121,11 @@ class HorizonRefit:
     """Refit of the final model to free-running motion over a horizon, each segment from its measured state.
 
     Attributes:
-        seconds: the horizon [s].
-        before: the model that the search found, with errors of free runs over the horizon.
-        after: the refitted model, with the same errors; None if the motion errs by no more than noise.
-        is_kept: whether the refitted model is the final one: it lowers the held-out error, and a body can have it.
-        is_interrupted: whether the refit was interrupted; it then ended at a shorter horizon.
+        seconds: horizon [s].
+        before: model of the search, with errors of free runs over the horizon.
+        after: refitted model, with the same errors; None if the motion errs by no more than noise.
+        is_kept: whether the refitted model is the final one.
+        is_interrupted: whether the refit was interrupted, at the parameters reached so far.
     """
 
     seconds: float
@@ -146,28 +150,27 @@ class Diagnosis:
     """Result of a diagnosis.
 
     Attributes:
-        steps: the base model, then one entry for each effect added.
-        candidates: every effect of the library, selected ones first.
-        ambiguous: groups of effects that these data cannot tell apart.
-        unexplained: regions whose residual no candidate explains, empty when the noise floor is reached; of an arm one
-            of each joint that leaves more than noise, everywhere where it stands out nowhere.
-        floors: torque error that measurement noise alone gives at each joint [N m]; in the loop the mean distance
-            that the encoder alone gives [rad].
-        findings: on data and model, first those that count most.
-        suggestion: the experiment that would settle most of what is open, None if nothing is, or none would.
-        forbidden: why no experiment settles what is open or left, above all the limits of the rig; None if nothing is.
-        tables: what would keep a function that explains what is left, and that no effect is: one, or one of each joint.
-        inseparable: groups that no torque would tell apart, whatever it was.
-        disagreements: recordings that show another plant than the others; fitted ones among them are set apart.
-        alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
-            filtered was corrected by it.
-        detectable: what would have shown, where nothing is missing.
-        torque_unit: `N m`, or that of a current in whose stead parameters and errors are per unit of it.
-        torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
-        data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
-        left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
-        treatments: of the recordings that were tried, in order; what was done to them before is in the data.
-        refit: to free-running motion over a horizon; None if none was asked for.
+        steps: the base model, then one entry for each added effect.
+        candidates: verdict on each effect of the library, selected effects first.
+        ambiguous: groups of ids of effects that the data cannot tell apart, the selected one first.
+        unexplained: regions of the residual of the final model; empty if it is noise. An arm has one region for each
+            joint with a residual.
+        floors: noise floor of the torque at each joint [N m]; in the loop the mean position error by the encoder [rad].
+        findings: on data and model, the most important first.
+        suggestion: experiment that answers most open questions; None if there is none.
+        forbidden: reason why no experiment answers a question or explains a residual; None if there is no reason.
+        tables: ids of tables that explain the residual: one, or one per joint.
+        inseparable: pairs of ids that no experiment would tell apart.
+        disagreements: recordings that disagree with the others; they are not fitted.
+        alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
+            torque was corrected.
+        detectable: absent effects that the data would have shown, if nothing is missing.
+        torque_unit: `N m`, or the unit of the log in its place, also in units of parameters.
+        torque_constant: constant by which a current was converted; None if torque was logged, or it is unknown.
+        data: data of the diagnosis, without excluded recordings; None if it was read from a file.
+        left: residual of joints of an arm that is not noise [N m], see `find_joint_residuals`.
+        treatments: tried treatments of the recordings, in order; those of the preparation are in `data`.
+        refit: refit to free-running motion over a horizon; None without a horizon.
         evaluator: fits and scores of the search; `evaluator.model(candidate.terms)` is a candidate. Not pickled.
     """
 
@@ -197,12 +200,12 @@ class Diagnosis:
 
     @property
     def model(self) -> Model:
-        """The final model."""
+        """Final model."""
         return self.steps[-1].model
 
     @cached_property
     def recordings(self) -> tuple[Prediction, ...]:
-        """Each recording beside what the final model predicts of it, fitted ones first; without those that disagree."""
+        """Prediction of each recording by the final model, fitted ones first; without excluded recordings."""
         return predict_recordings(self.model, self.data)
 
     @property
@@ -217,7 +220,7 @@ class Diagnosis:
 
     @property
     def is_in_loop(self) -> bool:
-        """Return whether errors are those of simulated motion with the controller in the loop."""
+        """Return whether errors are those of motion simulated with the controller in the loop."""
         return self.steps[0].errors["holdout"].is_in_loop
 
     def unit_at(self, joint: str) -> str:
@@ -226,29 +229,29 @@ class Diagnosis:
 
     @property
     def selected(self) -> tuple[str, ...]:
-        """Ids of the effects found to be missing, in the order in which they were added."""
+        """Ids of the selected effects, in the order of their addition."""
         return tuple(step.added for step in self.steps if step.added is not None)
 
     @property
     def effects(self) -> tuple[tuple[str, ...], ...]:
-        """Return the selected effects, each with the effects that these data do not distinguish from it."""
+        """Return ids per selected effect: its own, then those of effects that the data cannot tell apart from it."""
         rivals = {group[0]: group for group in self.ambiguous}
         return tuple(rivals.get(id, (id,)) for id in self.selected)
 
     @property
     def laws(self) -> list[str]:
-        """Laws of the effects found to be missing: `stribeck: fs exp(-|q'/vs|^n) sgn q'`."""
+        """Laws of the selected effects: `stribeck: fs exp(-|q'/vs|^n) sgn q'`."""
         known = {term.id: term.law for term in self.model.terms}
         return [f"{id}: {known[id]}" for id in self.selected if id in known]
 
     @property
     def searched(self) -> bool:
-        """Return whether effects were searched, which a comparison does not."""
+        """Return whether effects were searched."""
         return bool(self.candidates or self.left)
 
     @property
     def headline(self) -> str:
-        """The result in one sentence: `Stribeck friction is missing`."""
+        """Result in one sentence: `Stribeck friction is missing`."""
         return summarise(self)
 
     def __repr__(self) -> str:
@@ -258,10 +261,7 @@ class Diagnosis:
         return render_html(self)
 
     def json(self) -> JSON:
-        """Return a dictionary for JSON; a pendulum has one joint, "".
-
-        A comparison has the same units, model, regions and disagreements.
-        """
+        """Return a dictionary for JSON; the joint of a pendulum is ""."""
         base = self.steps[0].model
         last = [] if self.forbidden is None or self.forbidden in self.findings else [self.forbidden]
         return make_result_json(self.model, self.torque_constant, self.unexplained, self.disagreements) | {
@@ -297,12 +297,11 @@ class Addition:
     """Result of adding an effect to a model.
 
     Attributes:
-        before: the model refitted without the effect, and its errors.
-        after: the same with the effect.
-        floors: torque error that measurement noise alone gives at each joint [N m]; in the loop that of the position
-            which encoder and clock may give [rad].
-        objection: what speaks against the effect, None if nothing does.
-        doubt: why the torque constant of a current is not known; None if it is, or torque was logged.
+        before: refitted model without the effect, and its errors.
+        after: refitted model with the effect, and its errors.
+        floors: noise floor of the torque at each joint [N m]; in the loop, of the position [rad].
+        objection: finding against the effect; None without objection.
+        doubt: finding if the torque constant, or the inertia of free swings, is unknown; else None.
     """
 
     before: Step
@@ -313,13 +312,13 @@ class Addition:
 
     @property
     def left(self) -> float:
-        """Held-out error that is left, in noise floors."""
+        """Held-out error over the noise floor, the largest of all joints."""
         error = self.after.errors["holdout"]
         return max(error.get_joint_error(at) / max(floor, 1e-300) for at, floor in self.floors.items())
 
     @property
     def model(self) -> Model:
-        """The model with the effect."""
+        """Model with the effect."""
         return self.after.model
 
     def __repr__(self) -> str:

@@ -49,52 +49,51 @@ def diagnose(
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
 
-    Torque that is logged late or filtered is corrected first: no effect acts before its cause. If the effects that are
-    found change the estimated delay, the torque is corrected again and the search repeated. Recordings that disagree
-    with the others are named and not fitted. Known loads are no part of the model; with a logged current they determine
-    the torque constant, and without known loads all parameters are per ampere.
+    Torque that is logged late or filtered is corrected first. If the found effects change the estimated delay, the
+    torque is corrected again and the search repeated. Recordings that disagree with the others are reported and not
+    fitted. Known loads are no part of the model; with a logged current they determine the torque constant. Without
+    known loads, parameters are per ampere.
 
-    Effects of an arm are sought at its joints, by torque alone, without simulation or suggested experiments.
+    Effects of an arm are searched at its joints by torque alone, without simulation or suggested experiments.
 
     Args:
         recordings: fitted jointly.
-        holdout: to confirm on; without them the last 30 % of each recording, or of its motion where that comes late.
-        base: at least one term to start from, as it is or by id; of an arm `arm_base(body)`, or `Links(body)` first.
-        progress: called with what is being done and the share that is done.
-        max_torque: bound of the experiment's torque [N m]; by default the paper's 6 N m, at most ten times the largest
-            recorded, and no less than that.
-        max_angle: bound of its angle to either side of hanging down [rad], infinity for any; by default the angles that
-            were recorded, or any within the same number of turns where the joint turned.
-        max_speed: bound of its speed [rad/s]; by default the highest that was recorded.
-        library: effects that may be named, by id; by default all that are known.
-        only: ids of those that are looked for; by default all. Of an arm `stribeck`, or `stribeck@elbow` at one joint.
-        without: ids of effects that the joint cannot have.
-        fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
+        holdout: confirm effects; by default the last 30 % of each recording, or of its motion if that comes late.
+        base: at least one term to start from, or its id; of an arm `arm_base(body)`, or `Links(body)` first.
+        progress: called with the present work and the share that is done.
+        max_torque: bound of the experiment's torque [N m]. The default is the largest recorded torque, or, if larger,
+            the smaller of 6 N m and ten times the largest. Logs in other units use the largest recorded torque.
+        max_angle: bound of its angle to either side of hanging down [rad], infinity for no bound. The default is the
+            recorded range, or for a joint that makes whole turns, as many turns in either direction.
+        max_speed: bound of its speed [rad/s]; by default the highest recorded speed.
+        library: effects that may be selected, by id; by default all registered effects.
+        only: ids of the searched effects; by default all. Of an arm `stribeck`, or `stribeck@elbow` at one joint.
+        without: ids of effects that are not searched.
+        fixed: known values by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, None)}`; None is no limit.
-        criterion: what effects have to achieve.
-        rng: of the bootstrap; the same seed gives the same result, and so does none.
-        horizon: refit the final model to free-running motion over this time [s], under the recorded torque; verdicts on
-            effects do not depend on it.
+        criterion: thresholds of the decisions.
+        rng: random numbers of the bootstrap; by default seed 0.
+        horizon: refit the final model to free-running motion over this time [s]; verdicts do not depend on it.
 
     Raises:
         IdentificationError: if the recordings hold too little motion, or are shorter than the horizon.
-        ValueError: if a name is unknown, or the horizon is not above zero, or if it or bounds of the experiment are
+        ValueError: if a name is unknown, the horizon is not above zero, or the horizon or bounds of the experiment are
             given for an arm or for servos.
-        TypeError: if something else is given than recordings and terms.
+        TypeError: if an argument is neither recordings nor terms.
     """
     terms = select_terms(base)
     body = find_body(terms)
     terms, effects = apply_limits(terms, select_effects(library, only, without, body), fixed, bounds)
-    fitted, unseen = select_recordings(recordings, body=body), select_recordings(holdout, empty=True, body=body)
+    fitted, held_out = select_recordings(recordings, body=body), select_recordings(holdout, empty=True, body=body)
     effects, limits = select_visible_effects(effects, fitted), Limits(max_torque, max_angle, max_speed)
     rng, progress = rng or np.random.default_rng(0), forward(progress)
     setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, horizon)
-    case = choose_case(terms, (*fitted, *unseen))
+    case = choose_case(terms, (*fitted, *held_out))
     check_horizon(horizon, case.refit_to_horizon is not None)
     if case.refit_to_horizon is None and limits != Limits():
         raise UserError("bounds of an experiment are for pendulums under a known torque: leave them out")
     progress("reading the motion", 0.0)
-    data, setting = case.prepare(fitted, unseen, setting)
+    data, setting = case.prepare(fitted, held_out, setting)
     progress("timing the torque", 0.0)
     best, tried = choose_treatment(case, data.with_timing() if case.is_timed else data, setting)
     return explain(best, tried)

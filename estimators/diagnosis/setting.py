@@ -17,7 +17,15 @@ from pendulum_env.physics import Term
 class Setting:
     """Options of a diagnosis.
 
-    The base of a pendulum is `original` as the user gave it. With a horizon [s], the final model is refitted to motion.
+    Attributes:
+        base: terms that the search starts from, prepared for the recordings.
+        library: effects that may be selected, by id.
+        criterion: thresholds of the decisions.
+        rng: random numbers of the bootstrap.
+        progress: called with the present work and the share that is done.
+        limits: bounds of the suggested experiment.
+        horizon: time of free-running motion of a final refit [s]; None without.
+        original: base of a pendulum as the user gave it.
     """
 
     base: Sequence[Term]
@@ -32,7 +40,7 @@ class Setting:
     def evaluator(
         self, prepared: tuple[RegressionData, RegressionData], tables: Sequence[type[Term]] = ()
     ) -> ModelEvaluator:
-        """Return the evaluator of models on some data, with tables that compete with the effects."""
+        """Return the evaluator of models on fitted and held-out data, with tables that compete with the effects."""
         return ModelEvaluator(
             *prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables
         )

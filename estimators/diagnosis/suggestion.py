@@ -1,4 +1,4 @@
-"""An experiment that would settle what a diagnosis leaves open: a torque signal and what to expect of it."""
+"""A suggested experiment: a torque signal, its aims and the expected motion."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from pendulum_env.errors import FileError
 from pendulum_env.excitation import Excitation, decode_signal, encode_signal
 from pendulum_env.reading import NonNegative, Number, Text, convert
 
-LONGEST = 100_000.0  # [s] of an experiment
-RATE = 500.0  # [Hz], of the experiment's torque as samples
+LONGEST = 100_000.0  # longest experiment in a file [s]
+RATE = 500.0  # sampling rate of the experiment's torque [Hz]
 
 
 @dataclass(frozen=True)
 class Aim:
-    """Aim of an experiment: to distinguish `effect` from the absence of it, or from `instead`.
+    """Aim of an experiment: to distinguish an effect from its absence, or from a term of the model.
 
     Attributes:
-        effect: id of the effect in question.
-        instead: id of the model's term that it may be mistaken for; None if the data do not show it.
+        effect: id of the effect.
+        instead: id of the model's term that fits as well; None if the recordings do not excite the effect.
     """
 
     effect: Text
@@ -32,16 +32,16 @@ class Aim:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """An experiment worth doing.
+    """Suggested experiment.
 
     Attributes:
         signal: torque over time; None of a free swing.
-        seconds: length of the experiment.
-        settles: what it settles.
-        peak_torque: largest torque of the signal [N m].
-        reach: lowest and highest angle that the fitted model goes to [rad].
-        peak_speed: and its highest speed [rad/s].
-        release: angle at which the joint is let go at rest, without torque [rad]; None where a signal drives it.
+        seconds: length of the experiment [s].
+        settles: aims that it reaches.
+        peak_torque: largest absolute torque [N m].
+        reach: lowest and highest angle by the fitted model [rad].
+        peak_speed: highest speed by the fitted model [rad/s].
+        release: angle of a free swing, at rest [rad]; None with a signal.
     """
 
     signal: Excitation | None
@@ -53,7 +53,7 @@ class Suggestion:
     release: float | None = None
 
     def samples(self) -> tuple[Array, Array]:
-        """Return times (N,) [s] and torques (N,) [N m] of the experiment."""
+        """Return times (N,) [s] and torques (N,) [N m] of the experiment, at `RATE`."""
         time = np.arange(round(self.seconds * RATE)) / RATE
         if self.signal is None:
             return time, np.zeros(len(time))
@@ -78,14 +78,10 @@ class Suggestion:
 
     @classmethod
     def from_json(cls, data: JSON, key: str = "") -> Suggestion:
-        """Make a suggestion from a dictionary that `json` made.
-
-        Args:
-            data: the dictionary.
-            key: under which it stands in a file.
+        """Make a suggestion from a dictionary of `json`; errors name `key`, under which it stands in a file.
 
         Raises:
-            ValueError: if it is none.
+            ValueError: if the dictionary has another form.
         """
         content = convert(data, _SuggestionFile, key)
         low, high = content.reach

@@ -1,4 +1,4 @@
-"""Fits and search of a pendulum by torque, refitted by the likelihood of the motion."""
+"""Fits and search of a pendulum by torque, with refits by the likelihood of the motion."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,8 +19,8 @@ from pendulum_env.physics import BASE, Term
 
 
 def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = BASE) -> Step:
-    """Fit terms to the result of `split_recordings`, as `diagnose` and `add` do: the model and its errors on both."""
-    is_free = all(recording.known_inertia for recording in train.recordings)  # the terms have what is known
+    """Fit terms to fitted and held-out data as `diagnose` and `add` do; return the step with the errors on both."""
+    is_free = all(recording.known_inertia for recording in train.recordings)  # then the terms have the known values
     evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)
     return refit_by_likelihood(
         SearchResult(evaluator, [evaluator.fit_with_std(None, refit_nonlinear(evaluator, tuple(terms)))])
@@ -37,7 +37,10 @@ def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
-    """Refit the result by likelihood, and withhold parameters that the data do not determine."""
+    """Return the result refitted by likelihood, without undetermined parameters, and findings on these.
+
+    The result is unchanged if the sign of the logged torque is reversed.
+    """
     if find_contradiction(trial.evaluator) is not None:
         return trial.found, ()
     trial.setting.progress("refitting", 0.93)

@@ -1,4 +1,4 @@
-"""Candidate treatments of the recordings: each gives new data, and one rule decides which are kept."""
+"""Candidate treatments of the recordings: functions from a trial to treated data, and the rule that keeps them."""
 
 from functools import partial
 
@@ -22,12 +22,9 @@ WINDOWS = {Kind.NARROWER_WINDOWS, Kind.IMPACTS_INCLUDED}  # treatments of the wi
 
 
 def choose_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial, tuple[TriedTreatment, ...]]:
-    """Search for effects in the data and under each candidate treatment, and keep the best.
+    """Search for effects in the data and under each candidate treatment; return the kept trial and all tried ones.
 
-    After a treatment is kept, all treatments are tried again.
-
-    Returns:
-        The best trial, and all treatments that were tried.
+    A kept treatment replaces the trial, and all treatments are tried again from there.
     """
     best, tried, waiting = Trial.search(case, data, setting), list[TriedTreatment](), list(case.treatments)
     while waiting:
@@ -42,13 +39,12 @@ def choose_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial
 
 
 def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
-    """Score a treatment by the held-out error of its model, relative to the model that was found without it.
+    """Compare the held-out cost of a treated trial with that of the best trial so far.
 
-    The error is that of torque times that of free-running motion. The likelihood of blocks is no score here: windows of
-    different widths have no blocks in common, and hidden states show in the motion alone. Both models are compared on
-    the treated data, except after a treatment that changes the torque or the goals: each model has its own data then.
+    Both models are compared on the treated data, unless the treatment changes the torque or the goals: then each has
+    its own data. The likelihood is no measure, since windows of different widths share no blocks.
     """
-    treatment = next(own for own in trial.data.treatments if own not in best.data.treatments)
+    treatment = next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
     after, before = trial.found.steps[-1], best.found.steps[-1]
     if treatment.kind not in INPUTS:
         before = trial.evaluator.make_step(None, before.model)
@@ -58,23 +54,25 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
 
 
 def is_better(error_ratio: float, assumptions: int, before: int, margin: float) -> bool:
-    """Return whether a treatment is kept: its model predicts better, or as well by no more assumptions.
+    """Return whether a treatment is kept: lower error, or equal error within the margin by no more assumptions.
 
-    Errors within the margin are equal. Assumptions are effects, corrected timing, payloads, treatments of the windows,
-    and back-EMF in the base model. An excluded recording is no assumption: a separate test has found that it disagrees.
+    `assumptions` and `before` are numbers by `count_assumptions` with and without the treatment.
     """
     return error_ratio < 1 - margin or (error_ratio < 1 + margin and assumptions <= before)
 
 
 def count_assumptions(trial: Trial) -> int:
-    """Return the number of effects, payloads, treatments of windows and goals, added base terms, and one for timing."""
+    """Return the number of effects, payloads, treatments of windows and goals, added base terms, and corrected timing.
+
+    An excluded recording is no assumption, as a test found its disagreement.
+    """
     counted = (*WINDOWS, *GOALS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
-    free = [treatment for treatment in trial.data.treatments if treatment.kind in counted]
-    return len(trial.found.steps) - 1 + trial.data.has_moved + len(free)
+    counted_treatments = [treatment for treatment in trial.data.treatments if treatment.kind in counted]
+    return len(trial.found.steps) - 1 + trial.data.has_moved + len(counted_treatments)
 
 
 def narrow_windows(trial: Trial) -> FitData | None:
-    """Narrow the windows, to come closer to reversals, if torque is fitted to noise but motion is not."""
+    """Return data with narrower windows, closer to reversals, if torque leaves only noise but motion does not."""
     evaluator, found = trial.evaluator, trial.found
     if trial.data.has_treatment(Kind.NARROWER_WINDOWS):
         return None
@@ -85,7 +83,7 @@ def narrow_windows(trial: Trial) -> FitData | None:
 
 
 def include_contacts(trial: Trial) -> FitData | None:
-    """Include windows at reversals and at rest in which a stop acts: dry friction is smaller than the residual."""
+    """Return data with contacts with a stop, see `with_contacts` of `split`; None if there are few."""
     if trial.data.has_treatment(Kind.IMPACTS_INCLUDED):
         return None
     data = trial.data.with_contacts(trial.found.terms)
@@ -93,13 +91,13 @@ def include_contacts(trial: Trial) -> FitData | None:
 
 
 def exclude_outliers(trial: Trial) -> FitData | None:
-    """Exclude recordings of another plant: no effect of one plant explains two."""
+    """Return data without recordings that disagree with the others; None if no more are excluded than before."""
     kept = (trial.data.whole or trial.data).without_outliers(trial.outliers)
     return kept if len(kept.recordings) < len(trial.data.recordings) else None
 
 
 def include_payload(trial: Trial) -> FitData | None:
-    """Include payloads at the last link that some recordings of an arm show, and others do not."""
+    """Return data with payloads that only some recordings of an arm show; None without any, or if all is explained."""
     data = trial.data
     if not trial.unexplained or len(data.recordings) + len(data.holdout) < 2:
         return None
@@ -112,9 +110,9 @@ def include_payload(trial: Trial) -> FitData | None:
 
 
 def payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> Finding:
-    """Return the finding on a payload in recordings with some names: mass, centre and the errors that it explains."""
+    """Return the finding on a payload in recordings: mass, centre, and torque RMS of joints without and with it."""
     numbers = {"mass": payload.estimates["m"], **payload.center}
-    sizes = {name: Quantity(own.value, own.std, own.unit) for name, own in numbers.items()}
+    sizes = {name: Quantity(quantity.value, quantity.std, quantity.unit) for name, quantity in numbers.items()}
     for at, (before, after) in payload.left.items():
         unit = body.units(at).unit(NEWTON_METRE)
         sizes |= {f"{at}.before": Quantity(before, unit=unit), f"{at}.after": Quantity(after, unit=unit)}
@@ -122,10 +120,13 @@ def payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> Fin
 
 
 def align_with_effects(trial: Trial) -> FitData | None:
-    """Time the torque under a model with the selected effects: an effect may imitate a delay, or hide one."""
+    """Return data with torque timed under a model with the selected effects, which may imitate or hide a delay.
+
+    None if this was done, if torque needs no correction and all is explained, or if the timing agrees.
+    """
     known = list_ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
     effects = [term for term in trial.found.terms if term.id not in known]
     if not effects or trial.data.has_treatment(Kind.TIMED_BESIDE) or not (trial.data.has_moved or trial.unexplained):
         return None
-    again = trial.data.with_timing(effects)
-    return None if again.agrees(trial.data) else again
+    timed = trial.data.with_timing(effects)
+    return None if timed.agrees(trial.data) else timed

@@ -19,37 +19,38 @@ from pendulum_env.physics import Term
 
 
 def find_contradiction(evaluator: ModelEvaluator) -> Finding | None:
-    """Find a reversed sign of the logged torque."""
+    """Return a finding if the sign of the logged torque is reversed, by the base model within bounds of laws."""
     return find_turned_torque(fit_within_laws(evaluator.train, evaluator.base), evaluator.train.recordings)
 
 
 def find_unexplained(found: SearchResult) -> list[Region]:
-    """Find the unexplained regions of the final model in torque, or else in free-running motion, fitted or held out.
+    """Return the regions of the unexplained residual of the final model of a pendulum; empty if all is noise.
 
-    The region is all time if the sign of the torque is reversed.
+    The first cause in this order decides: a reversed sign of the torque (all time), violated bounds (all velocities),
+    a table that replaces effects, torque of fitted data, torque of held-out data, free-running motion near reversals.
     """
     evaluator, last = found.evaluator, found.steps[-1]
     if (reversal := find_contradiction(evaluator)) is not None:
         end = float(evaluator.train.samples.time.max())
         return [Region("time", 0.0, end, 0.0, 0.0, is_profiled=False, cause=reversal)]
     train, holdout = evaluator.parts
-    wrong = find_violations(last.model, evaluator.train.motions)
-    if wrong:
-        numbers = {gate.name: Quantity(gate.value, unit=gate.unit) for gate in wrong}
+    violations = find_violations(last.model, evaluator.train.motions)
+    if violations:
+        numbers = {gate.name: Quantity(gate.value, unit=gate.unit) for gate in violations}
         return [make_region_everywhere(Finding(Kind.IMPOSSIBLE, numbers, tuple(numbers)))]
-    left = train.with_link_states(last.model).residual(last.model.terms, last.model.theta)
+    residual = train.with_link_states(last.model).residual(last.model.terms, last.model.theta)
     if found.table is not None:
-        regions, cause = find_regions_at(train, left), explain_table(Kind.TABLE_EXPLAINS, found.table)
-        place = next((own for own in regions if own.axis == found.table.axis), None)
+        regions, cause = find_regions_at(train, residual), explain_table(Kind.TABLE_EXPLAINS, found.table)
+        place = next((region for region in regions if region.axis == found.table.axis), None)
         if place is None:
             return [make_region_everywhere(cause, train.samples), *regions]
-        return [replace(place, cause=cause), *(own for own in regions if own is not place)]
-    if not evaluator.residuals.is_noise_in(train, left):
-        return find_failures(train, left)
-    unseen = evaluator.residuals.holdout_residual(last.model.terms)
-    if not evaluator.residuals.is_noise_in(holdout, unseen):
-        beyond = find_failures(holdout, unseen, floors=evaluator.residuals.holdout_floors)
-        return [replace(region, held_out_recordings=holdout.names) for region in beyond]
+        return [replace(place, cause=cause), *(region for region in regions if region is not place)]
+    if not evaluator.residuals.is_noise_in(train, residual):
+        return find_failures(train, residual)
+    holdout_residual = evaluator.residuals.holdout_residual(last.model.terms)
+    if not evaluator.residuals.is_noise_in(holdout, holdout_residual):
+        regions_held_out = find_failures(holdout, holdout_residual, floors=evaluator.residuals.holdout_floors)
+        return [replace(region, held_out_recordings=holdout.names) for region in regions_held_out]
     if not is_misfit(evaluator, last):
         return []
     error, units = last.errors["train"].position_rms, last.model.units()
@@ -58,19 +59,19 @@ def find_unexplained(found: SearchResult) -> list[Region]:
 
 
 def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, float], list[Region]]:
-    """Return the residual above noise by joint [N m], and the range of one quantity where it is most significant.
+    """Return the residual of each joint that is not noise [N m], and one region for each, the most significant.
 
     The residual is its correlated part if that is significant, else its RMS. Held-out data count at joints whose fitted
-    data leave noise only.
+    data leave only noise.
     """
     sizes, regions, criterion = dict[str, float](), list[Region](), evaluator.criterion
     residuals = evaluator.train.residual(terms), evaluator.residuals.holdout_residual(terms)
     parts = zip(evaluator.parts, residuals, ((), evaluator.holdout.names), strict=True)
-    for (part, residual, names), found in zip(parts, evaluator.residuals.structures(terms), strict=True):
-        for at, own in found.items():
+    for (part, residual, names), structures in zip(parts, evaluator.residuals.structures(terms), strict=True):
+        for at, structure in structures.items():
             floor = max(evaluator.residuals.noise_floor(part, at), part.data.negligible(at))
-            if at not in sizes and not criterion.is_noise(own, floor):
-                sizes[at] = own.correlated_rms if own.z_score > criterion.z_score else own.rms
+            if at not in sizes and not criterion.is_noise(structure, floor):
+                sizes[at] = structure.correlated_rms if structure.z_score > criterion.z_score else structure.rms
                 places = find_regions_at(part, residual, at, most=1)
                 region = places[0] if places else make_region_everywhere(at=at, units=part.units(at))
                 regions.append(replace(region, held_out_recordings=names))
@@ -78,6 +79,6 @@ def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[
 
 
 def find_holdout_structure(evaluator: ModelEvaluator, final: Sequence[Term]) -> Finding | None:
-    """Return a finding where held-out data alone show more."""
+    """Return a finding if the residual is noise in fitted data, but not in held-out data; else None."""
     is_there = evaluator.residuals.is_noise_by_part(tuple(final)) == (True, False)
     return Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names) if is_there else None
