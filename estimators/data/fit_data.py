@@ -106,7 +106,8 @@ class FitData:
         """Return the data with torque corrected by its estimated delay and filter, under a model with some effects.
 
         Recordings share an alignment, unless their own estimates contradict it, see `align_each`. Held-out and excluded
-        recordings count, since the timing belongs to the log. The estimation starts from untimed data.
+        recordings count, since the timing belongs to the log: `whole` is timed, and the same recordings are excluded
+        again. The estimation starts from untimed data. Findings on effects and corrections replace earlier corrections.
         """
         if self.whole is not None:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
@@ -122,7 +123,11 @@ class FitData:
         return replace(timed, treatments=(*earlier, *model_finding, *timed.corrections))
 
     def without_outliers(self, outliers: Sequence[Disagreement]) -> FitData:
-        """Return the data without the fitted recordings of some disagreements; their number counts from 1."""
+        """Return the data without the fitted recordings of some disagreements, and with `whole` set to these data.
+
+        Disagreements number recordings from 1, fitted ones first; held-out ones stay. Without a fitted one, the same
+        data are returned.
+        """
         excluded, count = {outlier.recording for outlier in outliers}, len(self.recordings)
         kept = [k for k in range(count) if k + 1 not in excluded]
         if len(kept) == count:

@@ -56,12 +56,12 @@ def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:
     A parameter is there by noise if its fit without that bound is not significant. It gets a standard error.
     """
     balance, (least, _) = data.equations(terms), bounds_of_laws(terms)
-    held = (theta == balance.least) & (least < balance.least)
-    if not held.any():
+    is_at_bound = (theta == balance.least) & (least < balance.least)
+    if not is_at_bound.any():
         return balance
-    free = fit_within_laws(data, terms)
-    is_noise = np.array([not free.estimates[column.name].is_significant for column in free.columns])
-    return balance.with_bounds(np.where(held & is_noise, least, balance.least), balance.most)
+    unbounded = fit_within_laws(data, terms)
+    is_noise = np.array([not unbounded.estimates[column.name].is_significant for column in unbounded.columns])
+    return balance.with_bounds(np.where(is_at_bound & is_noise, least, balance.least), balance.most)
 
 
 def fit_within_laws(data: RegressionData, terms: Terms) -> Model:
@@ -77,7 +77,7 @@ def _std_of_edge(
 
     A displacement is likely if the squared error of a fit with it exceeds the least by at most -2 ln(1 - sqrt(P)) times
     the variance, P = `ONE_SIGMA`. The limit is raised by the factor by which correlated residuals raise the variance
-    of the term. `of_term` are the columns of the term's linear parameters.
+    of the term. The next larger tried displacement is returned. `of_term` are the columns of the term's parameters.
 
     Source: Hansen, Sample splitting and threshold estimation, Econometrica 68(3), 2000.
     """
@@ -90,18 +90,18 @@ def _std_of_edge(
         for part in data.maker.columns(variants)
     ]
     slopes, w = balance.slopes(fit.theta), balance.weights[:, None]
-    others = np.linalg.qr(np.delete(slopes, np.arange(len(fit.theta))[of_term], axis=1) * w)[0]
-    net = fit.residual + parts[0] @ np.append(1.0, fit.theta[of_term])
+    frame = np.linalg.qr(np.delete(slopes, np.arange(len(fit.theta))[of_term], axis=1) * w)[0]
+    target_of_term = fit.residual + parts[0] @ np.append(1.0, fit.theta[of_term])
     squares = np.empty(len(parts))
     for k, part in enumerate(parts):
-        outside = project_out(others, w * np.column_stack([net - part[:, 0], part[:, 1:]]))
+        outside = project_out(frame, w * np.column_stack([target_of_term - part[:, 0], part[:, 1:]]))
         target, columns = np.split(outside, [1], axis=1)
         squares[k] = np.sum((target - columns @ np.linalg.lstsq(columns, target)[0]) ** 2)
     variance = squares[0] / max(len(slopes) - slopes.shape[1], 1)
     uncorrelated = balance.fit(np.arange(len(slopes)), theta=fit.theta).std[of_term]
     ratio = np.divide(fit.std[of_term], uncorrelated, out=np.ones(len(uncorrelated)), where=uncorrelated > 0)
-    correlated = np.max(ratio**2, initial=1.0)
-    is_likely = squares - squares[0] < -2 * np.log(1 - np.sqrt(ONE_SIGMA)) * variance * correlated
+    variance_factor = np.max(ratio**2, initial=1.0)
+    is_likely = squares - squares[0] < -2 * np.log(1 - np.sqrt(ONE_SIGMA)) * variance * variance_factor
     sides = is_likely[len(steps) :].reshape(2, -1)
-    indices = [int(np.max(np.flatnonzero(side), initial=-1)) for side in sides]
-    return float(max(steps[min(k + 1, len(steps) - 1)] for k in indices))
+    last_likely = [int(np.max(np.flatnonzero(side), initial=-1)) for side in sides]
+    return float(max(steps[min(k + 1, len(steps) - 1)] for k in last_likely))

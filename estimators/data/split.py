@@ -89,12 +89,12 @@ def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) 
         return data
     fit = fit_terms(data[0], terms)[1]
     count = len(fit.theta)
-    known = terms, fit.theta, fit.covariance[:count, :count], data[0].torque.base_inertia
-    lows, highs = zip(*(part.data.free_range(*known) for part in data), strict=True)
+    fit_arguments = terms, fit.theta, fit.covariance[:count, :count], data[0].torque.base_inertia
+    lows, highs = zip(*(part.data.free_range(*fit_arguments) for part in data), strict=True)
     free = min(lows), max(highs)
 
     def add(part: RegressionData) -> RegressionData:
-        return replace(part, data=part.data.with_contacts(*known, free))
+        return replace(part, data=part.data.with_contacts(*fit_arguments, free))
 
     found = add(data[0]), add(data[1])
     counts = [part.data.contacts for part in found]

@@ -124,9 +124,8 @@ def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Ter
     if outside_rms < 1e-9 * float(np.sqrt(np.mean(torque**2))) or outside_rms == 0.0:
         return None
     noise = max(evaluator.residuals.noise_floor(), float(np.sqrt(np.mean(evaluator.train.residual(terms) ** 2))))
-    correlated = (
-        CLEAR * evaluator.criterion.z_score / float(np.sqrt(len(outside)))
-    )  # least significant r^2 / (r^2 + s^2)
+    # least significant r^2 / (r^2 + s^2)
+    correlated = CLEAR * evaluator.criterion.z_score / float(np.sqrt(len(outside)))
     if correlated >= 1.0:
         return None
     nats = DOUBT * evaluator.penalty((*terms, term), terms)

@@ -19,7 +19,7 @@ from pendulum_env.physics import BASE, Term
 
 
 def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = BASE) -> Step:
-    """Fit terms to fitted and held-out data as `diagnose` and `add` do; return the step with the errors on both."""
+    """Fit terms to windows of torque, then by likelihood as `diagnose` does; return the step with its errors."""
     is_free = all(recording.known_inertia for recording in train.recordings)  # then the terms have the known values
     evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)
     return refit_by_likelihood(

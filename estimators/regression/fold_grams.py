@@ -39,7 +39,7 @@ class FoldGrams:
 
     @classmethod
     def compute(cls, near: Tangent, entry: Index, fold: Index, entries: int, folds: int) -> FoldGrams:
-        """Compute the Gram matrices from the entry and fold of each equation (R,), and the numbers of both."""
+        """Compute the Gram matrices from entry and fold of each equation (R,), and the numbers of entries and folds."""
         cell = entry * folds + fold
         order = np.argsort(cell, kind="stable")
         ends = np.searchsorted(cell[order], np.arange(entries * folds + 1))

@@ -100,7 +100,10 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
 
 
 def find_worst_direction(phi: Array) -> tuple[float, Array]:
-    """Return the condition number and the least determined direction (P,) of columns (R, P) scaled to equal length."""
+    """Return the condition number of columns (R, P) scaled to equal length, and their least determined direction (P,).
+
+    The direction is a unit vector of the scaled parameters.
+    """
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = 1.0
     values, vectors = np.linalg.eigh((gram := phi.T @ phi) / np.outer(scale, scale))

@@ -38,8 +38,8 @@ def refit_if_misfit(found: SearchResult) -> SearchResult:
 def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
     """Return whether free-running simulation errs by more than `criterion.misfit` noise levels.
 
-    That must hold from measured and from fitted initial states. Never for a transmission, whose impacts are too sharp
-    to simulate, and without segments or a known inertia.
+    That must hold from measured and from fitted initial states. It is False for a transmission, whose impacts are too
+    sharp to simulate, and without segments or a known inertia.
     """
     if has_transmission(step.model.terms):
         return False

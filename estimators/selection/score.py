@@ -218,7 +218,8 @@ class Bootstrap:
     def gain(self, after: Array, before: Array, penalty: float = 0.0) -> Gain:
         """Return the gain of a model over another, from the log densities of both, (S,) each.
 
-        `penalty` is the gain that the choice among many models reaches by chance [nat].
+        `penalty` is the gain that the choice among many models reaches by chance [nat]; the p-value is the share of
+        draws at or below it.
         """
         difference = after - before
         draws = self.weights @ difference

@@ -140,9 +140,9 @@ def find_edges(term: Term, x: Samples) -> list[NonlinearParameter]:
     These are instants, and parameters such as a speed at which friction ends. Terms with state or impacts have only
     instants. `x` are the samples at which jumps are tested.
     """
-    smooth = term.has_state() or term.has_impacts
+    may_jump = not (term.has_state() or term.has_impacts)
     parameters = list_continuous_parameters(term)
-    return [each for each in parameters if each.instant or (not smooth and _has_jumps(term, each, x))]
+    return [parameter for parameter in parameters if parameter.instant or (may_jump and _has_jumps(term, parameter, x))]
 
 
 def _has_jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:

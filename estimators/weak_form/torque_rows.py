@@ -230,7 +230,10 @@ class TorqueRows:
 
     @memoized
     def _weight_of_each(self, terms: Terms) -> Array:
-        """Return the weight of each recording, or recording of a joint (E,); by noise without terms or others."""
+        """Return the weight of each recording, or recording of a joint (E,), by its residual under the terms.
+
+        With a single recording, or without terms, it is the weight by noise.
+        """
         if len(self.data.windows) == 1 or not terms:
             return self._noise_of_each
         if (linear_fit := self._fit_linearly(terms)) is not None:
@@ -241,7 +244,10 @@ class TorqueRows:
 
     @memoized
     def _solve_by_noise(self, terms: Terms) -> Array:
-        """Fit the linear parameters (P,) with the weights of noise; a nonlinear fit starts without the last term."""
+        """Fit the linear parameters (P,) with the weights of noise.
+
+        If terms before the last depend on the torque, the fit starts from that without the last term.
+        """
         *others, last = terms
         start = None
         if is_torque_dependent(*others):

@@ -144,7 +144,10 @@ class TorqueWindows:
         return concatenate_samples([w.select_driving_samples(HardStop) for w in self.windows])
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
-        """Return for each variant of one effect the concatenated driving samples of all recordings, with its states."""
+        """Return for each variant of one effect the concatenated driving samples of all recordings, with its states.
+
+        A link with estimated states has these for all variants. States are simulated for other effects.
+        """
         known = self.link_states.get(variants[0].id)
         if known:
             return [concatenate_samples(known)] * len(variants)
