@@ -16,7 +16,6 @@ from pendulum_env.recording.channel import NEWTON_METRE, Load, TorqueConstant
 from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, find_date, is_uniform, sum_durations
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.sampling import make_uniform
 from pendulum_env.recording.vocabulary import QUANTITIES
 from pendulum_env.servo import ServoDrive
 from pendulum_env.units import JointUnits
@@ -45,8 +44,8 @@ class Recording:
 
     Raises:
         RecordingError: if the arrays differ in shape, a segment holds fewer than two samples, values are not finite,
-            time has gaps or falls, or position is in degrees or turns by the effect of gravity. A clock that was
-            rounded or jitters is made uniform, with a note; `read_recording` takes arrays with gaps, too.
+            time is uneven or falls, or position is in degrees or turns by the effect of gravity; `read_recording`
+            takes arrays with gaps or jitter.
     """
 
     time: Array  # (N,) [s]
@@ -94,32 +93,19 @@ class Recording:
                 f"recording {self.name!r} has segments that start at {self.starts} of {len(self.time)} samples: "
                 "the first starts at 0, and each needs at least 2"
             )
-        is_one_joint = self.position.ndim == 1
-        if not is_uniform(self.time, self.starts, LOOSE) and not (is_one_joint and self._make_time_uniform()):
+        if not is_uniform(self.time, self.starts, LOOSE):
             raise RecordingError(
                 f"recording {self.name!r} has time that is not uniform and increasing: read it with "
-                f"read_recording({ARRAYS}), which ends segments at gaps"
+                f"read_recording({ARRAYS}), which makes it uniform and ends segments at gaps"
             )
         date = find_date(float(self.time[0]))
         if date is not None or not is_uniform(self.time - self.time[0], self.starts, LOOSE):  # float64 rounds its steps
             object.__setattr__(self, "time", self._column("time", count_from_zero(self.time, self.starts)))
             object.__setattr__(self, "start_date", self.start_date or date)
 
-        if self.origin is None and is_one_joint and not self.is_checked:
+        if self.origin is None and self.position.ndim == 1 and not self.is_checked:
             self._check_unit()
         object.__setattr__(self, "is_checked", True)
-
-    def _make_time_uniform(self) -> bool:
-        """Make time uniform as that of a file, with a note; False if it has gaps or falls."""
-        log = make_uniform(self.series) if len(self.starts) == 1 else None
-        if log is None:
-            return False
-        object.__setattr__(self, "start_date", self.start_date or log.clock.date)
-        object.__setattr__(self, "notes", (*self.notes, *log.notes))
-        object.__setattr__(self, "time", log.values["time"])
-        for quantity, values in log.values.items():
-            object.__setattr__(self, quantity, self._column(quantity, values))
-        return True
 
     def _check_unit(self) -> None:
         """Refuse degrees or turns; a note says where a spring over radians may be meant."""

@@ -14,7 +14,7 @@ import scipy
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.errors import RecordingError
 from pendulum_env.quantity import Quantity
-from pendulum_env.recording.cleaning import Log, start_from_zero
+from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import compute_unevenness, is_uniform
 from pendulum_env.recording.notes import NAMED, Note, NoteKind
 
@@ -176,19 +176,6 @@ def resample_uniformly(log: Log) -> None:
     numbers |= {name: Quantity(1e3 * float(size), unit="ms") for name, size in sizes.items()}
     numbers |= {"slow": Quantity(int(np.count_nonzero(slow))), "ratio": Quantity(SAMPLING.long)} if slow.any() else {}
     log.notes.append(Note(NoteKind.RESAMPLED, numbers=numbers))
-
-
-def make_uniform(series: Mapping[str, Array]) -> Log | None:
-    """Make the time of arrays uniform and count it from 0; None if it has gaps or falls."""
-    if np.diff(series["time"]).min() <= 0:
-        return None
-    log = Log(dict(series))
-    start_from_zero(log)
-    cut_at_gaps(log, series["position"])
-    if len(log.starts) > 1:
-        return None
-    resample_uniformly(log)
-    return log
 
 
 def _refuse_finer(count: float, known: int, period: float) -> None:

@@ -174,14 +174,11 @@ def test_arrays_in_another_unit_are_refused_with_the_line_that_reads_them(swing:
     np.testing.assert_array_equal(forced.position, position)
 
 
-def test_clocks_of_arrays_are_mended_as_those_of_files(tmp_path: Path, swing: Recording) -> None:
-    jitter = 0.1 / swing.rate * np.random.default_rng(0).standard_normal(len(swing))
-    lost = np.delete(np.arange(len(swing)), 700)
-    for time in (swing.time.astype(np.float32), np.round(START + swing.time, 5), swing.time + jitter, swing.time[lost]):
-        picked = lost if len(time) < len(swing) else slice(None)
-        columns = {"time": time, "position": swing.position[picked], "torque": swing.torque[picked]}
-        np.savez(tmp_path / "run.npz", **columns)
-        array, file = Recording(**columns), read_recording(tmp_path / "run.npz")
-        np.testing.assert_allclose(array.time - array.time[0], file.time, rtol=0, atol=1e-6)
-        np.testing.assert_allclose(array.position, file.position, atol=1e-6)
-        assert (array.notes, array.start_date) == (file.notes, file.start_date)
+def test_an_uneven_clock_of_arrays_is_refused_with_the_call_that_mends_it(swing: Recording) -> None:
+    time = swing.time + 0.1 / swing.rate * np.random.default_rng(0).standard_normal(len(swing))
+    with pytest.raises(
+        RecordingError, match=r"not uniform and increasing: read it with read_recording\(\{'time': time"
+    ):
+        Recording(time, swing.position, swing.torque)
+    mended = read_recording({"time": time, "position": swing.position, "torque": swing.torque})
+    np.testing.assert_allclose(mended.time, np.arange(len(mended)) / mended.rate, atol=1e-9)
