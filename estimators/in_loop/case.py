@@ -22,29 +22,15 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.in_loop.split import choose_parts, split_rollouts
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
-from pendulum_env.physics import Term, has_transmission
-from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.physics import Term
+from pendulum_env.recording import Recording
 
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
-    """Calibrate the recordings, and leave out effects that simulations from goals do not show.
-
-    These are effects of a sensor. With an encoder at the output they are also play and elasticity of the gear, since
-    only links behind an encoder of the motor are simulated.
-
-    Raises:
-        RecordingError: if the base model has a transmission that is not simulated, or no effect remains.
-    """
+    """Calibrate the recordings, and leave out effects of a sensor, which simulations from goals do not show."""
     data = FitData.from_recordings(recordings, holdout, setting.base)
     base = make_base(data.recordings, setting.base)
-    is_output = any(own.drive is not None and own.drive.encoder == "output" for own in (*recordings, *holdout))
-    hidden = ("sensor", "transmission") if is_output else ("sensor",)
-    library = {id: kind for id, kind in setting.library.items() if kind.kind not in hidden}
-    if is_output and (has_transmission(setting.base) or (setting.library and not library)):
-        raise RecordingError(
-            "play and elasticity are simulated behind an encoder of the motor only: leave them out, or give "
-            '`encoder = "motor"` in [drive]'
-        )
+    library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
     data = with_goal_reading(data, base)
     return data, replace(setting, base=base, library=library, criterion=criterion)

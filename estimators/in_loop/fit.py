@@ -38,6 +38,7 @@ class LoopSettings:
     shares: tuple[float, ...] = (0.3, 0.6, 0.85)  # of the inertia at first,
     stiffnesses: tuple[float, ...] = (1.0, 2.5)  # and factors of its resonance, as torque favours a soft contact
     link_friction: tuple[float, ...] = (0.1, 0.02)  # of dry and viscous friction, that a link has at first
+    promising: float = 0.05  # of the squared error, that a link explains from its likeliest start, else it has no other
     leap: float = 1.0  # of a parameter, the largest step of any
     polls: int = 5  # times that each parameter is tried by itself,
     poll: tuple[float, ...] = (0.1, 0.4)  # and shares by which it is moved

@@ -152,32 +152,41 @@ class RolloutRows:
         """Fit the terms with a link from several variants and shares of the inertia, and return the best fit.
 
         The weight hangs on the link. The likeliest variant at each value of the parameter with many local minima is
-        fitted with longer secants, and the best of these fits to the end.
+        fitted with longer secants, and the best of these fits to the end. A link that explains next to nothing from the
+        likeliest of all starts is fitted from no other.
         """
         near, name = self.near(terms).point, find_hints(type(variants[0])).profiled
         if not name:
             return min((self.trial((*terms, own)) for own in variants), key=lambda trial: trial.fitted_rms)
         theta = near.linear_values
         inertia, weight = theta.get("inertia", 0.0), abs(theta.get("gravity", 0.0))
-        points = []
+        points: dict[tuple[Term, float], Point] = {}  # variants that differ by their weight alone are the same
         for variant, factor, share in product(variants, LOOP.stiffnesses, LOOP.shares):
             sought = [own for own in variant.nonlinear_parameters if own.name in ("resonance", "gravity")]
             hung = {"resonance": factor * variant.nonlinear_values["resonance"]}
             hung["gravity"] = weight / max(share * inertia, 1e-9)
             term = set_values(variant, sought, [hung[own.name] for own in sought])
-            points.append(Point.from_parameters((*near.terms, term), np.append(near.theta, share * inertia)))
-        likelihood = compute_likelihood(self.rollouts, self.rollouts.position_errors(points))
+            points[term, share] = Point.from_parameters((*near.terms, term), np.append(near.theta, share * inertia))
+        tried, typical = [*points.values()], self.typical(next(iter(points.values())).terms)
+        likelihood = compute_likelihood(self.rollouts, self.rollouts.position_errors(tried))
         starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
         for k in np.argsort(-likelihood):
-            starts.setdefault(points[k].terms[-1].nonlinear_values[name], points[k])
-        typical = self.typical(points[0].terms)
-        fits = [
-            fit(self.rollouts, _release_link_friction(point, share), typical, nonlinear=True, secants=LOOP.secants[:1])
+            starts.setdefault(tried[k].terms[-1].nonlinear_values[name], tried[k])
+        first, *others = (
+            _release_link_friction(point, share)
             for point in [*starts.values()][: LOOP.starts]
             for share in LOOP.link_friction
-        ]
-        best = min(fits, key=lambda one: scale_of(self.rollouts, one.error))
-        found = fit(self.rollouts, best.point, typical, nonlinear=True, share=0.0)
+        )
+
+        def fit_roughly(start: Point) -> Linear:
+            return fit(self.rollouts, start, typical, nonlinear=True, secants=LOOP.secants[:1])
+
+        found = fit_roughly(first)
+        left = scale_of(self.rollouts, found.error) / scale_of(self.rollouts, self.near(terms).error)
+        if left**2 < 1.0 - LOOP.promising:
+            fits = [found, *(fit_roughly(start) for start in others)]
+            best = min(fits, key=lambda one: scale_of(self.rollouts, one.error))
+            found = fit(self.rollouts, best.point, typical, nonlinear=True, share=0.0)
         self._keep(found.point.terms, found)
         return self.trial(found.point.terms)
 
@@ -282,7 +291,7 @@ class RolloutRows:
         for variant in variants:
             size = self._typical_of(variant)
             shifts = np.diag(size) if len(size) else np.zeros((1, 0))
-            if variant.fixed and len(size):
+            if self._acts_without_size(variant) and len(size):
                 shifts = np.vstack([np.zeros(len(size)), shifts])
             slices.append((len(points), len(points) + len(shifts)))
             points += [Point((*point.terms, variant), np.r_[point.theta, shift]) for shift in shifts]
@@ -291,10 +300,14 @@ class RolloutRows:
         found = []
         for variant, (first, last) in zip(variants, slices, strict=True):
             own, size = errors[:, first:last], self._typical_of(variant)
-            fixed = own[:, :1] - base if variant.fixed else np.zeros_like(base)
+            fixed = own[:, :1] - base if self._acts_without_size(variant) else np.zeros_like(base)
             linear = own[:, len(own[0]) - len(size) :] - base - fixed if len(size) else np.empty((len(own), 0))
             found.append(Columns(linear / size, fixed[:, 0], np.zeros((len(own), len(size)))))
         return found
+
+    def _acts_without_size(self, variant: Term) -> bool:
+        """Return whether a term moves the measured positions even if its parameters are zero."""
+        return bool(variant.fixed) or (variant.link and self.rollouts.servos.at_output)
 
     @staticmethod
     def _without(point: Point, place: int) -> Array:

@@ -246,6 +246,8 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
             )
         if drive.acts_on_speed != known.acts_on_speed:
             raise RecordingError(f"{name}: controls another quantity than the others: take those apart")
+        if drive.encoder != known.encoder:
+            raise RecordingError(f"{name}: has its encoder at another shaft than the others: take those apart")
         if recording.torque_unit != drive.unit:
             raise RecordingError(
                 f"{name}: has torque in {recording.torque_unit}, but a drive that gives {drive.unit}: give the drive a "

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pendulum_env._typing import ArrayLike
-from pendulum_env.physics.term import Term
+from pendulum_env.physics.term import Samples, Term
 from pendulum_env.quantity import Quantity
 from pendulum_env.units import TURNING, JointUnits
 
@@ -29,6 +29,23 @@ def has_link(terms: Sequence[Term]) -> bool:
 def find_link(terms: Sequence[Term]) -> Term:
     """Find the first term that has a link."""
     return next(term for term in terms if term.link)
+
+
+def read_encoder(x: Samples, terms: Sequence[Term], at_output: bool) -> Samples:
+    """Return samples with position and velocity of the encoder's shaft, that of the motor or of a link."""
+    if not (at_output and has_link(terms)):
+        return x
+    position, velocity = x.memory[find_link(terms).id]
+    return replace(x, position=position, velocity=velocity)
+
+
+def move_to_motor(x: Samples, terms: Sequence[Term], at_output: bool) -> Samples:
+    """Return the samples of a joint at long rest, given those with the position that its encoder measures."""
+    if not (at_output and has_link(terms)):
+        return x
+    link = find_link(terms).id
+    extension = x.position - x.memory[link][0]  # that the weight of the link makes
+    return replace(x, position=x.position + extension, memory={**x.memory, link: (x.position, x.velocity)})
 
 
 def has_transmission(terms: Sequence[Term]) -> bool:

@@ -12,7 +12,8 @@ g = mgl / J, f = fl / J and b = bl / J,
 
     ql'' = a(q - ql, q' - ql') - g sin ql - f sgn ql' - b ql',     a = w^2 s + c s'
 
-where s is the extension of the transmission. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
+where s is the extension of the transmission. Of a servo whose encoder is at the output, controller and log read ql and
+ql', and q is simulated: see `read_encoder`. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
 """
 
 from __future__ import annotations

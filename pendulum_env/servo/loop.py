@@ -27,6 +27,7 @@ from pendulum_env.physics.simulation import (
 )
 from pendulum_env.physics.symbols import make_symbol, repeat
 from pendulum_env.physics.term import ROOM, round_up
+from pendulum_env.physics.terms import move_to_motor, read_encoder
 from pendulum_env.servo.drive import ServoDrive
 
 GAINS = ("kp", "ki", "kd", "most", "seen", "old", "turn")  # of each servo
@@ -58,6 +59,11 @@ class Servos:
     start: Array
     load: KnownLoad
     temperature: Array | None = None
+
+    @property
+    def at_output(self) -> bool:
+        """Return whether the encoders are at the output, behind the gear."""
+        return self.drives[0].encoder == "output"
 
     @cached_property
     def programs(self) -> StepPrograms:
@@ -107,27 +113,31 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
         every: steps between positions that are returned.
 
     Returns:
-        Positions at the start and after every so many steps (N / every + 1, V, B) [rad].
+        Positions at the encoders at the start and after every so many steps (N / every + 1, V, B) [rad].
     """
     h, shape = servos.step, (theta.shape[1], len(servos.drives))
     weights = _compute_taps(terms, servos, shape)
     speed = servos.drives[0].acts_on_speed
     if any(drive.acts_on_speed != speed for drive in servos.drives):
         raise ValueError("servos under position and under velocity control cannot be simulated at once")
+    if any((drive.encoder == "output") != servos.at_output for drive in servos.drives):
+        raise ValueError("servos with encoders at the motor and at the output cannot be simulated at once")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
     gains = np.array([compute_gains(drive, servos.step) for drive in servos.drives]).T
-    program = servos.programs.find(terms, _compile_step, speed, len(weights), loaded, integrates, h)
+    program = servos.programs.find(terms, _compile_step, speed, len(weights), loaded, integrates, h, servos.at_output)
     theta = theta[:, :, None]
     constants = [*theta, *program.nonlinear, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
     own = np.array([np.broadcast_to(value, shape) for value in constants])
     q, v, t = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity, servos.start))
     x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=servos.inputs[0, -1]))
     balance = TorqueBalance(terms, theta, loaded)
-    x = replace(x, memory=balance.start(x))
+    x = move_to_motor(replace(x, memory=balance.start(x)), terms, servos.at_output)
     state = ControllerState(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v, v)
-    states = np.array([np.broadcast_to(row, shape) for row in _flatten_state(x, state, integrates)])
+    rows, seen = _flatten_state(x, state, integrates), read_encoder(x, terms, servos.at_output).position
+    shown = next(k for k, row in enumerate(rows) if row is seen)
+    states = np.array([np.broadcast_to(row, shape) for row in rows])
     if program.step is not None:
-        return np.asarray(program.step(servos.inputs, own, states, every, kept=[1])[:, 0])
+        return np.asarray(program.step(servos.inputs, own, states, every, kept=[shown])[:, 0])
 
     def once(given: Array, now: Array) -> list[Any]:  # a law of a user's is no formula
         held, *late = now[len(stack_rows(x)) :]
@@ -135,11 +145,10 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
         then = ControllerState(held, tuple(before), integral[0] if integrates else 0.0, seen, last)
         begin = unstack_rows(now, x)
         named = dict(zip(GAINS, gains, strict=True))
-        return _flatten_state(
-            *step_servo(balance, begin, then, ServoInputs(*given), named, [*weights], speed, h), integrates
-        )
+        after = step_servo(balance, begin, then, ServoInputs(*given), named, [*weights], speed, h, servos.at_output)
+        return _flatten_state(*after, integrates)
 
-    return repeat(once, servos.inputs, states, every)[:, 1]
+    return repeat(once, servos.inputs, states, every)[:, shown]
 
 
 def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
@@ -198,9 +207,10 @@ def step_servo(
     taps: Sequence[Any],
     speed: bool,
     h: ArrayLike,
+    at_output: bool,
 ) -> tuple[Samples, ControllerState]:
     """Advance servos and their controllers by one step, in symbols or arrays."""
-    torque, state = compute_control(x, state, given, gains, taps, speed)
+    torque, state = compute_control(read_encoder(x, balance.terms, at_output), state, given, gains, taps, speed)
     measured = {BackEmf.id: (given.on,), TemperatureDependentFriction.id: (given.temperature, 0.0)}
     memory: Any = {id: measured.get(id, own) for id, own in x.memory.items()}
     load = x.load._replace(torque=given.load_torque)
@@ -230,7 +240,7 @@ def compute_control(
 
 
 def _compile_step(
-    terms: Sequence[Term], speed: bool, taps: int, loaded: bool, integrates: bool, longest: float
+    terms: Sequence[Term], speed: bool, taps: int, loaded: bool, integrates: bool, longest: float, at_output: bool
 ) -> PreparedStep:
     """Compile a step of servos."""
     from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
@@ -244,7 +254,7 @@ def _compile_step(
     state = ControllerState(make_symbol("held"), before, integral, make_symbol("speed"), make_symbol("velocity_seen"))
     try:
         balance, x, nonlinear = write_balance(terms, loaded)
-        after, later = step_servo(balance, x, state, given, gains, weights, speed, h)
+        after, later = step_servo(balance, x, state, given, gains, weights, speed, h, at_output)
         shared = [*gains.values(), *(x.load[:2] if loaded else ()), *weights, h]
         constants: Any = [*balance.theta, *map(make_symbol, nonlinear), *shared]
         inputs, known, states = (

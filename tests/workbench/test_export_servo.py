@@ -99,6 +99,14 @@ def test_a_drive_is_in_the_unit_of_its_model(format):
     assert export(told, format, unknown).content == export(told, format, given).content
 
 
+@pytest.mark.parametrize("format", ["python", "mjcf"])
+def test_play_between_a_drive_and_its_encoder_is_refused(format):
+    drive = replace(DRIVES["position"], encoder="output")
+    with pytest.raises(ExportError, match="reads the link behind the gear"):
+        export(joint("backlash:backlash=0.004,gap=0.02"), format, Request(drive=drive, callback="python"))
+    assert export(joint(), "python", Request(drive=drive)).content
+
+
 def test_what_mujoco_does_not_have_of_a_servo_is_named():
     pytest.importorskip("mujoco")
     with pytest.raises(ExportError, match=r"mjcf cannot hold .*\(ki\).*; nor a controller at 500 Hz.*cutoff"):

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from pendulum_env.physics import Model
+from pendulum_env.physics import Model, has_link
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.servo import UNIT, ServoDrive
@@ -80,7 +80,11 @@ def choose_actuator(request: Request) -> Motor | Servo:
 
 
 def convert_request(model: Model, request: Request) -> Request:
-    """Return a request whose drive, if any, has torque in the unit of a model; raises ExportError without its gain."""
+    """Return a request whose drive, if any, has torque in the unit of a model.
+
+    Raises:
+        ExportError: without the gain of the drive, or if play or elasticity is between the drive and its encoder.
+    """
     if (drive := request.drive) is None:
         return request
     known = model.torque_constant
@@ -90,6 +94,11 @@ def convert_request(model: Model, request: Request) -> Request:
         raise ExportError(
             f"the model is in {model.torque_unit}, but the drive gives {drive.unit}: give the drive its gain, or take "
             "a model in that unit"
+        )
+    if drive.encoder == "output" and has_link(model.terms):
+        raise ExportError(
+            "the drive reads the link behind the gear, which no format has: export without the drive, or leave out "
+            "play and elasticity"
         )
     return replace(request, drive=drive)
 

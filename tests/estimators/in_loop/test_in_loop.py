@@ -115,11 +115,11 @@ def test_standard_errors_hold_what_a_late_log_does(plain):
     assert max(moved.values()) < 2.0 and max(moved.values()) > 0.3  # which is most of some
 
 
-def test_play_is_no_candidate_behind_an_encoder_at_the_output(plain):
+def test_play_is_a_candidate_before_an_encoder_at_the_output_and_is_not_found_where_it_is_none(plain):
     drives = [replace(recording.drive, encoder="output") for recording in plain]
     recordings = [replace(own, drive=drive) for own, drive in zip(plain, drives, strict=True)]
-    found = diagnose(recordings, only=["backlash", "joint_flexibility", "stribeck"])
-    assert [one.effect for one in found.candidates] == ["stribeck"] and not found.selected
+    found = diagnose(recordings[:2], recordings[2:], only=["backlash", "joint_flexibility", "stribeck"])
+    assert len(found.candidates) == 3 and not found.selected
     assert ServoDrive.from_settings(drives[0].get_settings()) == drives[0]
     assert ServoDrive.from_settings({"preset": "sts3215", "kp": 16}).encoder == "output"
 
@@ -252,6 +252,7 @@ def test_parameters_of_an_unknown_gain_are_per_volt_and_compared_so(plain, tmp_p
         ({"drive": None}, "has no drive, but others have one"),
         ({"drive": ServoDrive("velocity", "torque", kp=1.0)}, "controls another quantity"),
         ({"drive": ServoDrive(kp=1.0, supply=12.0)}, "give the drive a gain"),
+        ({"drive": ServoDrive(output="torque", kp=1.0, encoder="output")}, "encoder at another shaft"),
     ],
 )
 def test_servos_that_cannot_be_simulated_together_are_refused(plain, other, refusal):

@@ -16,6 +16,7 @@ from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.physics.transmission import Backlash
 from pendulum_env.recording import Recording
 from pendulum_env.servo import ServoDrive
+from pendulum_env.servo.drive import Shaft
 from tests import slow
 
 TERMS = (*BASE, GravityTilt())
@@ -77,10 +78,10 @@ def test_maxima_that_bend_upwards_leave_half_their_range():
     assert fit_parabola(x, (x - 0.4) ** 2) == (1.0, 0.25)
 
 
-def record_link_friction(share: float, friction: float, viscous: float) -> tuple[Recording, ...]:
+def record_link_friction(share: float, friction: float, viscous: float, encoder: Shaft) -> tuple[Recording, ...]:
     """Goals and positions of a servo whose link has shares of dry and viscous friction, semi-implicit steps of 50 us.
 
-    Gravity of 0.736 N m hangs on a link of 0.0113 kg m^2 behind a play of 8.73 mrad.
+    Gravity of 0.736 N m hangs on a link of 0.0113 kg m^2 behind a play of 8.73 mrad. Log and controller read one shaft.
     """
     motor, link, gap, stiffness, damping, h = 0.006, 0.0113, 8.73e-3, 570.0, 0.56, 5e-5
     rng, found = np.random.default_rng(63), []
@@ -90,9 +91,9 @@ def record_link_friction(share: float, friction: float, viscous: float) -> tuple
         q = v = ql = vl = 0.0
         path = np.empty(len(time))
         for k, wanted in enumerate(goal.tolist()):
-            path[k] = q
+            path[k] = ql if encoder == "output" else q
             for _ in range(10):
-                command = 3.0 * max(-1.0, min(1.0, kp * (wanted - q)))
+                command = 3.0 * max(-1.0, min(1.0, kp * (wanted - (ql if encoder == "output" else q))))
                 for _ in range(20):
                     twist = q - ql
                     stretch = twist - max(-gap, min(gap, twist))
@@ -104,7 +105,7 @@ def record_link_friction(share: float, friction: float, viscous: float) -> tuple
                     q, ql = q + h * v, ql + h * vl
         count = 2 * np.pi / 4096
         position = np.round((path + rng.normal(0.0, 3e-4, len(path))) / count) * count
-        drive = ServoDrive(kp=kp, supply=12.0, gain=0.25, rate=1000.0, goal="held")
+        drive = ServoDrive(kp=kp, supply=12.0, gain=0.25, rate=1000.0, goal="held", encoder=encoder)
         found.append(
             Recording(
                 time,
@@ -118,9 +119,9 @@ def record_link_friction(share: float, friction: float, viscous: float) -> tuple
     return tuple(found)
 
 
-@pytest.mark.parametrize("viscous", [0.0, 0.05])
-def test_friction_of_the_link_is_told_from_friction_of_the_motor_and_leaves_the_gap_right(viscous):
-    recordings = record_link_friction(share=0.12, friction=0.09, viscous=viscous)
+@pytest.mark.parametrize(("encoder", "viscous"), [("motor", 0.0), ("motor", 0.05), ("output", 0.05)])
+def test_friction_of_the_link_is_told_from_friction_of_the_motor_and_leaves_the_gap_right(encoder, viscous):
+    recordings = record_link_friction(0.12, 0.09, viscous, encoder)
     rows = RolloutRows(Rollouts(recordings), RegressionData.from_recordings(recordings).torque)
     x = rows.torque.data.samples
     profile = rows.scan(rows.search_basins(TERMS, make_grid(Backlash, x, x.torque)[::3]).terms)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from pendulum_env.physics import BASE, KnownLoad, effect, simulate
 from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.transmission import Backlash, JointFlexibility
 from pendulum_env.servo import ServoDrive
 from pendulum_env.servo.loop import Servos, follow
 from tests.runge_kutta import stepped
@@ -73,6 +74,51 @@ def test_servo_comes_to_rest_where_its_law_balances_the_load_and_dry_friction_ho
     assert 0.5 * 10.0 * 0.4 * (0.7 - at) == pytest.approx(GRAVITY * np.sin(at), abs=1e-6)
     held = path(drive, np.full(5000, 0.4), theta=np.array([INERTIA, 0.0, VISCOUS, 1.0]))  # asks for 0.8 of 1 N m
     assert np.abs(held).max() == 0.0
+
+
+GAP = 0.03  # [rad]
+LINK, RESONANCE = 0.008, 120.0  # [kg m^2], [rad/s]
+PLAY = Backlash(gap=GAP, resonance=RESONANCE, damping=20.0, gravity=GRAVITY / LINK)  # all weight is the link's
+
+
+@pytest.mark.parametrize("encoder", ["motor", "output"])
+def test_servo_with_play_rests_where_its_law_balances_the_load_at_the_shaft_of_its_encoder(encoder):
+    drive = ServoDrive(kp=0.5, gain=0.4, encoder=encoder)
+    at = path(drive, np.full(60_000, 0.7), (*BASE, PLAY), np.append(SMOOTH, LINK))[-1]
+    torque = 0.5 * 10.0 * 0.4 * (0.7 - at)
+    behind = GAP + torque / (LINK * RESONANCE**2) if encoder == "motor" else 0.0  # of the link, which hangs
+    assert torque == pytest.approx(GRAVITY * np.sin(at - behind), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("gap", "resonance", "term"),
+    [(GAP, RESONANCE, PLAY), (0.0, 30.0, JointFlexibility(30.0, 20.0, GRAVITY / LINK))],
+)
+def test_controller_at_the_output_reads_the_link(gap, resonance, term):
+    """Two bodies by an independent integrator; the log and the controller have the second."""
+    drive, goal = ServoDrive(kp=0.6, kd=0.01, gain=0.4, encoder="output"), wave()
+
+    def rate(t: float, q: float, v: float, ql: float, vl: float) -> tuple[float, float, float, float]:
+        stretch = q - ql - min(max(q - ql, -gap), gap)
+        pull = LINK * (resonance**2 * stretch + 20.0 * (v - vl) * (stretch != 0))
+        torque = 4.0 * min(max(0.6 * (math.sin(3 * t) * min(t, 1.0) - ql) - 0.01 * vl, -1.0), 1.0)
+        a = (torque - pull - VISCOUS * v) / (INERTIA - LINK)
+        return v, a, vl, (pull - GRAVITY * math.sin(ql)) / LINK
+
+    y, exact = [0.0] * 4, [0.0]
+    for k in range(len(goal)):
+        y = stepped(rate, k * STEP, y, STEP)
+        exact.append(y[2])
+    followed = path(drive, goal, (*BASE, term), np.append(SMOOTH, LINK))
+    at_motor = path(replace(drive, encoder="motor"), goal, (*BASE, term), np.append(SMOOTH, LINK))
+    error = np.abs(followed - exact).max()
+    assert error < 2e-3 * np.ptp(exact) and error < 0.1 * np.abs(at_motor - exact).max()
+
+
+def test_servo_at_the_output_begins_where_its_encoder_says():
+    drive = ServoDrive(kp=0.5, gain=0.4, encoder="output")
+    goal, lifted = np.full(100, 0.7), np.full(1, 0.5)
+    assert path(drive, goal, (*BASE, PLAY), np.append(SMOOTH, LINK), position=lifted)[0] == 0.5
 
 
 @pytest.mark.parametrize("steps", [1, 7, 40])
