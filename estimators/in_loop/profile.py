@@ -6,7 +6,8 @@ a local minimum near the likeliest point, so the maximum of each fit has an erro
     log L = c + b x - a x^2,     x the logarithm of the parameter,
 
 averages over these errors. Its vertex b / 2a is the estimate. The variance is F / 2a, with the factor F by which
-correlated errors widen the interval, plus the variance of the vertex by the scatter of the maxima.
+correlated errors widen the interval, plus the variance of the vertex by the scatter of the maxima. A gap is not known
+better than the step of the encoder: a controller that reads whole counts sees no motion within one.
 
 Source: Ionides et al., Monte Carlo profile confidence intervals for dynamic systems, J. R. Soc. Interface 14, 2017.
 """
@@ -17,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.in_loop.fit import Linear, compute_likelihood, fit
+from estimators.in_loop.fit import LOOP, Linear, compute_likelihood, fit
 from estimators.in_loop.rollouts import Rollouts
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.search_hints import find_hints
@@ -32,9 +33,11 @@ class ProfileSettings:
     """Numbers of a profile."""
 
     ratio: float = 1.1  # of neighbouring values at first
-    fall: float = 60.0  # [nat], by which the likelihood falls at most from the best value to the next ones
+    fall: float = 20.0  # [nat], by which the likelihood falls at most from the best value to the next ones
     beside: int = 2  # values on either side of the best that the parabola passes through
     most: int = 12  # values
+    leaps: tuple[float, ...] = (0.8, 0.9, 1.1, 1.25)  # of the other parameter with local minima, from the first fit,
+    gain: float = 1.0  # [nat] by which a fit after a leap is likelier, if it is the next to leap from
 
 
 PROFILE = ProfileSettings()
@@ -78,7 +81,7 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
         terms = point.terms if value is None else tuple(limit_term(own, {name: (value, value)}) for own in point.terms)
         return fit(rollouts, Point.from_parameters(terms, point.theta), typical, nonlinear=True, share=0.0)
 
-    first = fit_near(start)
+    first = _leave_local_minima(rollouts, fit_near(start), typical)
     fits = {float(first.point.values[place]): first}
     heights = {value: _compute_height(rollouts, own) for value, own in fits.items()}
 
@@ -136,7 +139,23 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
     shifts = np.array(near) - np.mean(near)
     slopes = shifts @ (paths - paths.mean(axis=0)) / (shifts @ shifts)
     released = tuple(replace(old, **new.nonlinear_values) for old, new in zip(start.terms, last.terms, strict=True))
-    return Profile(name, place, Point(released, last.theta), variance * estimate**2, slopes)
+    in_counts = rollouts.resolution if parameter.unit == "rad" else 0.0  # a controller that reads counts has such play
+    return Profile(name, place, Point(released, last.theta), variance * estimate**2 + in_counts**2, slopes)
+
+
+def _leave_local_minima(rollouts: Rollouts, near: Linear, typical: Array) -> Linear:
+    """Refit from other values of the parameter over which torque has many local minima, while a fit is likelier."""
+    names = [term.get_full_name(find_hints(type(term)).multimodal) for term in near.point.terms]
+    is_moved = np.isin([*near.point.named_values], names)
+    while True:
+        starts = [near.point.with_values(np.where(is_moved, leap, 1.0) * near.point.values) for leap in PROFILE.leaps]
+        others = [
+            fit(rollouts, start, typical, nonlinear=True, share=0.0, secants=LOOP.secants[-1:]) for start in starts
+        ]
+        best = max(others, key=lambda one: _compute_height(rollouts, one))
+        if _compute_height(rollouts, best) < _compute_height(rollouts, near) + PROFILE.gain:
+            return near
+        near = best
 
 
 def _compute_height(rollouts: Rollouts, near: Linear) -> float:
@@ -147,7 +166,8 @@ def _compute_widening(rollouts: Rollouts, near: Linear, place: int) -> float:
     """Return the factor by which errors that are correlated within blocks widen the variance of a parameter."""
     slopes, error = near.weights[:, None] * near.slopes, near.weights * near.error
     correlated = compute_robust_covariance(slopes, error, rollouts.clusters)[place, place]
-    row = np.linalg.pinv(slopes.T @ slopes)[place] @ (slopes * error[:, None]).T
+    size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)  # units of parameters differ by orders of magnitude
+    row = np.linalg.pinv(slopes / size, rcond=1e-6)[place] / size[place] * error
     return float(max(1.0, correlated / max(row @ row, 1e-300)))
 
 

@@ -45,7 +45,7 @@ class ServoDrive:
         cutoff: of the low-pass filter that the controller sees the speed through [Hz]; None: there is none.
         delay: from measuring to acting [s].
         goal: whether the goal is held from row to row of the log, or runs on to the next row; None: not known.
-        encoder: shaft that log and controller read: of the motor, or of the link behind play and elasticity of the gear.
+        encoder: shaft that log and controller read, of the motor or of the link behind the gear's play and elasticity.
     """
 
     control: Control = "position"
