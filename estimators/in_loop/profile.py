@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.in_loop.fit import LOOP, Linear, compute_likelihood, fit
+from estimators.in_loop.fit import LOOP, Linear, compute_likelihood, fit, linearise_errors
 from estimators.in_loop.rollouts import Rollouts
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.search_hints import find_hints
@@ -81,6 +81,11 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
         terms = point.terms if value is None else tuple(limit_term(own, {name: (value, value)}) for own in point.terms)
         return fit(rollouts, Point.from_parameters(terms, point.theta), typical, nonlinear=True, share=0.0)
 
+    def release(point: Point) -> Point:
+        """Return the point with the parameter free."""
+        pairs = zip(start.terms, point.terms, strict=True)
+        return Point(tuple(replace(old, **new.nonlinear_values) for old, new in pairs), point.theta)
+
     first = _leave_local_minima(rollouts, fit_near(start), typical)
     fits = {float(first.point.values[place]): first}
     heights = {value: _compute_height(rollouts, own) for value, own in fits.items()}
@@ -129,7 +134,8 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
     for j, value in enumerate(values):
         if value in near and value != values[k]:  # a better fit may come from the side of the best
             extend(value, values[j + 1 if j < k else j - 1])
-    widening = _compute_widening(rollouts, fits[values[k]], place)
+    best = linearise_errors(rollouts, release(fits[values[k]].point), typical, nonlinear=True)  # by the parameter, too
+    widening = _compute_widening(rollouts, best, place)
     log_value, variance = fit_parabola(np.log(near), np.array([heights[value] for value in near]), widening)
     estimate = float(np.exp(log_value))
     closest = min(near, key=lambda value: abs(np.log(value / estimate)))
@@ -138,9 +144,8 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
     paths = np.array([[own.get(text, 0.0) for text in last.named_values] for own in named])
     shifts = np.array(near) - np.mean(near)
     slopes = shifts @ (paths - paths.mean(axis=0)) / (shifts @ shifts)
-    released = tuple(replace(old, **new.nonlinear_values) for old, new in zip(start.terms, last.terms, strict=True))
     in_counts = rollouts.resolution if parameter.unit == "rad" else 0.0  # a controller that reads counts has such play
-    return Profile(name, place, Point(released, last.theta), variance * estimate**2 + in_counts**2, slopes)
+    return Profile(name, place, release(last), variance * estimate**2 + in_counts**2, slopes)
 
 
 def _leave_local_minima(rollouts: Rollouts, near: Linear, typical: Array) -> Linear:

@@ -172,20 +172,18 @@ class RolloutRows:
         starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
         for k in np.argsort(-likelihood):
             starts.setdefault(tried[k].terms[-1].nonlinear_values[name], tried[k])
-        first, *others = (
-            _release_link_friction(point, share)
-            for point in [*starts.values()][: LOOP.starts]
-            for share in LOOP.link_friction
-        )
 
-        def fit_roughly(start: Point) -> Linear:
-            return fit(self.rollouts, start, typical, nonlinear=True, secants=LOOP.secants[:1])
+        def fit_roughly(start: Point) -> list[Linear]:
+            begun = [_release_link_friction(start, share) for share in LOOP.link_friction]
+            return [fit(self.rollouts, own, typical, nonlinear=True, secants=LOOP.secants[:1]) for own in begun]
 
-        found = fit_roughly(first)
-        left = scale_of(self.rollouts, found.error) / scale_of(self.rollouts, self.near(terms).error)
-        if left**2 < 1.0 - LOOP.promising:
-            fits = [found, *(fit_roughly(start) for start in others)]
-            best = min(fits, key=lambda one: scale_of(self.rollouts, one.error))
+        def size(one: Linear) -> float:
+            return scale_of(self.rollouts, one.error)
+
+        first, *others = [*starts.values()][: LOOP.starts]
+        found = min(fit_roughly(first), key=size)
+        if size(found) ** 2 < (1.0 - LOOP.promising) * size(self.near(terms)) ** 2:
+            best = min([found, *(one for start in others for one in fit_roughly(start))], key=size)
             found = fit(self.rollouts, best.point, typical, nonlinear=True, share=0.0)
         self._keep(found.point.terms, found)
         return self.trial(found.point.terms)
