@@ -103,7 +103,7 @@ def test_a_drive_is_in_the_unit_of_its_model(format):
 def test_play_between_a_drive_and_its_encoder_is_refused(format):
     drive = replace(DRIVES["position"], encoder="output")
     with pytest.raises(ExportError, match="reads the link behind the gear"):
-        export(joint("backlash:backlash=0.004,gap=0.02"), format, Request(drive=drive, callback="python"))
+        export(joint("joint_flexibility=0.004"), format, Request(drive=drive))
     assert export(joint(), "python", Request(drive=drive)).content
 
 
