@@ -2,6 +2,9 @@
 
 A controller answers errors of the sensor and disturbances at once. The innovations of torque and position, which their
 past does not predict, are then correlated. A planned torque has no such correlation.
+
+A fit of recorded torque is consistent in a closed loop only if its residual is noise (Forssell and Ljung, Automatica
+35(7), 1999): the controller answers each unmodelled torque, and a delay or a lag of the torque fits its answer.
 """
 
 from collections.abc import Sequence
@@ -44,6 +47,11 @@ def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
         Finding(kind, {"gain": Quantity(float(np.median([*own.values()])), unit=unit)}, recordings=tuple(own))
         for (kind, unit), own in gains.items()
     ]
+
+
+def has_feedback(recordings: Sequence[Recording]) -> bool:
+    """Return whether the torque of some recording answers the motion."""
+    return any(_estimate_feedback_gain(recording) is not None for recording in recordings)
 
 
 def _estimate_feedback_gain(recording: Recording) -> float | None:

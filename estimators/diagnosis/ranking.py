@@ -96,14 +96,14 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
         error_with, error_without = (_compute_held_out_rms(evaluator, terms, term.at) for terms in (final, others))
         reason = Finding(Kind.ERROR_FALLS_AT_JOINT, {"share": Quantity(error_with / error_without)}, joints=(term.at,))
     gates = (
-        *([] if is_hidden(term) else evaluator.gates(final, others)),
+        *([] if is_hidden(term) else make_gates(evaluator, final, others)),
         *evaluator.confirmation_gates(after, before),
     )
     best_gain: tuple[Gain | None, int] = (None, 1) if is_hidden(term) else _compute_gain(evaluator, final, others)
     ratio, total = error_with / error_without, score * sum(odds[id] for id in (term.id, *tied))
     found_tied = []
     for id in tied:
-        rival_gates = (*evaluator.gates(rivals[id], others), Gate("tie_probability", odds[id], least, True))
+        rival_gates = (*make_gates(evaluator, rivals[id], others), Gate("tie_probability", odds[id], least, True))
         gain, variants = _compute_gain(evaluator, rivals[id], others)
         ties = Finding(Kind.TIES, effects=(term.id,))
         found_tied.append(
@@ -125,9 +125,9 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
     others = tuple(other_terms)
     gain, variants = _compute_gain(evaluator, longer, others)
     ratio = _compute_held_out_rms(evaluator, longer, term.at) / _compute_held_out_rms(evaluator, others, term.at)
-    gates = evaluator.gates(longer, others)
+    gates = make_gates(evaluator, longer, others)
     if all(gate.passed for gate in gates) and not evaluator.residuals.is_noise(longer):
-        gates = evaluator.gates(longer, others, evaluator.criterion.needed_share)
+        gates = make_gates(evaluator, longer, others, evaluator.criterion.needed_share)
     reach, units, verdict = evaluator.train.get_range(term.at), evaluator.train.units(term.at), Verdict.NOT_EXCITED
     untested = find_untested_ends(type(term)(), *reach, units)
     if untested and not has_contacts and not evaluator.is_significant(longer, others):
@@ -146,6 +146,13 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
         if found.table is not None and term.kind == found.table.kind:
             reason = explain_table(Kind.IMITATES_TABLE, found.table)
     return Candidate(term.id, 0.5 * (1 - gain.p_value), verdict, ratio, reason, gain, variants, tuple(gates), longer)
+
+
+def make_gates(evaluator: ModelEvaluator, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
+    """Return the gates of a final model over a smaller one, with that of a lag or delay in a closed loop."""
+    gates = evaluator.gates(after, before, least_share)
+    is_open = all(gate.passed for gate in gates)
+    return [*gates, *evaluator.residuals.loop_gates(after, before)] if is_open else gates
 
 
 def _compute_gain(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tuple[Gain, int]:
@@ -190,7 +197,8 @@ def can_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: T
     In addition, `terms` must not follow the motion significantly better. Tables are removed from all models.
     """
     rival, terms, others = (remove_table(evaluator, model) for model in (rival, terms, others))
-    if not (evaluator.keeps_base(rival, others) and evaluator.lowers_errors(rival, others)):
+    is_confirmed = evaluator.keeps_base(rival, others) and evaluator.lowers_errors(rival, others)
+    if not (is_confirmed and all(gate.passed for gate in evaluator.residuals.loop_gates(rival, others))):
         return False
     return evaluator.explained_shares_of_motion(terms, rival)[0] <= evaluator.criterion.explained_share
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from estimators.checks.closed_loop import has_feedback
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import ResidualStructure
@@ -15,9 +17,9 @@ from estimators.memoize import memoized
 from estimators.regression.least_squares import compute_robust_covariance, invert_covariance, solve_least_squares
 from estimators.search_hints import make_grid
 from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Terms
+from estimators.selection.errors import Gate, Terms
 from pendulum_env._typing import Array
-from pendulum_env.physics import ByTime, Term
+from pendulum_env.physics import ByTime, Term, list_ids
 
 
 class Power(NamedTuple):
@@ -104,6 +106,23 @@ class Residuals:
             for part, structures in pairs
             for at, structure in structures.items()
         )
+
+    def loop_gates(self, after: Terms, before: Terms) -> list[Gate]:
+        """Return the gate of a lag or delay that a larger model adds in a closed loop: its residual has to be noise.
+
+        The controller answers each torque that the model lacks, and a lag or delay of the torque fits this answer.
+        """
+        known = list_ids(before)
+        if not any((term.lead or term.delay) and term.id not in known for term in after) or not self.has_feedback:
+            return []
+        size, limit = self.relative_rms(after), self.criterion.misfit
+        return [Gate("residual_in_loop", size, limit, size <= limit)]
+
+    @cached_property
+    def has_feedback(self) -> bool:
+        """Whether the recorded torque of a pendulum answers the motion; simulated rows depend on goals alone."""
+        is_pendulum = self.train.layout.predicts_torque and self.joints == ("",)
+        return is_pendulum and has_feedback([own for part in self.parts for own in part.recordings])
 
     def holdout_residual(self, terms: Terms) -> Array:
         """Return the held-out residual (R,) [N m], with the parameters of the fit updated by the held-out data.

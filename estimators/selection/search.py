@@ -41,6 +41,20 @@ class SearchResult:
 def search(evaluator: ModelEvaluator) -> SearchResult:
     """Search for the effects that the base model of an evaluator lacks.
 
+    If a delay or lag of the torque may fit a controller's answer in the end, the search is repeated without both.
+    """
+    state = find_effects(evaluator)
+    if not all(gate.passed for gate in evaluator.residuals.loop_gates(state.terms, state.start)):
+        others = {id: effect for id, effect in evaluator.library.items() if not (effect().lead or effect().delay)}
+        state = find_effects(replace(evaluator, library=others, drawn=evaluator.bootstrap))
+        whole = replace(state.evaluator, library=evaluator.library, drawn=evaluator.bootstrap)
+        state = replace(state, evaluator=whole)
+    return SearchResult(state.evaluator, confirm_steps(state), state.table)
+
+
+def find_effects(evaluator: ModelEvaluator) -> SearchState:
+    """Search for the effects that a base model lacks, or for a table in their place.
+
     If the result leaves structure, the search is repeated from each of the best `criterion.beam` first effects that
     tie with the found ones; a significantly better result is kept. Finally, unneeded effects are dropped, and effects
     that imitate a table are replaced by it.
@@ -60,8 +74,7 @@ def search(evaluator: ModelEvaluator) -> SearchResult:
                 other = grow(state.refit(first))
                 if _is_better(other, state) and are_confirmed(other.evaluator, find_model_path(other)):
                     state = other
-    state = replace_by_table(drop_unneeded(state))
-    return SearchResult(state.evaluator, confirm_steps(state), state.table)
+    return replace_by_table(drop_unneeded(state))
 
 
 def _is_better(one: SearchState, other: SearchState) -> bool:

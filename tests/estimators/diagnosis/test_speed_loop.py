@@ -1,0 +1,65 @@
+"""Bare motors in a speed loop: the controller answers cogging, and a lag of the torque may fit its answer."""
+
+from math import copysign, sin
+
+import numpy as np
+import pytest
+
+from estimators.data.split import split_recordings
+from estimators.selection.candidates import find_best_variant
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.search import search
+from pendulum_env.physics import BASE, effect
+from pendulum_env.recording import Recording
+
+INERTIA, VISCOUS, COULOMB = 1e-4, 1.5e-3, 0.01  # [kg m^2], [N m s/rad], [N m]
+RATE, STEPS, SECONDS = 500.0, 16, 8.0  # samples, steps of integration and of control in each, length [s]
+
+
+def record(seed: int, lag: float, cogging: float, bandwidth: float) -> Recording:
+    """Simulate a motor whose speed follows a square wave under a PI controller; the log holds the command."""
+    rng = np.random.default_rng(seed)
+    frequency, top, step = rng.uniform(0.3, 1.2), rng.uniform(5.0, 8.0), 1.0 / (RATE * STEPS)
+    gain, q, v, acting, integral = INERTIA * bandwidth, 0.0, 0.0, 0.0, 0.0
+    position, torque = [], []
+    for k in range(int(SECONDS * RATE * STEPS)):
+        wave = sin(2 * np.pi * frequency * k * step)
+        error = top * copysign(1.0, wave) - v
+        integral += 0.3 * bandwidth * gain * error * step
+        command = gain * error + integral
+        acting = acting + (command - acting) * step / lag if lag else command
+        if k % STEPS == 0:
+            position.append(q)
+            torque.append(command)
+        push = acting - VISCOUS * v + cogging * (sin(12 * q + 1.0) + 0.4 * sin(24 * q + 2.0))
+        moved, friction = v + step * push / INERTIA, step * COULOMB / INERTIA
+        v = moved - min(max(moved, -friction), friction)  # friction stops at zero
+        q += step * v
+    noise = rng.normal(0.0, 1e-4, len(torque))
+    encoder = 2 * np.pi / 8192
+    time = np.arange(len(torque)) / RATE
+    return Recording(time, np.round(np.array(position) / encoder) * encoder, np.array(torque) + noise, name=f"{seed}")
+
+
+def evaluate(lag: float, cogging: float, bandwidth: float, seed: int) -> ModelEvaluator:
+    """Return the evaluator of two recordings, with both laws of the torque's time as its library."""
+    parts = split_recordings(*([record(own, lag, cogging, bandwidth)] for own in (seed, seed + 1)))
+    return ModelEvaluator(*parts, library={id: effect(id) for id in ("actuator_lag", "dead_time")})
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_an_answer_to_cogging_is_no_lag(seed):
+    evaluator = evaluate(0.0, COULOMB, 60.0, seed)
+    (gate,) = evaluator.residuals.loop_gates((*BASE, effect("actuator_lag")(0.02)), BASE)
+    assert not gate.passed  # the torque of the cogging is left
+    assert evaluator.is_supported(find_best_variant(evaluator, BASE, effect("dead_time")).terms, BASE)  # by its gain
+    assert search(evaluator).terms == evaluator.base
+
+
+def test_a_lag_in_the_loop_is_found():
+    evaluator = evaluate(0.02, 0.0, 20.0, 3)
+    found = search(evaluator)
+    assert evaluator.residuals.has_feedback
+    assert [step.added for step in found.steps] == [None, "actuator_lag"]
+    assert found.steps[-1].model.estimates["actuator_lag.time_constant"].value == pytest.approx(0.02, rel=0.1)
+    assert found.steps[-1].model.estimates["inertia"].value == pytest.approx(INERTIA, rel=0.1)
