@@ -128,8 +128,9 @@ class Trial:
     def outliers(self) -> tuple[Disagreement, ...]:
         """Disagreements of recordings with the others, including those already excluded, in order.
 
-        Fits of the final terms to single recordings are compared; before, if the final model leaves a residual and no
-        recording was excluded, fits of the base. New disagreements are ignored if no fitted recording would remain.
+        If the final model leaves a residual and no recording was excluded, fits of the base to single recordings are
+        compared first. If these agree, fits of the final terms are compared. New disagreements are ignored if no fitted
+        recording would remain.
         """
         whole = self.data.whole or self.data
         datasets = [part.data for part in (whole.parts if whole.holdout else whole.parts[:1])]

@@ -120,7 +120,7 @@ def suggest_experiment(
 ) -> tuple[Suggestion | None, list[Aim], Finding | None]:
     """Choose the experiment within limits that answers most questions.
 
-    `left` are regions of the residual; if the first is over position, the motion has to reach it.
+    `regions` are those of the residual; if the first is over position, the motion has to reach it.
 
     Returns:
         The experiment or None; aims that no candidate reaches without limits of angle and speed, up to the usual

@@ -69,9 +69,9 @@ def list_questions(
     """List the open questions of a diagnosis.
 
     Each effect that ties with a selected effect (`groups`) or, by `doubts`, with a term is a question; then each effect
-    that was not excited, or of which no possible size is `detectable`, unless its own range is not reached.
+    that was not excited, or has no possible `detectable` size, unless it acts beyond an end of the range alone.
     """
-    hidden = {one.effect for one in detectable if not one.is_excited}
+    hidden = {effect.effect for effect in detectable if not effect.is_excited}
     pairs = [(id, selected) for selected, *tied in groups for id in tied]
     pairs += [doubt.rivals for doubt in doubts if doubt.rivals is not None]
     present = list_ids(terms)
@@ -84,10 +84,10 @@ def list_questions(
                 questions.append(Question(Aim(id, instead), trial.terms))
     for candidate in candidates:
         kind = evaluator.library[candidate.effect]
-        is_out_of_range = any(kind().open_ends)
+        has_open_ends = any(kind().open_ends)
         is_asked = candidate.effect in {question.aim.effect for question in questions}
         is_hidden = candidate.verdict is Verdict.NOT_EXCITED or candidate.effect in hidden
-        if is_hidden and not is_out_of_range and not is_asked:
+        if is_hidden and not has_open_ends and not is_asked:
             inertia = evaluator.train.recordings[0].known_inertia
             questions.append(Question(Aim(candidate.effect), tuple(terms), make_typical_effect(kind, inertia)))
     return questions

@@ -329,8 +329,8 @@ def _integrate_slopes(steps: Array, response_slopes: Array, column_slope: Array)
 
     Args:
         steps: between perturbations (B, J - 1) [N m].
-        bends: slopes of the responses over the steps (B, J - 1).
-        response_slope: derivative of phi theta by the torque (B,), subtracted; the net slope is at least LEAST_SLOPE.
+        response_slopes: slopes of the responses over the steps (B, J - 1).
+        column_slope: derivative of phi theta by the torque (B,), subtracted; the net slope is at least LEAST_SLOPE.
     """
     slopes = np.maximum(response_slopes - column_slope[:, None], LEAST_SLOPE)
     changes = np.cumsum(np.column_stack([np.zeros(len(steps)), slopes * steps]), axis=1)
@@ -351,7 +351,7 @@ def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) ->
 
     Args:
         balance: equations.
-        plain: mask of the L linear equations (R,), or of those to replace by their tangent.
+        is_linear: mask of the L linear equations (R,), or of those to replace by their tangent.
         slopes: derivatives of their predicted torque by the parameters (L, P).
         target: their left-hand sides: `slopes` times the parameters plus the error (L,) [N m].
     """

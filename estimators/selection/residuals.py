@@ -167,7 +167,7 @@ class Residuals:
         The share is the smaller of training and held-out data. Explainable power is
 
         - all power, if the residual of the smaller model has no structure;
-        - removed power + correlated power of the rest + power of the rest / sqrt(number of clusters), if its
+        - removed power + correlated power of the rest + power of the rest / sqrt(number of rows), if its
           neighbouring windows are correlated;
         - all power above the noise floor otherwise.
 

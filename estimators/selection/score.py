@@ -115,7 +115,7 @@ def cross_validated(balance: Balance, blocks: Blocks, hidden: Hidden = (), witho
 
     Args:
         balance: equations of the model.
-        where: blocks of the equations.
+        blocks: blocks of the equations.
         hidden: torque noise that the model removes, which is added to the errors.
         without: parameters of the fits without each fold (FOLDS, P), solved unless given.
     """
@@ -132,8 +132,9 @@ def _compute_density(balance: Balance, theta: Array, blocks: Blocks, hidden: Hid
     """Return the log density of the recorded torque in each block (S,) [nat].
 
     `theta` are the parameters of the fits without each fold (FOLDS, P), or of one fit (1, P). The density of a residual
-    is multiplied by its derivative by the recorded torque, so a law that transmits little torque gains nothing. It is
-    at least that of a torque of known size. The scale is that of the other folds of the same recording.
+    is multiplied by its derivative by the recorded torque, so a law that transmits little torque gains nothing. The
+    derivative is raised to the density of a torque within `Balance.reach`. The scale is that of the other folds of the
+    same recording.
     """
     residual, slopes = balance.residual(theta)
     residual = np.clip(residual, -1e60, 1e60)  # [N m], against overflow
@@ -145,8 +146,8 @@ def _compute_density(balance: Balance, theta: Array, blocks: Blocks, hidden: Hid
     squares = residual**2
     squared_scale = np.maximum(_estimate_scales(squares, blocks)[blocks.fold, blocks.recording], least**2)
     density = np.log(PEAK / np.sqrt(squared_scale)) - (NU + 1) / 2 * np.log1p(squares[cell] / (NU * squared_scale))
-    known = np.minimum(np.sqrt(squared_scale) / (PEAK * reach), 1.0)
-    density += np.log(np.maximum(slopes[cell], known))
+    least_slope = np.minimum(np.sqrt(squared_scale) / (PEAK * reach), 1.0)
+    density += np.log(np.maximum(slopes[cell], least_slope))
     return np.bincount(blocks.block, density, len(blocks.of_block)).astype(float)
 
 

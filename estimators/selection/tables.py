@@ -16,7 +16,7 @@ from pendulum_env.physics.terms import count_parameters
 
 
 def replace_by_table(state: SearchState) -> SearchState:
-    """Replace effects that imitate a table, and return the state with `table` set; unchanged if there is none.
+    """Replace effects that imitate a table; return the state with `table` set, and terms without it, or the state.
 
     Effects imitate a table in two cases. A simpler model with a table leaves only noise and predicts as well. Or
     structure is left, and the table with the effects still needed predicts significantly better and explains most of

@@ -334,9 +334,8 @@ class TorqueRows:
             return max(known)
         if self.data.contacts:
             return TorqueRows(self.data.without_contacts).base_inertia
-        theta = (
-            self.equations(BASE).with_bounds(*bounds_of_laws(BASE)).solve()
-        )  # below zero if the sign of torque is wrong
+        # below zero if the sign of torque is wrong
+        theta = self.equations(BASE).with_bounds(*bounds_of_laws(BASE)).solve()
         return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
