@@ -64,15 +64,10 @@ class RegressionData:
         half_widths: Sequence[float] | None = None,
         part: tuple[float, float] = (0.0, 1.0),
     ) -> RegressionData:
-        """Cut recordings of a pendulum, or a part of each, into windows and segments.
+        """Cut recordings of a pendulum into windows and segments.
 
-        Args:
-            recordings: of one joint.
-            half_widths: of the windows of each recording [s]; chosen by noise if None.
-            part: begin and end of the range with windows, as shares of each recording.
-
-        Raises:
-            IdentificationError: if the recordings hold too little motion.
+        The half width of the windows of each recording [s] is chosen by noise if not given. `part` are begin and end of
+        the range with windows, as shares of each recording.
         """
         data = prepare(recordings, half_widths, part)
         return cls(data, tuple(choose_segments(w) for w in data.windows))

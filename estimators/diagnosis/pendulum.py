@@ -27,11 +27,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
 
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
-    """Return the evaluator of models; in free swings, tables that need torque do not compete.
-
-    Raises:
-        IdentificationError: if a recording is shorter than the horizon.
-    """
+    """Return the evaluator of models; in free swings, tables that need torque do not compete."""
     data.with_horizon(setting.horizon)  # raises an error before the search begins
     is_free = all(recording.known_inertia for recording in data.recordings)
     return setting.evaluator(data.parts, [kind for kind in COMPETING if not (is_free and is_torque_needed(kind))])

@@ -327,10 +327,8 @@ class Balance:
 def _integrate_slopes(steps: Array, response_slopes: Array, column_slope: Array) -> tuple[Array, Array]:
     """Return net slopes of equations between perturbations (B, J - 1), and net changes from zero to each (B, J) [N m].
 
-    Args:
-        steps: between perturbations (B, J - 1) [N m].
-        response_slopes: slopes of the responses over the steps (B, J - 1).
-        column_slope: derivative of phi theta by the torque (B,), subtracted; the net slope is at least LEAST_SLOPE.
+    `steps` between perturbations (B, J - 1) [N m] have slopes of the response (B, J - 1). The derivative of phi theta
+    by the torque, `column_slope` (B,), is subtracted; the net slope is at least `LEAST_SLOPE`.
     """
     slopes = np.maximum(response_slopes - column_slope[:, None], LEAST_SLOPE)
     changes = np.cumsum(np.column_stack([np.zeros(len(steps)), slopes * steps]), axis=1)

@@ -113,11 +113,8 @@ def weigh_squares(squares: Array, scale: Array | float) -> Array:
 def cross_validated(balance: Balance, blocks: Blocks, hidden: Hidden = (), without: Array | None = None) -> Array:
     """Return the log density of each block (S,) [nat], predicted by the fits without each fold.
 
-    Args:
-        balance: equations of the model.
-        blocks: blocks of the equations.
-        hidden: torque noise that the model removes, which is added to the errors.
-        without: parameters of the fits without each fold (FOLDS, P), solved unless given.
+    `hidden` is torque noise that the model removes, which is added to the errors. `without` are the parameters of the
+    fits (FOLDS, P), solved unless given.
     """
     without = balance.solve_without(blocks.fold, FOLDS) if without is None else without
     return _compute_density(balance, without, blocks, hidden)

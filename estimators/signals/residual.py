@@ -115,13 +115,8 @@ def make_region_everywhere(
 ) -> Region:
     """Return the region of all recorded velocities, or of any without samples, for a residual at no single place.
 
-    Args:
-        cause: finding that explains the residual.
-        x: recorded samples.
-        size: residual [N m].
-        floor: noise floor, by which the size is divided for the significance [N m].
-        at: joint of an arm.
-        units: names of the joint's units.
+    `size` is the residual and `floor` the noise floor [N m]; their ratio is the significance. `x` are the samples of
+    the joint `at`, and `units` the names of its units.
     """
     fast = np.inf if x is None else float(np.abs(x.velocity).max())
     return Region(
