@@ -1,4 +1,4 @@
-"""Seven online estimators: errors, coverage and time a sample, at rates from 25 Hz to 1 kHz.
+"""Seven online estimators and two recursions: errors, coverage and time a sample, at rates from 25 Hz to 1 kHz.
 
 python -m benchmarks.joint_state
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks.independent_plant import SimulatedRecording, random_case, simulate
 from estimators.online import Estimates, JointState, OnlineEstimator
+from estimators.online.recursion import RECURSIONS
 from estimators.schemes.six import SCHEMES, LowPass, Scheme
 from estimators.signals.measurements import Smoothing, compute_encoder_noise
 from workbench.terminal import Terminal
@@ -98,12 +99,13 @@ def accuracy(n: int, seed: int, terminal: Terminal) -> None:
     terminal.table(("counts", "rate [Hz]", *ids, "95 % intervals of the six", "of the joint state"), rows)
 
 
-def time_samples(seed: int) -> list[tuple[str, ...]]:
-    """Time of a sample by the regressions, for one scheme and for six, and by the joint state beside none."""
-    runs = runs_of(1000.0, COUNTS[0], 1, seed)
+def recursions(seed: int) -> list[tuple[str, ...]]:
+    """Time of a sample by each recursion, for one scheme and for six, and by the joint state beside none."""
+    runs, rows = runs_of(1000.0, COUNTS[0], 1, seed), []
     kinds: tuple[Sequence[Scheme], ...] = (SCHEMES[:1], SCHEMES)
-    times = [min(feed(OnlineEstimator(1000.0, schemes=s), runs)[1] for _ in "abc") for s in kinds]
-    rows = [("regressions", *(f"{value:.0f}" for value in times))]
+    for name in RECURSIONS:
+        times = [min(feed(OnlineEstimator(1000.0, schemes=s, recursion=name), runs)[1] for _ in "abc") for s in kinds]
+        rows.append((name, *(f"{value:.0f}" for value in times)))
     times = [feed(OnlineEstimator(1000.0, schemes=[*s, JointState()]), runs)[1] for s in ((), SCHEMES)]
     rows.append((f"{JointState.id}, beside none and six", *(f"{value:.0f}" for value in times)))
     return rows
@@ -116,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     terminal = Terminal()
     terminal.heading("CPU time of a sample at 1 kHz, measurement included [us]")
-    terminal.table(("estimator", "one scheme", "six schemes"), time_samples(args.seed))
+    terminal.table(("recursion", "one scheme", "six schemes"), recursions(args.seed))
     accuracy(args.n, args.seed, terminal)
     return 0
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.online.recursion import SquareRootLeastSquares
+from estimators.online.recursion import Recursion
 from pendulum_env._typing import Array, Index, Mask
 
 
@@ -69,7 +69,7 @@ class ClusterCovariance:
             self._now += np.einsum("r...i,r...j->...ij", self._rows[..., :-1], self._rows)
         return self._filled >= self._length
 
-    def close(self, squares: SquareRootLeastSquares) -> None:
+    def close(self, squares: Recursion) -> None:
         """Complete the cluster with the current estimates; a cluster without equations is dropped."""
         if not self._used.any():
             self._filled = 0
@@ -96,7 +96,7 @@ class ClusterCovariance:
         self._meat = (score @ score.swapaxes(-1, -2)).sum(axis=0)
         self._known = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 
-    def make_covariance(self, squares: SquareRootLeastSquares) -> Callable[[], tuple[Array, Array]]:
+    def make_covariance(self, squares: Recursion) -> Callable[[], tuple[Array, Array]]:
         """Return a function that computes P and the covariance of now, also later."""
         state = squares.squares, squares.count, squares.prior
         return functools.partial(_compute_covariances, squares.unit_covariance(), self._meat, self._known, *state)

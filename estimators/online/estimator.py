@@ -9,7 +9,7 @@ from estimators.online.arm_stream import make_stream
 from estimators.online.confidence import ClusterCovariance
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
-from estimators.online.recursion import SquareRootLeastSquares
+from estimators.online.recursion import RECURSIONS, SQUARE_ROOT
 from estimators.online.stream import check_rate
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Scheme, scheme
@@ -17,6 +17,7 @@ from estimators.signals.differentiation import STILL, estimate_encoder_noise
 from estimators.signals.measurements import Smoothing, compute_encoder_noise
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term
 
 SAMPLES = 256  # in motion, of the first joint that has so many
@@ -70,6 +71,7 @@ class OnlineEstimator:
         smoothing: Smoothing | None = None,
         prior: float = PRIOR,
         forgetting: float = 1.0,
+        recursion: str = SQUARE_ROOT,
         position_noise: float | None = None,
     ) -> None:
         """Make the estimator.
@@ -83,6 +85,8 @@ class OnlineEstimator:
             smoothing: of the measurement; replaces the smoothing by `counts`.
             prior: P(0) on the diagonal.
             forgetting: factor lambda per equation; 1 for no forgetting.
+            recursion: "SquareRootLeastSquares", which solves all regressions at once, or "KalmanFilter" of filterpy,
+                which gives the same estimates one after the other.
             position_noise: standard deviation of the measured position [rad]; replaces `counts`.
 
         Raises:
@@ -105,7 +109,7 @@ class OnlineEstimator:
             self._buffer = SampleBuffer() if smoothing is None else None
         self._smooth(smoothing or Smoothing.from_noise(noise, rate))
         period /= len(self._stream.joints)  # between equations
-        self._squares = SquareRootLeastSquares(shape, parameters, prior, forgetting)
+        self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
         self._clusters = ClusterCovariance(shape, parameters, period, forgetting)
         self._joint: JointFilters | None = None
         if joint is not None:

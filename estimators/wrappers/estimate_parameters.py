@@ -71,7 +71,8 @@ class EstimateParameters(MeasurementWrapper):
             in_observation: append theta and the standard errors of all schemes to a Box observation.
             robot: URDF or MJCF file of an arm, for lengths and axes; None asks the environment.
             options: of `estimators.online.OnlineEstimator`: `forgetting` (factor per equation, 1 for no forgetting),
-                `prior` (P(0) on the diagonal), `counts` (encoder counts per turn), and `smoothing`.
+                `prior` (P(0) on the diagonal), `counts` (encoder counts per turn), `smoothing`, and `recursion`
+                ("KalmanFilter" for filterpy).
 
         Raises:
             ValueError: if a name is unknown or an option is out of its range; while running, if samples are off the

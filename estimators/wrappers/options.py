@@ -32,6 +32,7 @@ class EstimatorOptions(TypedDict, total=False):
     prior: float | None
     counts: int | None
     smoothing: Smoothing | None
+    recursion: str | None
 
 
 def choose_online_schemes(names: Names) -> tuple[Scheme | JointState, ...]:

@@ -6,13 +6,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.online import Estimates, OnlineEstimator
-from estimators.online.recursion import SquareRootLeastSquares
+from estimators.online.recursion import RECURSIONS, SquareRootLeastSquares
 from estimators.regression.recursive import PRIOR, compute_history
 from estimators.schemes import six
 from estimators.schemes.six import PAPER, SCHEMES, Integral, LowPass
@@ -61,19 +60,25 @@ def test_online_equals_offline(more, paper_run):
             np.testing.assert_allclose(now.P[0, s] / scale, course.P[k] / scale, atol=1e-9)
 
 
-@pytest.mark.parametrize(("forgetting", "prior"), [(1.0, PRIOR), (0.998, 1e9)])  # ours is far from returning to P(0)
-def test_filterpys_kalman_filter_finds_the_same_theta_and_covariance(forgetting, prior):
-    ours, theirs = SquareRootLeastSquares((1, 1), 3, prior, forgetting), KalmanFilter(3, 1)
-    theirs.Q[:], theirs.P, theirs.alpha = 0.0, prior * np.eye(3), forgetting**-0.5
-    rng = np.random.default_rng(0)
-    for phi in rng.normal(size=(1000, 3)):
-        y = phi @ [0.1, 2.0, 0.4] + 0.1 * rng.normal()
-        ours.take(phi[None, None], np.full((1, 1), y), np.ones((1, 1), dtype=bool))
-        theirs.H = phi[None]
-        theirs.predict()
-        theirs.update(y)
-    np.testing.assert_allclose(theirs.x[:, 0], ours.theta[0, 0], rtol=1e-6)
-    np.testing.assert_allclose(theirs.P, ours.P[0, 0], rtol=1e-6)
+@pytest.mark.parametrize(
+    ("options", "close"),
+    [
+        ({}, 1e-8),
+        ({"forgetting": 0.998, "prior": 1e9}, 1e-6),  # where ours is still far from returning to P(0)
+    ],
+    ids=["all", "forgetting"],
+)
+def test_filterpys_kalman_filter_finds_the_same_theta_and_covariances(options, close):
+    (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=2.5, seed=1))])
+    both = [fed(OnlineEstimator(500.0, counts=COUNTS, recursion=name, **options), run) for name in RECURSIONS]
+    for k in (700, 1249):
+        ours, theirs = (estimates[k] for estimates in both)
+        np.testing.assert_allclose(theirs.theta, ours.theta, rtol=close)
+        np.testing.assert_allclose(theirs.error, ours.error, rtol=100 * close, atol=close)
+        for mine, other in ((ours.P, theirs.P), (ours.covariance, theirs.covariance)):
+            scale = np.sqrt(np.einsum("bsii->bsi", mine))
+            scale = scale[..., None] * scale[..., None, :]
+            np.testing.assert_allclose(other / scale, mine / scale, atol=close)
 
 
 @pytest.mark.parametrize("id", slow.but_first(["actuator_lag", "presliding", "dead_time", "joint_flexibility"]))
@@ -117,12 +122,20 @@ def test_what_is_not_excited_returns_to_the_prior_and_the_rest_still_follows():
     assert ours.theta[0, 0] == pytest.approx([2.0, 0.0], abs=1e-6)
 
 
-@pytest.mark.parametrize("terms", [BASE, (*BASE, effect("presliding")(), Table())], ids=["base", "table"])
-def test_many_are_estimated_as_one_a_reset_forgets_one_of_them_and_a_copy_goes_on_alike(terms, paper_run):
-    samples, close = 2000, 1e-9
-
+@pytest.mark.parametrize(
+    ("terms", "options", "samples", "close"),
+    [
+        (BASE, {}, 2000, 1e-9),
+        ((*BASE, effect("presliding")(), Table()), {}, 2000, 1e-9),
+        (BASE, {"recursion": "KalmanFilter"}, 600, 1e-5),
+    ],
+    ids=["base", "table", "kalman"],
+)
+def test_many_are_estimated_as_one_a_reset_forgets_one_of_them_and_a_copy_goes_on_alike(
+    terms, options, samples, close, paper_run
+):
     def estimator(batch: int = 1) -> OnlineEstimator:
-        return OnlineEstimator(paper_run.rate, terms, MORE, batch=batch, counts=COUNTS)
+        return OnlineEstimator(paper_run.rate, terms, MORE, batch=batch, counts=COUNTS, **options)
 
     both, last = estimator(2), 2 * samples
     early = fed(both, [paper_run] * 2, 0, samples)[-1]
