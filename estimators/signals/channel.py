@@ -49,7 +49,7 @@ class Channel:
 
         A held torque u that is logged n + f samples late reads (1 - f) u[k - n] + f u[k - n - 1]. This mixture is
         inverted forwards in time for f <= 0.5, else backwards, with a feedback of at most `ECHO`. The ends repeat.
-        A negative lag is not applied.
+        A sampled torque is interpolated instead, see `_hold_sampled_torque`. A negative lag is not applied.
         """
         torque = self.remove_filter(torque, period)
         if self.is_sampled:
