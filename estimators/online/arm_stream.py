@@ -30,17 +30,19 @@ class ArmStream:
 
     def __init__(self, terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float) -> None:
         """Create a stream of samples with a period between them [s]; the links are the first term."""
-        for one in schemes:
-            if one.borrows is not None or one.drifts:
-                raise ValueError(f"{one.id} needs the whole recording of an arm: set borrows=None, and give a window")
+        for scheme in schemes:
+            if scheme.borrows is not None or scheme.drifts:
+                raise ValueError(
+                    f"{scheme.id} needs the whole recording of an arm: set borrows=None, and give a window"
+                )
         self._terms, self._schemes, self._smoothing = tuple(terms), adapt_to_arms(schemes), smoothing
         self.joints = find_links(terms).joints
         self._clock = Clock(1.0 / period)
         # samples after the current one that decide whether it is clear of stick
-        self._after = smoothing.reach + max(smoothing.reach + 1, round(GUARD / period)) + 2
-        self._every, self._memory = max(1, round(CHUNK / period)), round(MEMORY / period)
-        self._kept = self._every + 2 * self._after + self._memory
-        self.delay = self._after + self._every
+        self._lookahead = smoothing.reach + max(smoothing.reach + 1, round(GUARD / period)) + 2
+        self._chunk, self._transient = max(1, round(CHUNK / period)), round(MEMORY / period)
+        self._capacity = self._chunk + 2 * self._lookahead + self._transient
+        self.delay = self._lookahead + self._chunk
         self._restart()
 
     def reset(self, which: Mask) -> None:
@@ -50,8 +52,8 @@ class ArmStream:
 
     def _restart(self) -> None:
         self._clock.restart()
-        self._before: tuple[float, Array] | None = None  # time and positions of the last sample
-        self._samples: deque[tuple[float, Array, Array]] = deque(maxlen=self._kept)
+        self._previous: tuple[float, Array] | None = None  # time and positions of the last sample
+        self._samples: deque[tuple[float, Array, Array]] = deque(maxlen=self._capacity)
         self._count = self._n_done = 0  # samples so far, and those with equations
 
     def take(self, time: Array, position: Array, torque: Array) -> Sequence[StreamEquations]:
@@ -67,44 +69,49 @@ class ArmStream:
         Raises:
             ValueError: if the number of positions or torques is wrong, time does not increase, or the rate is wrong.
         """
-        now, motion, acted = float(time[0]), np.array(position[0], dtype=float), np.array(torque[0], dtype=float)
-        if motion.shape != (count := len(self.joints),) or acted.shape != (count,):
+        now, angles, torques = float(time[0]), np.array(position[0], dtype=float), np.array(torque[0], dtype=float)
+        if angles.shape != (count := len(self.joints),) or torques.shape != (count,):
             raise ValueError(
-                f"positions and torques have shapes {motion.shape} and {acted.shape}: give one number for each of "
+                f"positions and torques have shapes {angles.shape} and {torques.shape}: give one number for each of "
                 f"{count} joints"
             )
-        if not np.isfinite([now, *motion]).all():
+        if not np.isfinite([now, *angles]).all():
             self._restart()
             return ()
-        if self._clock.tick(now) or not np.isfinite(acted).all():
+        if self._clock.tick(now) or not np.isfinite(torques).all():
             self._restart()
             self._clock.tick(now)
-        if self._before is not None:
-            self._samples.append((*self._before, acted))
+        if self._previous is not None:
+            self._samples.append((*self._previous, torques))
             self._count += 1
-        self._before = now, motion
-        ready = self._count >= self._kept and self._count - self._n_done >= self._every
-        return tuple(self._equations()) if ready else ()
+        self._previous = now, angles
+        ready = self._count >= self._capacity and self._count - self._n_done >= self._chunk
+        return tuple(self._convert_samples()) if ready else ()
 
-    def _equations(self) -> Iterator[StreamEquations]:
-        """Yield the new equations, sample by sample and joint by joint."""
+    def _convert_samples(self) -> Iterator[StreamEquations]:
+        """Yield the equations of samples that have none, sample by sample and joint by joint.
+
+        The first `_transient` samples after a start are not usable. The last samples wait for those that decide on
+        stick.
+        """
         times, positions, torques = (np.array(values) for values in zip(*self._samples, strict=True))
         recording = ArmRecording.from_arrays("online", self.joints, times, positions, torques)
         m = tuple(measure(joint, self._smoothing) for joint in recording.joints)
         reach = self._smoothing.reach
-        # the last `after - reach` measurements wait until it is known whether they are clear of stick
-        end, place = len(m[0]) - (self._after - reach), self._count - self._kept + reach  # of the first measurement
+        # the last `_lookahead - reach` measurements wait until it is known whether they are clear of stick
+        end = len(m[0]) - (self._lookahead - reach)
+        place = self._count - self._capacity + reach  # index of the first measurement
         first = end - (self._count - self._n_done) if self._n_done else 0
         balances = {view: compute_balances(m, self._terms, view) for view in {scheme.view for scheme in self._schemes}}
         joints, width = len(m), balances[self._schemes[0].view][0].phi.shape[1] + 1
         equations = np.zeros((len(m[0]), joints, len(self._schemes), width))
         usable = np.zeros(equations.shape[:3], dtype=bool)
         for s, scheme in enumerate(self._schemes):
-            found = apply_scheme(scheme, balances[scheme.view], m)
-            for j, (own, used) in enumerate(found, joints - len(found)):
-                equations[:, j, s, :-1], equations[:, j, s, -1], usable[:, j, s] = own.phi, own.y, used
+            of_joints = apply_scheme(scheme, balances[scheme.view], m)
+            for j, (rows, is_usable) in enumerate(of_joints, joints - len(of_joints)):
+                equations[:, j, s, :-1], equations[:, j, s, -1], usable[:, j, s] = rows.phi, rows.y, is_usable
         if not self._n_done:
-            usable[: self._memory] = False
+            usable[: self._transient] = False
         instants = np.array([[x.time, x.position, x.velocity, x.acceleration, x.torque, x.held] for x in m])
         self._n_done = self._count
         restarted = np.zeros(1, dtype=bool)
@@ -125,7 +132,11 @@ class ArmStream:
 def make_stream(
     terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float, batch: int
 ) -> Stream | ArmStream:
-    """Create the stream of B pendulums, or of an arm if a term is its links."""
+    """Create the stream of B pendulums, or of an arm if a term is its links.
+
+    Raises:
+        ValueError: if `batch` is not 1 for an arm.
+    """
     if any(isinstance(term, Links) for term in terms):
         if batch != 1:
             raise ValueError(f"batch is {batch}, but an arm has a stream of its own: use one estimator per arm")

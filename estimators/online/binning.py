@@ -54,23 +54,28 @@ class _JointBinner:
         self._sum, self._count, self._step = np.zeros((batch, columns + 1)), np.zeros(batch), 0
 
     def reset(self, which: Mask) -> None:
+        """Empty the current bin of plants (B,)."""
         self._count[which] = 0
 
-    def take(self, taken: StreamEquations) -> Iterator[tuple[int, Array, Array]]:
-        """Add an equation of each plant; yield plant, series and mean equation (P + 1,) of complete bins."""
+    def take(self, sample: StreamEquations) -> Iterator[tuple[int, Array, Array]]:
+        """Add the equation of one sample of each plant; yield the complete bins.
+
+        Each bin has an index of its plant, a series (4, n + 3) and a mean equation (P + 1,). A bin of n samples is left
+        out if an equation is not usable, or if the instants before it are missing.
+        """
         ring, every = len(self._instants), self._every
-        self._instants[self._step % ring] = taken.following[[TIME, POSITION, VELOCITY, TORQUE]]
-        self._sum += np.where(taken.usable, taken.equations[:, 0], 0.0)
-        self._count += taken.usable[:, 0]
+        self._instants[self._step % ring] = sample.following[[TIME, POSITION, VELOCITY, TORQUE]]
+        self._sum += np.where(sample.usable, sample.equations[:, 0], 0.0)
+        self._count += sample.usable[:, 0]
         self._step += 1
         if self._step % every:
             return
-        whole, mean = (self._count == every) & (taken.place > every), self._sum / every
+        is_complete, mean = (self._count == every) & (sample.place > every), self._sum / every
         self._sum[:], self._count[:] = 0.0, 0
-        if whole.any():
-            last = self._instants[(self._step + np.arange(ring)) % ring]  # (n + 3, 4, B)
-            for b in np.flatnonzero(whole).tolist():
-                yield b, last[:, :, b].T.copy(), mean[b]
+        if is_complete.any():
+            instants = self._instants[(self._step + np.arange(ring)) % ring]  # (n + 3, 4, B)
+            for b in np.flatnonzero(is_complete).tolist():
+                yield b, instants[:, :, b].T.copy(), mean[b]
 
 
 class Binner:
@@ -97,17 +102,17 @@ class Binner:
 
     def take(self, time: Array, position: Array, torque: Array) -> Iterator[tuple[int, Bin]]:
         """Add a sample of each plant, as `OnlineEstimator.take`; yield plants and their complete bins."""
-        for taken in self._stream.take(time, position, torque):
-            for b, series, mean in self._joint_binners[taken.joint].take(taken):
-                yield b, Bin(taken.joint, series, mean[:-1], float(mean[-1]))
+        for sample in self._stream.take(time, position, torque):
+            for b, series, mean in self._joint_binners[sample.joint].take(sample):
+                yield b, Bin(sample.joint, series, mean[:-1], float(mean[-1]))
 
 
 class ModelRows(NamedTuple):
     """Equations of V models over R bins, and their derivatives by the torque.
 
     Attributes:
-        phi: (R, V, P).
-        y: (R, V) [N m].
+        phi: (R, V, P), divided by the scale of the joint.
+        y: (R, V), divided by the scale of the joint [N m].
         slope: derivative of phi by the torque (R, V, P) [1/(N m)].
         y_slope: derivative of y by the torque (R, V).
     """
@@ -119,9 +124,9 @@ class ModelRows(NamedTuple):
 
 
 def linearise(phi: Array, y: Array, slope: Array, theta: Array, error: Array) -> tuple[Array, Array]:
-    """Linearise the errors of the predicted torque at parameters (..., P), see `competitors`.
+    """Linearise the errors of the predicted torque at parameters theta (..., P), see `competitors`; return phi and y.
 
-    `slope` is the derivative of the rows phi by the torque (..., P).
+    `slope` is the derivative of the rows phi by the torque (..., P), `error` the error of the torque (...,) [N m].
     """
     return phi - error[..., None] * slope, y - error * np.einsum("...p,...p->...", slope, theta)
 
@@ -132,32 +137,34 @@ class Bins:
 
     Attributes:
         series: time, position, velocity and torque at n + 3 instants (4, R, n + 3).
-        y: left-hand side, in units of `scale` (R,).
+        y: mean torque divided by `scale` (R,) [N m].
         period: between samples [s].
         at: name of the joint of each bin (R,).
-        given: columns of terms whose laws are no functions of one joint (R, G) [N m].
-        scale: of the errors of the joint of each bin, relative to all joints (R,).
+        link_columns: mean columns of the links of an arm, not divided by `scale` (R, G) [N m]; G = 0 for a pendulum.
+        scale: of the errors of the joint of each bin, relative to the mean of all joints (R,).
     """
 
     series: Array
     y: Array
     period: float
     at: NDArray[np.str_]
-    given: Array
+    link_columns: Array
     scale: Array
 
     @classmethod
     def stack(cls, bins: Sequence[Bin], period: float, joints: Sequence[str], scale: Array) -> Bins:
-        """Stack bins of joints with names and error scales (J,), and a period between samples [s]."""
-        joint = [one.joint for one in bins]
-        series, own = np.stack([one.series for one in bins], axis=1), scale[joint]
-        y, given = np.array([one.y for one in bins]) / own, np.array([one.phi for one in bins])
-        return cls(series, y, period, np.array(joints)[joint], given, own)
+        """Stack bins; joints: names (J,); scale: error scale of each joint (J,); period: between samples [s]."""
+        joint = [bin_.joint for bin_ in bins]
+        series, bin_scale = np.stack([bin_.series for bin_ in bins], axis=1), scale[joint]
+        y, link_columns = np.array([bin_.y for bin_ in bins]) / bin_scale, np.array([bin_.phi for bin_ in bins])
+        return cls(series, y, period, np.array(joints)[joint], link_columns, bin_scale)
 
     def select_joint(self, name: str) -> Bins:
         """Select the bins of one joint."""
-        own = self.at == name
-        return Bins(self.series[:, own], self.y[own], self.period, self.at[own], self.given[own], self.scale[own])
+        mask = self.at == name
+        return Bins(
+            self.series[:, mask], self.y[mask], self.period, self.at[mask], self.link_columns[mask], self.scale[mask]
+        )
 
     @property
     def middle(self) -> Samples:
@@ -165,33 +172,41 @@ class Bins:
         return Samples(*self.series[:, :, self.series.shape[2] // 2])
 
     def evaluate_rows(self, terms: Sequence[Term], count: int = 1) -> ModelRows:
-        """Evaluate the equations of terms, with nonlinear parameters of one variant or of `count` variants.
+        """Evaluate the balance of each bin: phi, y and their derivatives by the torque.
 
-        The left-hand side is the torque minus all fixed columns.
+        phi and y are divided by `scale`; the derivatives need no scale. Columns without a law of one joint are read
+        from `link_columns`, in the order of `terms`. Each term fills only the bins of its joint. y is the torque minus
+        all fixed columns.
+
+        Args:
+            count: number V of variants whose nonlinear parameters the terms hold.
         """
         shape = len(self.y), count
         phi, slope = np.zeros((2, *shape, sum(len(term.columns) for term in terms)))
         y, y_slope = np.zeros(shape) + self.y[:, None], np.ones(shape)
-        j, given = 0, iter(self.given.T)
+        j, link_columns = 0, iter(self.link_columns.T)
         for term in terms:
-            own = self.at == term.at
-            of_joint = self if own.all() else self.select_joint(term.at)
-            scale = of_joint.scale[:, None]
+            in_joint = self.at == term.at
+            joint_bins = self if in_joint.all() else self.select_joint(term.at)
+            scale = joint_bins.scale[:, None]
             for column in term.columns:
                 if column.mass is zero and column.force is zero and column.dry is zero:
-                    phi[..., j] = (next(given) / self.scale)[:, None]
-                elif own.any():
-                    value, by_torque = of_joint._column(column, column.of_torque)
-                    phi[own, :, j], slope[own, :, j] = value / scale, by_torque
+                    phi[..., j] = (next(link_columns) / self.scale)[:, None]
+                elif in_joint.any():
+                    value, by_torque = joint_bins._column(column, column.of_torque)
+                    phi[in_joint, :, j], slope[in_joint, :, j] = value / scale, by_torque
                 j += 1
-            for column in term.fixed if own.any() else ():
-                value, by_torque = of_joint._column(column, True)
-                y[own] -= value / scale
-                y_slope[own] -= by_torque
+            for column in term.fixed if in_joint.any() else ():
+                value, by_torque = joint_bins._column(column, True)
+                y[in_joint] -= value / scale
+                y_slope[in_joint] -= by_torque
         return ModelRows(phi, y, slope, y_slope)
 
     def _column(self, column: Column, of_torque: bool) -> tuple[Array, Array | float]:
-        """Average a column over the bins (R, V), and its derivative by the torque; V is 1 if variants do not differ."""
+        """Average a column over the bins (R, V), and differentiate it by the torque if it depends on it.
+
+        V is 1 if the variants do not differ.
+        """
         x = Samples(*self.series)
         value = self._impulse(column, x)
         if not of_torque:

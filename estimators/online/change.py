@@ -74,25 +74,25 @@ class ParameterChange:
     Attributes:
         names: of the parameters.
         before: former values.
-        fewest: number of rows before the first comparison.
+        min_rows: number of rows before the first comparison.
         since: time of the change [s]; None if the former values were given.
         changed: significant changes and their standard errors, by name, the most significant first.
     """
 
     names: Sequence[str]
     before: Fit
-    fewest: int
+    min_rows: int
     since: float | None
     changed: Mapping[str, tuple[float, float]] = field(default_factory=dict, init=False)
-    _rows: int = field(default=0, init=False)
+    _n_compared: int = field(default=0, init=False)
 
     def is_due(self, rows: int) -> bool:
         """Return whether there are enough rows, and more than at the last comparison."""
-        return rows >= max(self.fewest, self._rows + 1)
+        return rows >= max(self.min_rows, self._n_compared + 1)
 
     def compare(self, phi: Array, y: Array, block: int) -> None:
         """Compare the former parameters with a fit to the rows since the change; arguments as of `fit_rows`."""
-        self._rows, after = len(y), fit_rows(phi, y, block)
+        self._n_compared, after = len(y), fit_rows(phi, y, block)
         delta = after.theta - self.before.theta
         std = np.sqrt(np.maximum(np.diag(self.before.covariance + after.covariance), 1e-300))
         order = np.argsort(-np.abs(delta) / std)
@@ -105,23 +105,27 @@ class ParameterChange:
 def find_change(phi: Array, y: Array, first: int, last: int) -> int:
     """Find the row after which another fit predicts best, between a first and a last row.
 
-    Rows before the first one have the former parameters.
+    `first` rows have the former parameters. The best of `n_splits` equally spaced rows is refined to a single row.
+
+    Args:
+        phi: rows in the order of time (R, P).
+        y: (R,).
     """
     theta, _ = _solve_least_squares(phi[:first], y[:first])
     error = y - phi @ theta
     before = np.concatenate([[0.0], np.cumsum(_log_densities(error, error[:first]))])
 
-    def best(splits: Index) -> int:
+    def find_best(splits: Index) -> int:
         gains = []
         for k in splits:
-            later, _ = _solve_least_squares(phi[k:], y[k:])
-            error = y[k:] - phi[k:] @ later
+            theta_after, _ = _solve_least_squares(phi[k:], y[k:])
+            error = y[k:] - phi[k:] @ theta_after
             gains.append(before[k] + _log_densities(error, error).sum())
         return int(splits[int(np.argmax(gains))])
 
-    k = best(np.unique(np.linspace(first, last, CHANGE.n_splits).astype(np.intp)))
+    k = find_best(np.unique(np.linspace(first, last, CHANGE.n_splits).astype(np.intp)))
     step = -(-(last - first) // (CHANGE.n_splits - 1))
-    return best(np.arange(max(first, k - step), min(last, k + step) + 1, dtype=np.intp))
+    return find_best(np.arange(max(first, k - step), min(last, k + step) + 1, dtype=np.intp))
 
 
 def _solve_least_squares(phi: Array, y: Array) -> tuple[Array, Array]:

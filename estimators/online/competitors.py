@@ -112,13 +112,13 @@ class CompetingModels:
         sizes = np.array([max(1, len(variants)) for variants in self.families])
         ends = np.cumsum(sizes, dtype=np.intp)
         self._starts: Index = ends - sizes
-        self._of = np.repeat(np.arange(len(sizes)), sizes)  # family of each model
+        self._family = np.repeat(np.arange(len(sizes)), sizes)  # family of each model
         self.models = [slice(first, end) for first, end in zip(self._starts.tolist(), ends.tolist(), strict=True)]
         columns = [variants[0].columns if variants else () for variants in self.families]
-        self._least, self._most = np.full((2, len(self._of), max(map(len, columns))), [[[-np.inf]], [[np.inf]]])
-        for own, models in zip(columns, self.models, strict=True):
-            self._least[models, : len(own)] = [column.least for column in own]
-            self._most[models, : len(own)] = [column.most for column in own]
+        self._lower, self._upper = np.full((2, len(self._family), max(map(len, columns))), [[[-np.inf]], [[np.inf]]])
+        for family_columns, models in zip(columns, self.models, strict=True):
+            self._lower[models, : len(family_columns)] = [column.least for column in family_columns]
+            self._upper[models, : len(family_columns)] = [column.most for column in family_columns]
         self._fit(bins)
         self._forgetting = None
         if memories:
@@ -128,55 +128,56 @@ class CompetingModels:
     def _effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
         """Evaluate the columns that a family adds to the running model, padded to K columns."""
         models = self.models[family]
-        own = bins.evaluate_rows(self._stacked[family], models.stop - models.start)
-        phi, slope = np.zeros((2, *own.y.shape, self._least.shape[1]))
-        phi[..., : own.phi.shape[-1]], slope[..., : own.phi.shape[-1]] = own.phi, own.slope
-        return ModelRows(phi, base.y + own.y - bins.y[:, None], slope, base.y_slope + own.y_slope - 1.0)
+        rows = bins.evaluate_rows(self._stacked[family], models.stop - models.start)
+        phi, slope = np.zeros((2, *rows.y.shape, self._lower.shape[1]))
+        phi[..., : rows.phi.shape[-1]], slope[..., : rows.phi.shape[-1]] = rows.phi, rows.slope
+        return ModelRows(phi, base.y + rows.y - bins.y[:, None], slope, base.y_slope + rows.y_slope - 1.0)
 
     def _fit(self, bins: Bins) -> None:
-        """Fit family by family, which limits the memory."""
+        """Fit all models and their error scales to bins, family by family, which limits the memory."""
         base, root, self.residual = _fit_running(bins.evaluate_rows(self.terms))
-        phi, (count, width) = base.phi[:, 0], self._least.shape
-        weak, spread = _prior_information(np.einsum("rp,rp->p", phi, phi)), root @ root.T
-        self.y_on_base, self.columns_on_base = np.zeros((count, len(weak))), np.zeros((count, width, len(weak)))
+        phi, (count, width) = base.phi[:, 0], self._lower.shape
+        prior, P = _prior_information(np.einsum("rp,rp->p", phi, phi)), root @ root.T
+        self.y_on_base, self.columns_on_base = np.zeros((count, len(prior))), np.zeros((count, width, len(prior)))
         self.information, self.moment = np.zeros((count, width, width)), np.zeros((count, width))
         self.square, self.weight = np.zeros((2, count))
         for family, models in enumerate(self.models):
             rows = self._effect_rows(family, bins, base)
             residual, delta = np.repeat(self.residual[:, None], rows.y.shape[1], axis=1), self.moment[models]
             for _ in range(ONLINE.n_tangents if rows.slope.any() else 1):
-                own, y = linearise(rows.phi, rows.y, rows.slope, delta, residual)
-                self.y_on_base[models] = y_on_base = y.T @ phi @ spread
+                effect_phi, y = linearise(rows.phi, rows.y, rows.slope, delta, residual)
+                self.y_on_base[models] = y_on_base = y.T @ phi @ P
                 self.columns_on_base[models] = columns_on_base = (
-                    np.einsum("rvk,rp->vkp", own, phi, optimize=True) @ spread
+                    np.einsum("rvk,rp->vkp", effect_phi, phi, optimize=True) @ P
                 )
                 error, remaining = (
                     y - phi @ y_on_base.T,
-                    own - np.einsum("rp,vkp->rvk", phi, columns_on_base, optimize=True),
+                    effect_phi - np.einsum("rp,vkp->rvk", phi, columns_on_base, optimize=True),
                 )
-                own_weak = _prior_information(np.einsum("rvk,rvk->vk", own, own))[..., None] * np.eye(width)
-                before = np.einsum("vkp,p,vlp->vkl", columns_on_base, weak, columns_on_base, optimize=True)
-                self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining) + own_weak + before
-                before = np.einsum("vkp,p,vp->vk", columns_on_base, weak, y_on_base, optimize=True)
-                self.moment[models] = np.einsum("rvk,rv->vk", remaining, error) + before
+                column_squares = np.einsum("rvk,rvk->vk", effect_phi, effect_phi)
+                effect_prior = _prior_information(column_squares)[..., None] * np.eye(width)
+                from_prior = np.einsum("vkp,p,vlp->vkl", columns_on_base, prior, columns_on_base, optimize=True)
+                self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining) + effect_prior + from_prior
+                from_prior = np.einsum("vkp,p,vp->vk", columns_on_base, prior, y_on_base, optimize=True)
+                self.moment[models] = np.einsum("rvk,rv->vk", remaining, error) + from_prior
                 theta = self.theta_of(models)
                 residual, _ = _predict(theta, phi, base.slope[:, 0], *rows)
-                delta = theta[:, len(weak) :]
+                delta = theta[:, len(prior) :]
             squares = residual**2  # (R, V)
             square = np.maximum(squares.mean(axis=0), 1e-12)
             for _ in range(ONLINE.n_scale_iterations):
                 square = np.maximum(weigh_squares(squares, square).mean(axis=0), 1e-12)
-            self.square[models] = square * len(phi) / max(1, len(phi) - len(weak) - width)
-        self._count, self._running = len(phi), SquareRootLeastSquares((1, 1), len(weak))
+            self.square[models] = square * len(phi) / max(1, len(phi) - len(prior) - width)
+        self._count, self._running = len(phi), SquareRootLeastSquares((1, 1), len(prior))
         self._running.root = root[None, None]
 
     def theta_of(self, models: slice = slice(None)) -> Array:
-        """Compute parameters of the running model and of the effect for some models (V, P + K)."""
+        """Compute the parameters of the running model and of the effect for some models (V, P + K)."""
         return self._solve(models)[0]
 
     def _solve(self, models: slice = slice(None)) -> tuple[Array, Array]:
         """Solve for parameters within their bounds (V, P + K), and the information of those within (V, K, K)."""
-        bounds = self._least[models], self._most[models]
+        bounds = self._lower[models], self._upper[models]
         delta, information = solve_each_within_bounds(self.information[models], self.moment[models], *bounds)
         base = self.y_on_base[models] - np.einsum("vk,vkp->vp", delta, self.columns_on_base[models])
         return np.concatenate([base, delta], axis=1), information
@@ -188,12 +189,12 @@ class CompetingModels:
         each = zip(self.families, self.models, best, strict=True)
         return [(variants[k : k + 1], theta[models][k]) for variants, models, k in each]
 
-    def running_rows(self, bins: Bins) -> tuple[Array, Array]:
+    def linearise_running(self, bins: Bins) -> tuple[Array, Array]:
         """Linearise the rows of the running model over R bins at its estimates: phi (R, P) and y (R,)."""
-        base, theta = bins.evaluate_rows(self.terms), self.y_on_base[0]
-        phi, y, slope = base.phi[:, 0], base.y[:, 0], base.slope[:, 0]
+        rows, theta = bins.evaluate_rows(self.terms), self.y_on_base[0]
+        phi, y, slope = rows.phi[:, 0], rows.y[:, 0], rows.slope[:, 0]
         return linearise(
-            phi, y, slope, theta, (y - phi @ theta) / np.maximum(base.y_slope[:, 0] - slope @ theta, LEAST_SLOPE)
+            phi, y, slope, theta, (y - phi @ theta) / np.maximum(rows.y_slope[:, 0] - slope @ theta, LEAST_SLOPE)
         )
 
     def take(self, bins: Bins) -> tuple[Array, Array]:
@@ -204,29 +205,42 @@ class CompetingModels:
             the running model (R,) [N m].
         """
         base = bins.evaluate_rows(self.terms)
-        parts = [self._effect_rows(family, bins, base) for family in range(len(self.families))]
-        own = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*parts, strict=True)))
-        rows = zip(base.phi[:, 0], base.slope[:, 0], *own, strict=True)
+        family_rows = [self._effect_rows(family, bins, base) for family in range(len(self.families))]
+        effect_rows = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*family_rows, strict=True)))
+        rows = zip(base.phi[:, 0], base.slope[:, 0], *effect_rows, strict=True)
         densities, errors = zip(*(self._take(*row) for row in rows), strict=True)
         return np.array(densities), np.array(errors) * bins.scale
 
     def _take(
-        self, phi: Array, slope: Array, own: Array, y: Array, own_slope: Array, y_slope: Array
+        self, phi: Array, slope: Array, effect_phi: Array, y: Array, effect_slope: Array, y_slope: Array
     ) -> tuple[Array, float]:
-        """Predict one bin with all models, and update them."""
+        """Predict one bin with all models, then update them.
+
+        Args:
+            phi: row of the running model (P,).
+            slope: derivative of phi by the torque (P,).
+            effect_phi: columns of the effects (V, K).
+            y: left-hand sides (V,).
+            effect_slope: derivative of effect_phi by the torque (V, K).
+            y_slope: derivative of y by the torque (V,).
+
+        Returns:
+            The log density under each family and, last, under the models with forgetting (F,); and the error of the
+            running model.
+        """
         running, (theta, information) = self._running, self._solve()
-        residual, after = _predict(theta, phi, slope, own, y, own_slope, y_slope)
-        own, y = linearise(own, y, own_slope, theta[:, len(phi) :], residual)
+        residual, error_slope = _predict(theta, phi, slope, effect_phi, y, effect_slope, y_slope)
+        effect_phi, y = linearise(effect_phi, y, effect_slope, theta[:, len(phi) :], residual)
         phi, y = linearise(phi, y, slope, theta[0, : len(phi)], residual[0])
         gain = running.root[0, 0] @ (phi @ running.root[0, 0])
-        spread = 1.0 + phi @ gain
-        error, remaining = y - self.y_on_base @ phi, own - self.columns_on_base @ phi  # (V,), (V, K)
+        variance = 1.0 + phi @ gain
+        error, remaining = y - self.y_on_base @ phi, effect_phi - self.columns_on_base @ phi  # (V,), (V, K)
         # predicted variance of the error, relative to the squared scale
-        variance_ratio = spread + np.einsum(
+        variance_ratio = variance + np.einsum(
             "vk,vk->v", remaining, np.linalg.solve(information, remaining[..., None])[..., 0]
         )
         density = log_student(residual**2, self.square * variance_ratio)
-        density = cap_density(density, after, density[0])
+        density = cap_density(density, error_slope, density[0])
         densities = self._mix(density)
         self._count += 1
         if self._forgetting is not None:
@@ -235,10 +249,10 @@ class CompetingModels:
         step = weigh_squares(residual**2 / variance_ratio, self.square) - self.square
         self.square = np.maximum(self.square + step / min(self._count, ONLINE.scale_memory), 1e-12)
         running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
-        self.y_on_base += error[:, None] * (gain / spread)
-        self.columns_on_base += remaining[..., None] * (gain / spread)
-        self.information += remaining[:, :, None] * remaining[:, None] / spread
-        self.moment += remaining * error[:, None] / spread
+        self.y_on_base += error[:, None] * (gain / variance)
+        self.columns_on_base += remaining[..., None] * (gain / variance)
+        self.information += remaining[:, :, None] * remaining[:, None] / variance
+        self.moment += remaining * error[:, None] / variance
         return densities, float(residual[0])
 
     def _mix(self, density: Array) -> Array:
@@ -249,7 +263,7 @@ class CompetingModels:
         weight = self.weight + density
         mixed = np.logaddexp.reduceat(weight, self._starts) - np.logaddexp.reduceat(self.weight, self._starts)
         best = np.maximum.reduceat(weight, self._starts)
-        self.weight = np.maximum(weight - best[self._of], ONLINE.min_weight)
+        self.weight = np.maximum(weight - best[self._family], ONLINE.min_weight)
         return mixed
 
     def refine(self, bins: Bins, fresh: Mapping[str, Sequence[Term]]) -> CompetingModels:
@@ -264,18 +278,21 @@ class CompetingModels:
                 grids[family - 1] = self._refine_grid(best, family, fresh[best.id])
         new = CompetingModels(self.terms, bins, grids)
         new._running.root, new._forgetting = self._running.root, self._forgetting
-        for before, ours, after, theirs in zip(self.families, self.models, new.families, new.models, strict=True):
-            if before == after:
+        for old_variants, old_models, new_variants, new_models in zip(
+            self.families, self.models, new.families, new.models, strict=True
+        ):
+            if old_variants == new_variants:
                 for name in ("y_on_base", "columns_on_base", "information", "moment", "square"):
-                    getattr(new, name)[theirs] = getattr(self, name)[ours]
-            old = dict(zip(before, self.weight[ours].tolist(), strict=False))
-            share = -np.log(max(1, len(after)))  # new variants share the weight of the best
-            new.weight[theirs] = [old.get(variant, share) for variant in after] or self.weight[ours]
+                    getattr(new, name)[new_models] = getattr(self, name)[old_models]
+            weights = dict(zip(old_variants, self.weight[old_models].tolist(), strict=False))
+            new_weight = -np.log(max(1, len(new_variants)))  # new variants share the weight of the best
+            weight = [weights.get(variant, new_weight) for variant in new_variants]
+            new.weight[new_models] = weight or self.weight[old_models]
         return new
 
     def _refine_grid(self, best: Term, family: int, fresh: Sequence[Term]) -> tuple[Term, ...]:
         """Return the best two variants, variants halfway to the neighbours of the best, and some of a new grid."""
-        variants, near = self.families[family], []
+        variants, neighbours = self.families[family], []
         kept = [variants[k] for k in np.argsort(-self.weight[self.models[family]])[:2]]
         for parameter in best.free:
             value = best.nonlinear_values[parameter.name]
@@ -283,17 +300,17 @@ class CompetingModels:
                 continue
             values = np.unique([variant.nonlinear_values[parameter.name] for variant in variants])
             values = values[np.isfinite(values)]
-            at = int(np.searchsorted(values, value))
-            lower = values[at - 1] if at else value / 2
-            upper = values[at + 1] if at + 1 < len(values) else 2 * value
-            for other in (lower, upper):
-                middle = np.sqrt(value * other) if value * other > 0 else 0.5 * (value + other)
+            place = int(np.searchsorted(values, value))
+            lower = values[place - 1] if place else value / 2
+            upper = values[place + 1] if place + 1 < len(values) else 2 * value
+            for neighbour in (lower, upper):
+                middle = np.sqrt(value * neighbour) if value * neighbour > 0 else 0.5 * (value + neighbour)
                 if parameter.low <= middle <= parameter.high:
-                    near.append(replace(best, **{parameter.name: float(middle)}))
-        return tuple(dict.fromkeys([*kept, best, *near, *thin_variants(fresh)]))
+                    neighbours.append(replace(best, **{parameter.name: float(middle)}))
+        return tuple(dict.fromkeys([*kept, best, *neighbours, *thin_variants(fresh)]))
 
 
-def solve_each_within_bounds(information: Array, moment: Array, least: Array, most: Array) -> tuple[Array, Array]:
+def solve_each_within_bounds(information: Array, moment: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     """Solve V least-squares problems for K parameters within bounds, information (V, K, K) and moment (V, K).
 
     The parameter that is farthest beyond a bound is held there, and the others are solved again, until all are within.
@@ -301,51 +318,51 @@ def solve_each_within_bounds(information: Array, moment: Array, least: Array, mo
     Returns:
         Parameters, and information of those within the bounds; a parameter at a bound has unit information.
     """
-    free, given, scale = information, moment, np.sqrt(np.einsum("vkk->vk", information))
+    matrix, right_side, scale = information, moment, np.sqrt(np.einsum("vkk->vk", information))
     held: Mask = np.zeros(moment.shape, dtype=bool)
     while True:
-        theta = np.linalg.solve(free, given[..., None])[..., 0]
-        excess = np.where(held, 0.0, np.maximum(least - theta, theta - most) * scale)
-        beyond = np.flatnonzero((excess > 0).any(axis=1))
-        if not len(beyond):
-            return np.asarray(theta, dtype=float), free
-        held[beyond, np.argmax(excess[beyond], axis=1)] = True
-        known = np.where(held, np.clip(theta, least, most), 0.0)
-        free = np.where(held[:, :, None] | held[:, None], np.eye(held.shape[1]), information)
-        given = np.where(held, known, moment - np.einsum("vkl,vl->vk", information, known))
+        theta = np.linalg.solve(matrix, right_side[..., None])[..., 0]
+        excess = np.where(held, 0.0, np.maximum(lower - theta, theta - upper) * scale)
+        violated = np.flatnonzero((excess > 0).any(axis=1))
+        if not len(violated):
+            return np.asarray(theta, dtype=float), matrix
+        held[violated, np.argmax(excess[violated], axis=1)] = True
+        held_values = np.where(held, np.clip(theta, lower, upper), 0.0)
+        matrix = np.where(held[:, :, None] | held[:, None], np.eye(held.shape[1]), information)
+        right_side = np.where(held, held_values, moment - np.einsum("vkl,vl->vk", information, held_values))
 
 
 def _predict(
-    theta: Array, phi: Array, slope: Array, own: Array, y: Array, own_slope: Array, y_slope: Array
+    theta: Array, phi: Array, slope: Array, effect_phi: Array, y: Array, effect_slope: Array, y_slope: Array
 ) -> tuple[Array, Array]:
     """Compute the errors of the torque that V models predict, and derivatives of the equations by the torque (..., V).
 
-    The columns phi (..., P) are those of the running model, and own (..., V, K) those of the effects; the slopes are
-    derivatives by the torque.
+    The columns phi (..., P) are those of the running model, and effect_phi (..., V, K) those of the effects; the slopes
+    are derivatives by the torque. The divisor of an error is at least `LEAST_SLOPE`.
     """
     base, delta = theta[:, : phi.shape[-1]], theta[:, phi.shape[-1] :]
-    left = y - phi @ base.T - np.einsum("...vk,vk->...v", own, delta)
-    after = y_slope - slope @ base.T - np.einsum("...vk,vk->...v", own_slope, delta)
-    return np.asarray(left / np.maximum(after, LEAST_SLOPE)), after
+    error = y - phi @ base.T - np.einsum("...vk,vk->...v", effect_phi, delta)
+    error_slope = y_slope - slope @ base.T - np.einsum("...vk,vk->...v", effect_slope, delta)
+    return np.asarray(error / np.maximum(error_slope, LEAST_SLOPE)), error_slope
 
 
 def _fit_running(base: ModelRows) -> tuple[ModelRows, Array, Array]:
-    """Fit the running model; return its linearised rows, the root of P, and the errors (R,).
+    """Fit the running model; return its linearised rows, the root of P (P, P), and the errors of the torque (R,).
 
-    The fit starts without columns that depend on the torque, which they would explain by itself.
+    The first of several iterations leaves out columns that depend on the torque, since they would explain it by itself.
     """
-    rows, left, slope, y_slope = base.phi[:, 0], base.y[:, 0], base.slope[:, 0], base.y_slope[:, 0]
-    of_torque = slope.any(axis=0)
-    theta, error = np.zeros(rows.shape[1]), np.zeros(len(left))
-    for k in range(ONLINE.n_tangents if of_torque.any() else 1):
-        phi, y = linearise(rows, left, slope, theta, error) if k else (rows * ~of_torque, left)
+    rows, y_recorded, slope, y_slope = base.phi[:, 0], base.y[:, 0], base.slope[:, 0], base.y_slope[:, 0]
+    depends_on_torque = slope.any(axis=0)
+    theta, error = np.zeros(rows.shape[1]), np.zeros(len(y_recorded))
+    for k in range(ONLINE.n_tangents if depends_on_torque.any() else 1):
+        phi, y = linearise(rows, y_recorded, slope, theta, error) if k else (rows * ~depends_on_torque, y_recorded)
         # J = sum phi phi' + 1 / P(0), of columns scaled to length one
         squares = np.einsum("rp,rp->p", phi, phi)
         scale = np.sqrt(squares + 1.0 / PRIOR)
         information = (phi / scale).T @ (phi / scale) + np.diag(_prior_information(squares) / scale**2)
         root = np.linalg.inv(np.linalg.cholesky(information)).T / scale[:, None]  # P = S S'
         theta = root @ root.T @ (phi.T @ y)
-        error = (left - rows @ theta) / np.maximum(y_slope - slope @ theta, LEAST_SLOPE)
+        error = (y_recorded - rows @ theta) / np.maximum(y_slope - slope @ theta, LEAST_SLOPE)
     return base._replace(phi=phi[:, None], y=y[:, None]), root, error
 
 

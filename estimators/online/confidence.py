@@ -39,81 +39,102 @@ class ClusterCovariance:
     def __init__(self, batch: tuple[int, int], parameters: int, period: float, forgetting: float) -> None:
         """Create the sums for a period between equations [s] and the forgetting factor of the recursion."""
         self._forgetting = forgetting
-        self._longest = COVARIANCE.max_memory_share / (1.0 - forgetting) if forgetting < 1 else np.inf
-        self._shortest = max(2, round(min(COVARIANCE.cluster_time / period, self._longest)))
+        self._max_length = COVARIANCE.max_memory_share / (1.0 - forgetting) if forgetting < 1 else np.inf
+        self._min_length = max(2, round(min(COVARIANCE.cluster_time / period, self._max_length)))
         self._clusters = np.zeros((COVARIANCE.max_clusters, *batch, parameters, parameters + 1))  # A and b
-        self._now = np.zeros((*batch, parameters, parameters + 1))  # of the current cluster, without
-        self._rows = np.zeros((self._shortest, *batch, parameters + 1))  # its last equations
-        self._used = np.zeros(batch)  # equations in the current cluster
-        self._meat = np.zeros((*batch, parameters, parameters))
-        self._known = np.zeros(batch, dtype=int)  # clusters with equations
-        self._length, self._filled, self._done = self._shortest, 0, 0
+        self._current = np.zeros((*batch, parameters, parameters + 1))  # of the current cluster, without `_rows`
+        self._rows = np.zeros((self._min_length, *batch, parameters + 1))  # its last equations
+        self._n_used = np.zeros(batch)  # usable equations in the current cluster
+        self._scores = np.zeros((*batch, parameters, parameters))
+        self._n_clusters = np.zeros(batch, dtype=int)  # clusters with equations
+        self._length, self._n_rows, self._n_closed = self._min_length, 0, 0
 
     def reset(self, which: Mask) -> None:
         """Restart plants (B,); the others keep their clusters."""
         self._clusters[:, which] = 0.0
         self._rows[:, which] = 0.0
         # covariance functions in use keep the old arrays
-        self._meat, self._known = self._meat.copy(), self._known.copy()
-        for series in (self._now, self._used, self._meat, self._known):
+        self._scores, self._n_clusters = self._scores.copy(), self._n_clusters.copy()
+        for series in (self._current, self._n_used, self._scores, self._n_clusters):
             series[which] = 0
         if which.all():
-            self._length, self._filled, self._done = self._shortest, 0, 0
+            self._length, self._n_rows, self._n_closed = self._min_length, 0, 0
 
-    def take(self, equations: Array, error: Array, usable: Mask) -> bool:
-        """Add an equation each, phi and y (B, S, P + 1); return whether the cluster is complete."""
-        np.multiply(equations, usable[..., None], out=self._rows[self._filled % self._shortest])
-        self._used += usable
-        self._filled += 1
-        if self._filled % self._shortest == 0:
-            self._now += np.einsum("r...i,r...j->...ij", self._rows[..., :-1], self._rows)
-        return self._filled >= self._length
+    def take(self, equations: Array, usable: Mask) -> bool:
+        """Add one equation of each regression, phi and y (B, S, P + 1), where usable (B, S).
+
+        Returns:
+            True if the current cluster is long enough to be closed.
+        """
+        np.multiply(equations, usable[..., None], out=self._rows[self._n_rows % self._min_length])
+        self._n_used += usable
+        self._n_rows += 1
+        if self._n_rows % self._min_length == 0:
+            self._current += np.einsum("r...i,r...j->...ij", self._rows[..., :-1], self._rows)
+        return self._n_rows >= self._length
 
     def close(self, squares: Recursion) -> None:
-        """Complete the cluster with the current estimates; a cluster without equations is dropped."""
-        if not self._used.any():
-            self._filled = 0
+        """Close the current cluster, and compute the scores of all clusters at the current estimates.
+
+        A cluster without equations is dropped. At `max_clusters`, neighbours are merged, or the oldest is dropped.
+        """
+        if not self._n_used.any():
+            self._n_rows = 0
             return
         theta, P = squares.theta, squares.P
         if self._forgetting < 1:
-            self._clusters[: self._done] *= (self._forgetting**self._used)[..., None, None]
-        self._clusters[self._done] = self._now
-        self._done, self._filled = self._done + 1, 0
-        learnt = self._used > 0
-        self._now[:], self._used[:] = 0.0, 0.0
-        if self._done == COVARIANCE.max_clusters and 2 * self._length <= self._longest:
+            self._clusters[: self._n_closed] *= (self._forgetting**self._n_used)[..., None, None]
+        self._clusters[self._n_closed] = self._current
+        self._n_closed, self._n_rows = self._n_closed + 1, 0
+        has_equations = self._n_used > 0
+        self._current[:], self._n_used[:] = 0.0, 0.0
+        if self._n_closed == COVARIANCE.max_clusters and 2 * self._length <= self._max_length:
             half = COVARIANCE.max_clusters // 2
             self._clusters[:half] = self._clusters[0::2] + self._clusters[1::2]
             self._clusters[half:] = 0.0
-            self._done, self._length = half, 2 * self._length
-        elif self._done == COVARIANCE.max_clusters:
-            self._clusters[:-1, learnt] = self._clusters[1:, learnt]  # at rest, nothing is forgotten
-            self._done -= 1
-        A, b = np.split(self._clusters[: self._done], [-1], axis=-1)
+            self._n_closed, self._length = half, 2 * self._length
+        elif self._n_closed == COVARIANCE.max_clusters:
+            self._clusters[:-1, has_equations] = self._clusters[1:, has_equations]  # at rest, nothing is forgotten
+            self._n_closed -= 1
+        A, b = np.split(self._clusters[: self._n_closed], [-1], axis=-1)
         score = b - A @ theta[..., None]  # (clusters, B, S, P, 1)
         # J / (J - A) = 1 / (1 - A P); 1e-9 is for a cluster with all the information
         score = np.asarray(np.linalg.solve((1.0 + 1e-9) * np.eye(P.shape[-1]) - A @ P, score), dtype=float)
-        self._meat = (score @ score.swapaxes(-1, -2)).sum(axis=0)
-        self._known = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
+        self._scores = (score @ score.swapaxes(-1, -2)).sum(axis=0)
+        self._n_clusters = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 
     def make_covariance(self, squares: Recursion) -> Callable[[], tuple[Array, Array]]:
         """Return a function that computes P and the covariance of now, also later."""
         state = squares.squares, squares.count, squares.prior
-        return functools.partial(_compute_covariances, squares.unit_covariance(), self._meat, self._known, *state)
+        return functools.partial(
+            _compute_covariances, squares.unit_covariance(), self._scores, self._n_clusters, *state
+        )
 
 
 def _compute_covariances(
-    unit: Callable[[], Array], meat: Array, known: Index, squares: Array, count: Array, prior: float
+    compute_P: Callable[[], Array], scores: Array, n_clusters: Index, squares: Array, count: Array, prior: float
 ) -> tuple[Array, Array]:
-    """Compute P and covariance of estimates (B, S, P, P) from squares of scores and number of clusters."""
-    P = unit()
+    """Compute P and covariance of estimates (B, S, P, P).
+
+    The covariance comes from the scores if there are `min_extra_clusters` more clusters than parameters, else from
+    white errors.
+
+    Args:
+        compute_P: returns the covariance for unit noise.
+        scores: sum of squared scores s s' over the clusters (B, S, P, P).
+        n_clusters: number of clusters with equations (B, S).
+        squares: sum of squared errors (B, S).
+        count: number of equations (B, S).
+        prior: P(0) on the diagonal.
+    """
+    P = compute_P()
     parameters = P.shape[-1]
-    spare = count - parameters
+    freedom = count - parameters
     # before the first equations, the covariance is P(0)
-    noise = np.where(spare > 0, squares / np.maximum(spare, 1.0), 1.0 / COVARIANCE.guess_variance)
+    noise = np.where(freedom > 0, squares / np.maximum(freedom, 1.0), 1.0 / COVARIANCE.guess_variance)
     guess = COVARIANCE.guess_variance * noise[..., None, None] * P
-    correction = (known - 1) / np.maximum(known, 1)
+    correction = (n_clusters - 1) / np.maximum(n_clusters, 1)
     # the second part is the variance of theta(0)
-    robust = correction[..., None, None] * (P @ meat @ P) + (noise / prior)[..., None, None] * (P @ P)
-    is_robust = known >= parameters + COVARIANCE.min_extra_clusters
+    robust = correction[..., None, None] * (P @ scores @ P) + (noise / prior)[..., None, None] * (P @ P)
+    is_robust = n_clusters >= parameters + COVARIANCE.min_extra_clusters
     return P, np.where(is_robust[..., None, None], robust, guess)

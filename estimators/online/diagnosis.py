@@ -154,7 +154,7 @@ class Diagnoser:
     @property
     def diagnoses(self) -> tuple[OnlineDiagnosis, ...]:
         """Return the diagnosis of each plant."""
-        return tuple(one.diagnosis for one in self.each)
+        return tuple(monitor.diagnosis for monitor in self.each)
 
     def reset(self, which: Mask | None = None) -> None:
         """Restart plants (B,) with their next sample; all by default."""
@@ -165,8 +165,8 @@ class Diagnoser:
 
     def take(self, time: Array, position: Array, torque: Array) -> tuple[OnlineDiagnosis, ...]:
         """Add a sample of every plant, as `OnlineEstimator.take`; return the diagnosis of each."""
-        for plant, one in self._binner.take(time, position, torque):
-            self.each[plant].take(one)
+        for plant, bin_ in self._binner.take(time, position, torque):
+            self.each[plant].take(bin_)
         return self.diagnoses
 
 
@@ -213,13 +213,14 @@ class EffectMonitor:
     def _make_comparison(
         self, kept: Sequence[Bin] = (), reference: ReferenceDistribution | None = None
     ) -> ModelComparison:
+        """Create a comparison of the running model with the effects that it lacks."""
         library = {id: effect for id, effect in self._library.items() if id not in self._added}
         return ModelComparison(self.terms, library, self._plant, kept, reference)
 
     def _change_from(self, before: Fit, seconds: float, since: float | None = None) -> ParameterChange:
         """Create the change from former parameters; it is reported after a time of motion [s]."""
         names = [column.name for term in self.terms for column in term.columns]
-        return ParameterChange(names, before, self._plant.bins_in(seconds), since)
+        return ParameterChange(names, before, self._plant.count_bins(seconds), since)
 
     @property
     def _block(self) -> int:
@@ -265,32 +266,35 @@ class EffectMonitor:
 
     # ---------------------------------------------------------------------------------------------------------- a bin
 
-    def take(self, one: Bin) -> None:
+    def take(self, bin_: Bin) -> None:
         """Add a bin of motion."""
-        self._recent.append(one)
-        ended = self._comparison.take(one)
-        if self._comparison.has_begun_to_move(one.joint):
+        self._recent.append(bin_)
+        has_block_ended = self._comparison.take(bin_)
+        if self._comparison.has_begun_to_move(bin_.joint):
             change = self._change
             self._begin(self._comparison.fit_bins)
             self._change = change
-        elif ended:
+        elif has_block_ended:
             self._check_alarm()
 
     def _check_alarm(self) -> None:
-        """Look for the cause of an alarm, and update the diagnosis once per second of motion."""
+        """Check the evidence after a block: replace the models after a change, and update the diagnosis.
+
+        The diagnosis is updated once per second of motion, and at once if an effect is found to be missing.
+        """
         comparison, threshold = self._comparison, self._blank.threshold
-        change, evidence = float(comparison.e_process.log_wealth[-1]), comparison.e_process.log_mean_wealth
+        change_evidence, evidence = float(comparison.e_process.log_wealth[-1]), comparison.e_process.log_mean_wealth
         is_known = self.diagnosis.kind == "missing"
         # a missing effect gives evidence all the time: forgetting alone must then reach the threshold
         is_suspect = (
-            change >= threshold + np.log(len(comparison.e_process.log_wealth))
+            change_evidence >= threshold + np.log(len(comparison.e_process.log_wealth))
             if is_known
-            else change >= CHANGE.min_evidence
+            else change_evidence >= CHANGE.min_evidence
         )
         if evidence >= threshold and is_suspect:
-            if (row := self._locate_change()) is None:
+            if (change := self._locate_change()) is None:
                 return  # too early to compare a change
-            if self._accept_change(row):
+            if self._accept_change(change):
                 self._update_diagnosis()
                 return
             comparison.e_process.restart(-1)
@@ -298,43 +302,48 @@ class EffectMonitor:
             self._update_diagnosis()
 
     def _locate_change(self) -> int | None:
-        """Find the recent bin after which other parameters fit best; None if it is too early."""
-        recent, plant, risen = list(self._recent), self._plant, self._comparison.n_since_change
-        calibrate = plant.calibration_bins
-        needed = calibrate + plant.bins_in(CHANGE.prediction_time)
-        if risen < needed:
+        """Find the bin among the recent ones after which other parameters fit best.
+
+        Returns:
+            Its index; None while the bins since then are too few for a fit and a prediction.
+        """
+        recent, plant, n_since_rise = list(self._recent), self._plant, self._comparison.n_since_change
+        n_calibration = plant.calibration_bins
+        needed = n_calibration + plant.count_bins(CHANGE.prediction_time)
+        if n_since_rise < needed:
             return None
         last = len(recent) - needed
-        first = min(max(calibrate, len(recent) - risen - calibrate), last)
+        first = min(max(n_calibration, len(recent) - n_since_rise - n_calibration), last)
         row = find_change(*self._comparison.linearise_rows(recent), first, last + BLOCK)
-        return min(row, last) if row <= last or risen >= 2 * needed else None
+        return min(row, last) if row <= last or n_since_rise >= 2 * needed else None
 
     def _accept_change(self, change: int) -> bool:
         """Replace the models by those fitted since a change, if these predict the bins since then better."""
         recent, plant = list(self._recent), self._plant
         comparison = self._make_comparison(reference=self._comparison.reference)
         predicted = len(recent) - change - plant.calibration_bins
-        since = recent[change + predicted % BLOCK :]  # whole blocks
-        for one in since:
-            comparison.take(one)
+        bins_since = recent[change + predicted % BLOCK :]  # whole blocks
+        for bin_ in bins_since:
+            comparison.take(bin_)
         blocks = len(comparison.blocks)
         if comparison.best_density(blocks) < self._comparison.best_density(blocks) + self._blank.threshold:
             return False
         before = fit_rows(*self._comparison.linearise_rows(recent[:change]), self._block)
         self._change = self._change_from(before, CHANGE.report_time, recent[change].time)
         self._comparison = comparison
-        self._recent = deque(since, maxlen=self._recent.maxlen)
+        self._recent = deque(bins_since, maxlen=self._recent.maxlen)
         return True
 
     # ------------------------------------------------------------------------------------------------------- diagnosis
 
     def _update_diagnosis(self) -> None:
+        """Replace the diagnosis; effects are ranked after two blocks."""
         comparison = self._comparison
         leaders = comparison.leaders
         verdict = replace(
             self._blank,
             terms=self.terms,
-            theta=self._theta(*leaders[0]),
+            theta=self._name_parameters(*leaders[0]),
             motion=comparison.n_predicted * self._plant.length,
             error=comparison.error,
             added=self._added,
@@ -343,22 +352,25 @@ class EffectMonitor:
         self.diagnosis = verdict if len(comparison.blocks) < 2 else self._rank(verdict, leaders[1:])
 
     def _rank(self, verdict: OnlineDiagnosis, leaders: Sequence[tuple[tuple[Term, ...], Array]]) -> OnlineDiagnosis:
-        """Return a verdict with the ranking of effects, and with changes of parameters."""
+        """Return a verdict with the ranking of effects, and with changes of parameters.
+
+        While an effect is missing, no changes of parameters are reported.
+        """
         blocks, e_process = self._comparison.stretches[:, :-1], self._comparison.e_process
         bootstrap = Bootstrap(np.zeros(len(blocks), dtype=np.intp), np.random.default_rng(0))
-        none, *odds = bootstrap.probabilities(list(blocks.T)).tolist()
-        penalty = float(np.log(max(1, len(odds))))
+        no_effect, *probabilities = bootstrap.probabilities(list(blocks.T)).tolist()
+        penalty = float(np.log(max(1, len(probabilities))))
         ranking = []
-        each = zip(leaders, blocks.T[1:], odds, e_process.log_wealth[:-1].tolist(), strict=True)
-        for ((term,), theta), densities, probability, log_wealth in each:
+        effects = zip(leaders, blocks.T[1:], probabilities, e_process.log_wealth[:-1].tolist(), strict=True)
+        for ((term,), theta), densities, probability, log_wealth in effects:
             gain = bootstrap.gain(densities, blocks[:, 0], penalty)
             numbers = probability, gain.total, gain.error, gain.p_value, log_wealth
-            ranking.append(RankingEntry(term.id, *numbers, term, self._theta((term,), theta)))
-        ranking.sort(key=lambda one: (-round(one.probability, 3), -one.gain))
+            ranking.append(RankingEntry(term.id, *numbers, term, self._name_parameters((term,), theta)))
+        ranking.sort(key=lambda entry: (-round(entry.probability, 3), -entry.gain))
         is_missing = bool(ranking) and ranking[0].gain > 0 and self._has_missing_effect
         group = [ranking[0].effect] if is_missing else []
-        group += [one.effect for one in ranking if is_missing and one.probability > Criterion.tie_probability]
-        self._compare()
+        group += [entry.effect for entry in ranking if is_missing and entry.probability > Criterion.tie_probability]
+        self._compare_parameters()
         change = self._change
         changed: Mapping[str, tuple[float, float]] = {} if is_missing or change is None else change.changed
         return replace(
@@ -366,7 +378,7 @@ class EffectMonitor:
             kind="missing" if is_missing else "changed" if changed else "nothing",
             ranking=tuple(ranking),
             group=tuple(dict.fromkeys(group)),
-            none=none,
+            none=no_effect,
             evidence=e_process.log_mean_wealth,
             changed=changed,
             since=None if change is None else change.since,
@@ -395,18 +407,19 @@ class EffectMonitor:
         return (
             self._is_changing
             and self._comparison.n_predicted - self._comparison.n_since_change
-            >= self._plant.bins_in(CHANGE.prediction_time)
+            >= self._plant.count_bins(CHANGE.prediction_time)
         )
 
-    def _compare(self) -> None:
-        """Compare parameters with former ones, unless another change is suspected."""
+    def _compare_parameters(self) -> None:
+        """Compare parameters with former ones if there are enough bins, and no other change is suspected."""
         comparison = self._comparison
         if self._change is not None and not self._is_changing:
             if self._change.is_due(len(comparison.fit_bins)):
                 self._change.compare(*comparison.linearise_rows(comparison.fit_bins), self._block)
 
-    def _theta(self, more: tuple[Term, ...], theta: Array) -> dict[str, float]:
-        names = [column.name for term in (*self.terms, *more) for column in term.columns]
+    def _name_parameters(self, added: tuple[Term, ...], theta: Array) -> dict[str, float]:
+        """Return parameters of the running model and of added terms by name."""
+        names = [column.name for term in (*self.terms, *added) for column in term.columns]
         return dict(zip(names, theta.tolist(), strict=False))
 
 

@@ -22,7 +22,7 @@ class Estimates:
         error: a-priori prediction errors in the unit of the scheme, 0 where the equation was not used (B, S).
         usable: which equations were used (B, S).
         regressor: phi of the torque balance at that sample, 0 in stick (B, P); None for an arm.
-        compute_covariances: returns P and covariance.
+        compute_covariances: returns P and covariance (B, S, P, P) each, when they are first read.
     """
 
     index: Index
@@ -55,7 +55,7 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
     has a first axis B, and the masks (B,) of vector environments of Gymnasium, such as `_theta`.
     """
 
-    __slots__ = ("_now", "_pendulum", "_scheme", "units")
+    __slots__ = ("_estimates", "_pendulum", "_scheme", "units")
 
     _parts: ClassVar[dict[str, str]] = {
         "theta": "theta",
@@ -64,14 +64,17 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
         "P": "P",
     }
 
-    def __init__(self, now: Estimates, scheme: int, pendulum: int | slice, units: Mapping[str, str]) -> None:
-        """Select the estimates of a scheme and a pendulum, or of all; units are those of the parameters, by name."""
-        self._now, self._scheme, self._pendulum, self.units = now, scheme, pendulum, units
+    def __init__(self, estimates: Estimates, scheme: int, pendulum: int | slice, units: Mapping[str, str]) -> None:
+        """Select the estimates of a scheme by index, and of a pendulum by index or of all by a slice.
+
+        `units` are those of the parameters by name.
+        """
+        self._estimates, self._scheme, self._pendulum, self.units = estimates, scheme, pendulum, units
 
     def __getitem__(self, name: str) -> Any:
         if isinstance(self._pendulum, slice) and name[:1] == "_" and name[1:] in self._parts:
-            return np.ones(len(self._now.time), dtype=bool)
-        return getattr(self._now, self._parts[name])[self._pendulum, self._scheme]
+            return np.ones(len(self._estimates.time), dtype=bool)
+        return getattr(self._estimates, self._parts[name])[self._pendulum, self._scheme]
 
     def __iter__(self) -> Iterator[str]:
         return iter([*self._parts, *(f"_{name}" for name in self._parts if isinstance(self._pendulum, slice))])

@@ -35,18 +35,22 @@ class SampleBuffer:
     def __init__(self) -> None:
         """Create an empty buffer."""
         self.samples: deque[tuple[Array, Array, Array]] = deque(maxlen=KEPT)
-        self._moved: Array = np.zeros(1)  # number of samples in motion (N,)
+        self._n_moving: Array = np.zeros(1)  # number of samples in motion (N,)
 
     def take(self, time: Array, position: Array, torque: Array) -> float | None:
-        """Add a sample; return the largest standard deviation of the position noise [rad] after enough motion."""
+        """Add a sample: time, position and torque of N pendulums, or of an arm.
+
+        Returns:
+            The largest standard deviation of the position noise [rad]; None before `SAMPLES` samples in motion.
+        """
         if self.samples:
-            self._moved = self._moved + (np.abs(position - self.samples[-1][1]) > STILL).ravel()
+            self._n_moving = self._n_moving + (np.abs(position - self.samples[-1][1]) > STILL).ravel()
         self.samples.append((time.copy(), position.copy(), torque.copy()))
-        if np.max(self._moved) < SAMPLES:
+        if np.max(self._n_moving) < SAMPLES:
             return None
-        series = np.array([np.ravel(own) for _, own, _ in self.samples]).T  # (N, K)
-        moving = series[self._moved >= SHARE * SAMPLES]
-        return max(estimate_encoder_noise(own[np.isfinite(own)]) for own in moving)
+        series = np.array([np.ravel(positions) for _, positions, _ in self.samples]).T  # (N, K)
+        moving = series[self._n_moving >= SHARE * SAMPLES]
+        return max(estimate_encoder_noise(positions[np.isfinite(positions)]) for positions in moving)
 
 
 class OnlineEstimator:
@@ -100,14 +104,14 @@ class OnlineEstimator:
         self.schemes: tuple[Scheme | JointState, ...] = regressions if joint is None else (*regressions, joint)
         self.terms, self.rate, self.batch = tuple(terms), rate, batch
         # the joint state starts from the last regression
-        self._run = regressions if joint is None else (*regressions, scheme("hamiltonian"))
-        shape, period, parameters = (batch, len(self._run)), 1.0 / rate, len(self.names)
+        self._regression_schemes = regressions if joint is None else (*regressions, scheme("hamiltonian"))
+        shape, period, parameters = (batch, len(self._regression_schemes)), 1.0 / rate, len(self.names)
         noise = compute_encoder_noise(counts) if position_noise is None and counts is not None else position_noise
         self._buffer: SampleBuffer | None = None  # until the noise is known
         if noise is None:
             noise = compute_encoder_noise(COUNTS)
             self._buffer = SampleBuffer() if smoothing is None else None
-        self._smooth(smoothing or Smoothing.from_noise(noise, rate))
+        self._start_stream(smoothing or Smoothing.from_noise(noise, rate))
         period /= len(self._stream.joints)  # between equations
         self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
         self._clusters = ClusterCovariance(shape, parameters, period, forgetting)
@@ -116,7 +120,7 @@ class OnlineEstimator:
             if self._stream.joints != ("",):
                 raise ValueError(f"{joint.id} is a scheme of one joint: use the six schemes for an arm")
             self._joint = JointFilters(terms, period, batch, noise, forgetting)
-        self._now = self._initial_estimates()
+        self._estimates = self._initial_estimates()
 
     @property
     def delay(self) -> int:
@@ -134,7 +138,7 @@ class OnlineEstimator:
             if part is not None:
                 part.reset(mask)
         if mask.all():
-            self._now = self._initial_estimates()
+            self._estimates = self._initial_estimates()
 
     def take(self, time: Array, position: Array, torque: Array) -> Estimates:
         """Add a sample of every pendulum, or of an arm, and return the estimates.
@@ -149,51 +153,57 @@ class OnlineEstimator:
         """
         if self._buffer is not None:
             return self._estimate_noise(self._buffer, time, position, torque)
-        squares, taken = self._squares, None
-        for taken in self._stream.take(time, position, torque):
-            squares.take(taken.phi, taken.y, taken.usable)
-            if self._clusters.take(taken.equations, squares.error, taken.usable):
+        squares, sample = self._squares, None
+        for sample in self._stream.take(time, position, torque):
+            squares.take(sample.phi, sample.y, sample.usable)
+            if self._clusters.take(sample.equations, sample.usable):
                 self._clusters.close(squares)
-        if taken is not None:
-            self._now = self._regressions(taken.place, taken.time, taken.usable, taken.regressor)
+        if sample is not None:
+            self._estimates = self._make_estimates(sample.place, sample.time, sample.usable, sample.regressor)
             if self._joint is not None:
-                self._joint.take(time, position, torque, taken.restarted, self._now)
-                self._now = self._joint.append_estimates(self._now)
-        return self._now
+                self._joint.take(time, position, torque, sample.restarted, self._estimates)
+                self._estimates = self._joint.insert_estimates(self._estimates)
+        return self._estimates
 
-    def after_reset(self, then: Estimates, ended: Mask, last: Array) -> Estimates:
-        """Convert estimates `then` after a reset of pendulums (B,); `last` are the times before the reset [s]."""
-        none = ended[:, None]
-        index, time = np.where(ended, -1, then.index), np.where(ended, then.time - last, then.time)
-        regressor = None if then.regressor is None else np.where(none, 0.0, then.regressor)
-        now = self._regressions(index, time, then.usable & ~none, regressor)
-        return now if self._joint is None else self._joint.append_estimates(now)
+    def after_reset(self, before: Estimates, is_reset: Mask, last_time: Array) -> Estimates:
+        """Return current estimates for the sample of earlier ones, after a reset of pendulums (B,).
 
-    def _smooth(self, smoothing: Smoothing) -> None:
-        """Start a stream of equations."""
-        self._stream = make_stream(self.terms, self._run, smoothing, 1.0 / self.rate, self.batch)
+        For these pendulums, the index is -1, no equation is used, and the time is relative to `last_time` (B,) [s].
+        """
+        column = is_reset[:, None]
+        index, time = np.where(is_reset, -1, before.index), np.where(is_reset, before.time - last_time, before.time)
+        regressor = None if before.regressor is None else np.where(column, 0.0, before.regressor)
+        after = self._make_estimates(index, time, before.usable & ~column, regressor)
+        return after if self._joint is None else self._joint.insert_estimates(after)
+
+    def _start_stream(self, smoothing: Smoothing) -> None:
+        """Start a stream of equations with a smoothing."""
+        self._stream = make_stream(self.terms, self._regression_schemes, smoothing, 1.0 / self.rate, self.batch)
 
     def _estimate_noise(self, buffer: SampleBuffer, time: Array, position: Array, torque: Array) -> Estimates:
         """Add a sample to the buffer; once the encoder noise is known, take all samples of the buffer."""
-        for taken in self._stream.take(time, position, torque):  # the stream checks the sample
-            row = None if taken.regressor is None else np.zeros_like(taken.regressor)
-            self._now = self._regressions(np.full(self.batch, -1), taken.time, np.zeros_like(taken.usable), row)
+        for equations in self._stream.take(time, position, torque):  # the stream checks the sample
+            regressor = None if equations.regressor is None else np.zeros_like(equations.regressor)
+            self._estimates = self._make_estimates(
+                np.full(self.batch, -1), equations.time, np.zeros_like(equations.usable), regressor
+            )
         if (noise := buffer.take(time, position, torque)) is not None:
             self._buffer = None
-            self._smooth(Smoothing.from_noise(noise, self.rate))
+            self._start_stream(Smoothing.from_noise(noise, self.rate))
             if self._joint is not None:
                 self._joint.position_noise = noise
             for sample in buffer.samples:
                 self.take(*sample)
-        return self._now
+        return self._estimates
 
     def _initial_estimates(self) -> Estimates:
         """Return the estimates before the first sample."""
-        return self._regressions(np.full(self.batch, -1), np.zeros(self.batch), self._squares.count > 0, None)
+        return self._make_estimates(np.full(self.batch, -1), np.zeros(self.batch), self._squares.count > 0, None)
 
-    def _regressions(self, index: Index, time: Array, usable: Mask, regressor: Array | None) -> Estimates:
-        squares, covariances = self._squares, self._clusters.make_covariance(self._squares)
-        return Estimates(index, time, squares.theta, squares.error, usable, regressor, covariances)
+    def _make_estimates(self, index: Index, time: Array, usable: Mask, regressor: Array | None) -> Estimates:
+        """Collect the current theta and errors of the recursions with the index, time and regressor of their sample."""
+        squares, compute_covariances = self._squares, self._clusters.make_covariance(self._squares)
+        return Estimates(index, time, squares.theta, squares.error, usable, regressor, compute_covariances)
 
 
 def _collect_units(terms: Sequence[Term], schemes: Sequence[object]) -> dict[str, str]:
@@ -209,9 +219,9 @@ def _collect_units(terms: Sequence[Term], schemes: Sequence[object]) -> dict[str
 
 def _split_schemes(schemes: Sequence[Scheme | JointState]) -> tuple[JointState | None, tuple[Scheme, ...]]:
     """Split schemes into the joint state, if there is one, and the others."""
-    joint = next((one for one in schemes if isinstance(one, JointState)), None)
-    others = tuple(one for one in schemes if not isinstance(one, JointState))
-    for one in others:
-        if not isinstance(one, Scheme):
-            raise ValueError(f"{one.id} needs a whole recording: use a `Scheme`")
+    joint = next((entry for entry in schemes if isinstance(entry, JointState)), None)
+    others = tuple(entry for entry in schemes if not isinstance(entry, JointState))
+    for entry in others:
+        if not isinstance(entry, Scheme):
+            raise ValueError(f"{entry.id} needs a whole recording: use a `Scheme`")
     return joint, others

@@ -53,7 +53,10 @@ class EProcess:
         self._bound = np.full(competitors, MIN_LOSS_BOUND)
 
     def take(self, gain: Array) -> None:
-        """Add the gains of the competitors in a block (K,) [nat]."""
+        """Multiply the wealth of each competitor by the factor of a block with gains (K,) [nat].
+
+        Losses are clipped to the bound c, gains to MAX_GAIN c. A larger loss raises the bound for later blocks.
+        """
         relative_gain = np.clip(gain / self._bound, -1.0, MAX_GAIN)
         self._wealth = np.maximum(self._wealth, 0.0) + np.log1p(STAKES * relative_gain[:, None])
         self._bound = np.maximum(self._bound, -MARGIN * gain)
@@ -78,14 +81,18 @@ class ReferenceDistribution:
 
     def __init__(self) -> None:
         """Create a distribution without gains."""
-        self._count, self._mean, self._square = 0, 0.0, 0.0
+        self._count, self._mean, self._variance = 0, 0.0, 0.0
 
-    def excess(self, gain: float) -> float:
-        """Return a gain minus the mean and one standard deviation of the past gains [nat]; add it to these."""
-        std = float(np.sqrt(self._square))
-        usual = max(0.0, self._mean + std)
+    def take_gain(self, gain: float) -> float:
+        """Return the excess of a gain over the usual gain [nat], then add the gain to the past ones.
+
+        The usual gain is the mean plus one standard deviation, at least 0. The first MIN_BLOCKS gains return 0. Upward
+        outliers are clipped before they are added.
+        """
+        std = float(np.sqrt(self._variance))
+        usual_gain = max(0.0, self._mean + std)
         self._count = min(self._count + 1, MEMORY)
         step = min(gain, self._mean + OUTLIER_LIMIT * std + MIN_LOSS_BOUND) - self._mean
         self._mean += step / self._count
-        self._square += ((1.0 - 1.0 / self._count) * step**2 - self._square) / self._count
-        return gain - usual if self._count > MIN_BLOCKS else 0.0
+        self._variance += ((1.0 - 1.0 / self._count) * step**2 - self._variance) / self._count
+        return gain - usual_gain if self._count > MIN_BLOCKS else 0.0

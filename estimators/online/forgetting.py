@@ -20,12 +20,13 @@ from pendulum_env._typing import Array
 LEAST_WEIGHT = -4.0  # log, relative to the largest
 
 
-def cap_density(density: Array, slope: Array, reference: Array | float) -> Array:
-    """Cap log densities at that of a reference where a law passes almost none of the torque.
+def cap_density(density: Array, error_slope: Array, reference: Array | float) -> Array:
+    """Cap log densities at that of a reference where `error_slope` is below `LEAST_SLOPE`.
 
-    Errors divided by a small slope of the left-hand side by the torque are small for that reason alone.
+    `error_slope` is the derivative of the equation error by the torque. A law that makes it small passes almost none of
+    the torque, so its errors are small for that reason alone.
     """
-    return np.where(slope < LEAST_SLOPE, np.minimum(density, reference), density)
+    return np.where(error_slope < LEAST_SLOPE, np.minimum(density, reference), density)
 
 
 class ForgettingMixture:
@@ -42,8 +43,8 @@ class ForgettingMixture:
         for model in self._models:
             model.theta, model.root = theta[None, None], root[None, None]
         self._memories = np.array(memories)
-        self._square = np.full(len(memories), square)
-        self._weight = np.full(1 + len(memories), LEAST_WEIGHT)  # of the running model and of each memory
+        self._square = np.full(len(memories), square)  # squared error scales
+        self._weight = np.full(1 + len(memories), LEAST_WEIGHT)  # log, of the running model and of each memory
         self._weight[0] = 0.0
 
     def take(self, phi: Array, slope: Array, y_slope: float, y: float, density: float) -> float:
@@ -60,12 +61,12 @@ class ForgettingMixture:
         for model in self._models:
             model.take(phi[None, None], np.full((1, 1), y), np.ones((1, 1), dtype=bool))
         variance_ratio = np.array([model.variance[0, 0] / model.forgetting for model in self._models])
-        after = y_slope - theta @ slope
-        squares = ((y - theta @ phi) / np.maximum(after, LEAST_SLOPE)) ** 2
-        each = cap_density(log_student(squares, self._square * variance_ratio), after, density)
+        error_slope = y_slope - theta @ slope
+        squares = ((y - theta @ phi) / np.maximum(error_slope, LEAST_SLOPE)) ** 2
+        densities = cap_density(log_student(squares, self._square * variance_ratio), error_slope, density)
         self._square += (weigh_squares(squares / variance_ratio, self._square) - self._square) / self._memories
         self._square = np.maximum(self._square, 1e-12)
-        weight = self._weight + np.concatenate([[density], each])
-        mixed = float(np.logaddexp.reduce(weight) - np.logaddexp.reduce(self._weight))
+        weight = self._weight + np.concatenate([[density], densities])
+        mixture_density = float(np.logaddexp.reduce(weight) - np.logaddexp.reduce(self._weight))
         self._weight = np.maximum(weight - weight.max(), LEAST_WEIGHT)
-        return mixed
+        return mixture_density

@@ -83,7 +83,9 @@ class JointFilters:
 
     def reset(self, which: Mask) -> None:
         """Restart filters (B,) from a regression."""
-        self.filters = [None if is_reset else one for one, is_reset in zip(self.filters, which, strict=True)]
+        self.filters = [
+            None if is_reset else joint_filter for joint_filter, is_reset in zip(self.filters, which, strict=True)
+        ]
 
     def take(self, time: Array, position: Array, torque: Array, restarted: Mask, regression: Estimates) -> None:
         """Update with a sample of every pendulum, and start filters where the last regression is accurate enough.
@@ -91,16 +93,16 @@ class JointFilters:
         Pendulums that restart (B,), as after a gap, keep their parameters, and lose position and velocity.
         """
         self._error = np.zeros((len(self.filters), 1))
-        for b, one in enumerate(self.filters):
-            if one is None:
+        for b, joint_filter in enumerate(self.filters):
+            if joint_filter is None:
                 if regression.usable[b, -1]:
                     self.filters[b] = self._start_filter(regression, b)
                 continue
-            one.is_lost = one.is_lost or bool(restarted[b])
+            joint_filter.is_lost = joint_filter.is_lost or bool(restarted[b])
             if not np.isfinite(position[b] + torque[b]):
                 continue
             try:
-                self._error[b] = one.take(time[b], position[b], torque[b])
+                self._error[b] = joint_filter.take(time[b], position[b], torque[b])
             except np.linalg.LinAlgError:  # no longer positive definite: another start
                 self.filters[b] = None
 
@@ -118,16 +120,19 @@ class JointFilters:
         noise = max(self.position_noise, FILTER.min_position_noise)
         return self._make_filter(noise, theta, covariance + np.diag((FILTER.added_std * theta) ** 2))
 
-    def append_estimates(self, now: Estimates) -> Estimates:
-        """Replace the estimates of the last regression by those of filters that have started."""
-        theta, P, covariance = now.theta.copy(), now.P.copy(), now.covariance.copy()
-        error, usable = now.error.copy(), now.usable.copy()
-        error[:, -1:], usable[:, -1] = self._error, [one is not None for one in self.filters]
-        for b, one in enumerate(self.filters):
-            if one is not None:
-                theta[b, -1], P[b, -1], covariance[b, -1] = one.theta, one.P, one.P
+    def insert_estimates(self, estimates: Estimates) -> Estimates:
+        """Return estimates with those of started filters in the place of the last regression.
+
+        P and covariance of a filter are the same. Errors of the last scheme are innovations [rad], 0 before the start.
+        """
+        theta, P, covariance = estimates.theta.copy(), estimates.P.copy(), estimates.covariance.copy()
+        error, usable = estimates.error.copy(), estimates.usable.copy()
+        error[:, -1:], usable[:, -1] = self._error, [joint_filter is not None for joint_filter in self.filters]
+        for b, joint_filter in enumerate(self.filters):
+            if joint_filter is not None:
+                theta[b, -1], P[b, -1], covariance[b, -1] = joint_filter.theta, joint_filter.P, joint_filter.P
         covariances = functools.partial(tuple, (P, covariance))
-        return replace(now, theta=theta, error=error, usable=usable, compute_covariances=covariances)
+        return replace(estimates, theta=theta, error=error, usable=usable, compute_covariances=covariances)
 
 
 class _Filter:
@@ -140,8 +145,8 @@ class _Filter:
 
         self._terms, self._period = terms, period
         self.log_variance = 2 * np.log(FILTER.torque_std)  # of the torque noise
-        known = 2 + int(sum(term.delay for term in terms) / period)  # number of commands that act within a period
-        self._commands = deque(known * [0.0], maxlen=known)
+        n_commands = 2 + int(sum(term.delay for term in terms) / period)  # commands that act within a period
+        self._commands = deque(n_commands * [0.0], maxlen=n_commands)
         self._memory: Mapping[str, Memory] | None = None
         self._program: PreparedStep | None = None
         size = 2 + len(theta)
@@ -151,8 +156,8 @@ class _Filter:
         self._ukf.P[2:, 2:] = P
         self._ukf.R[:] = position_noise**2
         self._fade = np.r_[1.0, 1.0, np.full(len(theta), forgetting**-0.5)]
-        self._last = 0.0  # filtered past innovations, of unit variance
-        self.is_lost = True
+        self._filtered_innovation = 0.0  # filtered past innovations, of unit variance
+        self.is_lost = True  # position and velocity are unknown
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_program": None}  # a compiled program cannot be pickled
@@ -166,7 +171,10 @@ class _Filter:
         return self._ukf.P[2:, 2:]
 
     def take(self, time: float, position: float, torque: float) -> float:
-        """Update with a sample; return the innovation [rad]."""
+        """Update with a sample; return the innovation [rad].
+
+        The first sample after a loss sets the position, and returns 0.
+        """
         ukf = self._ukf
         self._commands.append(torque)
         if self.is_lost:
@@ -184,37 +192,38 @@ class _Filter:
         return float(ukf.y[0])
 
     def _learn_noise(self, gain: float, innovation: float) -> None:
-        """Update the torque noise by an innovation of unit variance.
+        """Update the torque noise by an innovation, in units of its predicted standard deviation.
 
-        The gain weights the innovation by the share of the torque noise in its variance.
+        `gain` is the Kalman gain of the position, between 0 and 1. It weights the innovation by the share of the torque
+        noise in its variance.
         """
         bounded = min(max(innovation, -FILTER.outlier_limit), FILTER.outlier_limit)
-        gradient = gain * (bounded**2 - 1.0 + 2.0 * bounded * self._last)
+        gradient = gain * (bounded**2 - 1.0 + 2.0 * bounded * self._filtered_innovation)
         self.log_variance += self._period / FILTER.learning_time * gradient
         decay = 1.0 - gain
-        self._last = decay * self._last + np.sqrt(max(1.0 - decay**2, 0.0)) * bounded
+        self._filtered_innovation = decay * self._filtered_innovation + np.sqrt(max(1.0 - decay**2, 0.0)) * bounded
 
     def _predict(self, time: float) -> None:
         """Predict the state one period after `time`; states of terms follow the mean."""
         ukf = self._ukf
         ukf.Q = self._process_noise()
         self._program = self._program or prepare_step(self._terms)
-        mean, after = ukf.x, list[Samples]()
+        mean, samples = ukf.x, list[Samples]()
         ukf.predict(time=time)
         if any(term.has_memory for term in self._terms):
-            self._forward(mean, self._period, time, after.append)
-            self._memory = after[-1].memory
+            self._forward(mean, self._period, time, samples.append)
+            self._memory = samples[-1].memory
 
     def _process_noise(self) -> Array:
-        """Compute the process noise of a period: white torque noise; parameters are constant."""
+        """Compute the process noise of a period: white torque noise moves the joint; parameters are constant."""
         ukf, period = self._ukf, self._period
         x = Samples(np.zeros(1), ukf.x[:1], ukf.x[1:2], np.zeros(1))
         balance = TorqueBalance(self._terms, ukf.x[2:])
         inertia = float(np.ravel(balance.mass(replace(x, memory=self._memory or balance.start(x))))[0])
-        speed = np.exp(self.log_variance) * (period / inertia) ** 2
-        added = np.zeros_like(ukf.P)
-        added[:2, :2] = speed * np.array([[period**2 / 3, period / 2], [period / 2, 1.0]])
-        return added
+        velocity_variance = np.exp(self.log_variance) * (period / inertia) ** 2
+        noise = np.zeros_like(ukf.P)
+        noise[:2, :2] = velocity_variance * np.array([[period**2 / 3, period / 2], [period / 2, 1.0]])
+        return noise
 
     def _forward(
         self, state: Array, period: float, time: float, observe: Callable[[Samples], None] | None = None
@@ -238,5 +247,5 @@ class _Filter:
 
 
 def _measure(state: Array) -> Array:
-    """Return the position."""
+    """Return the measured part of a state, which is the position (1,)."""
     return state[:1]

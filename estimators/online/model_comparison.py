@@ -26,7 +26,7 @@ class PlantBins:
 
     Attributes:
         joints: by name.
-        length: time of motion that a bin stands for; each joint has its own bins [s].
+        length: duration of a bin divided by the number of joints, since each joint has its own bins [s].
         period: between samples [s].
     """
 
@@ -34,14 +34,14 @@ class PlantBins:
     length: float
     period: float
 
-    def bins_in(self, seconds: float) -> int:
+    def count_bins(self, seconds: float) -> int:
         """Return the number of bins in a time of motion [s]."""
         return round(seconds / self.length)
 
     @property
     def fit_bins(self) -> int:
         """Number of bins in the fit of a later model."""
-        return self.bins_in(ONLINE.fit_time)
+        return self.count_bins(ONLINE.fit_time)
 
     @property
     def calibration_bins(self) -> int:
@@ -77,72 +77,83 @@ class ModelComparison:
         """
         self.terms, self._library, self._plant, self.fit_bins = tuple(terms), library, plant, list(kept)
         count = len(plant.joints)
-        self._moved = np.bincount([one.joint for one in kept], minlength=count) * plant.length * count  # each joint [s]
-        self._tried = np.zeros(count, dtype=bool)  # joints that effects are tried at
+        n_bins = np.bincount([bin_.joint for bin_ in kept], minlength=count)  # of each joint
+        self._motion_time = n_bins * plant.length * count  # of each joint [s]
+        self._is_tried = np.zeros(count, dtype=bool)  # joints that effects are tried at
         self._scale = np.ones(count)  # of errors at each joint, relative to those of all
-        self._often = max(1, round(STRETCH / (BLOCK * plant.length)))  # blocks in a stretch
+        self._stretch_blocks = max(1, round(STRETCH / (BLOCK * plant.length)))  # blocks in a stretch
         self._models: CompetingModels | None = None
-        self._waiting: list[Bin] = []  # to be taken together
-        self._block: Array | float = 0.0  # log predictive densities in the block to come (F,)
-        self._errors: deque[float] = deque(maxlen=plant.bins_in(ONLINE.error_time))
+        self._pending: list[Bin] = []  # not yet predicted
+        self._block_density: Array | float = 0.0  # log predictive densities in the block to come (F,)
+        self._errors: deque[float] = deque(maxlen=plant.count_bins(ONLINE.error_time))
         self.reference = deepcopy(reference) or ReferenceDistribution()
-        self.blocks: deque[Array] = deque(maxlen=ONLINE.n_blocks * self._often)
+        self.blocks: deque[Array] = deque(maxlen=ONLINE.n_blocks * self._stretch_blocks)
         self.not_run: dict[str, Obstacle] = {}
         self.n_predicted = self.n_since_change = 0
         self._fit_when_possible()
 
     # ---------------------------------------------------------------------------------------------------------- a bin
 
-    def take(self, one: Bin) -> bool:
-        """Add a bin of motion; return whether a block has ended with it."""
-        j = one.joint
-        if self._moved[j] < ONLINE.fit_time:
-            self.fit_bins.append(one)
-        self._moved[j] += self._plant.length * len(self._moved)
+    def take(self, bin_: Bin) -> bool:
+        """Add a bin of motion; return whether a block has ended with it.
+
+        Bins are only kept until all models can be fitted. Later bins are predicted `bins_per_update` at a time. The end
+        of a block updates the e-process, and at `refinement_times` the grids.
+        """
+        j = bin_.joint
+        if self._motion_time[j] < ONLINE.fit_time:
+            self.fit_bins.append(bin_)
+        self._motion_time[j] += self._plant.length * len(self._motion_time)
         if self._models is None:
             self._fit_when_possible()
             return False
-        self._waiting.append(one)
-        if len(self._waiting) < ONLINE.bins_per_update:
+        self._pending.append(bin_)
+        if len(self._pending) < ONLINE.bins_per_update:
             return False
-        densities, errors = self._models.take(self.bins(self._waiting))
-        self._waiting = []
+        bin_densities, errors = self._models.take(self.stack_bins(self._pending))
+        self._pending = []
         self._errors.extend(errors.tolist())
-        self._block = block = self._block + densities.sum(axis=0)
+        self._block_density = block = self._block_density + bin_densities.sum(axis=0)
         self.n_predicted += ONLINE.bins_per_update
         if self.n_predicted % BLOCK:
             return False
-        self._block = 0.0
+        self._block_density = 0.0
         self.blocks.append(block)
         gain = block[1:] - block[0]
-        gain[-1] = self.reference.excess(float(gain[-1]))
+        gain[-1] = self.reference.take_gain(float(gain[-1]))
         self.e_process.take(gain - ONLINE.min_gain * BLOCK)
         self.n_since_change = self.n_since_change + BLOCK if self.e_process.log_wealth[-1] > 0 else 0
         if self.is_stretch and len(self.fit_bins) == self.n_predicted + self._fitted:  # all bins are kept so far
             if round(len(self.fit_bins) * self._plant.length) in ONLINE.refinement_times:
-                bins = self.bins(self.fit_bins)
-                self._models = self._models.refine(bins, dict(self._grids(CompetingModels(self.terms, bins), bins)))
+                bins = self.stack_bins(self.fit_bins)
+                self._models = self._models.refine(
+                    bins, dict(self._list_variants(CompetingModels(self.terms, bins), bins))
+                )
         return True
 
     @property
     def is_stretch(self) -> bool:
         """Return whether a stretch of a second has ended with the last block."""
-        return self.n_predicted % (BLOCK * self._often) == 0
+        return self.n_predicted % (BLOCK * self._stretch_blocks) == 0
 
     def has_begun_to_move(self, joint: int) -> bool:
         """Return whether a joint has moved for long enough that had not when the models were fitted."""
-        return self._models is not None and not self._tried[joint] and self._moved[joint] >= ONLINE.calibration_time
+        return (
+            self._models is not None
+            and not self._is_tried[joint]
+            and self._motion_time[joint] >= ONLINE.calibration_time
+        )
 
     # ------------------------------------------------------------------------------------------------------ the models
 
-    def bins(self, bins: Sequence[Bin]) -> Bins:
+    def stack_bins(self, bins: Sequence[Bin]) -> Bins:
         """Stack several bins."""
         return Bins.stack(bins, self._plant.period, self._plant.joints, self._scale)
 
     def linearise_rows(self, bins: Sequence[Bin]) -> tuple[Array, Array]:
-        """Return rows of the running model, which has been fitted, over R bins: phi (R, P) and y (R,)."""
+        """Return rows over R bins, linearised at the fitted running model: phi (R, P) and y (R,)."""
         assert self._models is not None
-        return self._models.running_rows(self.bins(bins))
+        return self._models.linearise_running(self.stack_bins(bins))
 
     @property
     def effect_evidence(self) -> float:
@@ -151,7 +162,7 @@ class ModelComparison:
 
     @property
     def leaders(self) -> list[tuple[tuple[Term, ...], Array]]:
-        """Return the best variant of each effect, and parameters; those of the running model alone come first."""
+        """Return the best variant of each effect with its parameters; the running model alone comes first."""
         return [] if self._models is None else self._models.leaders()
 
     @property
@@ -161,32 +172,37 @@ class ModelComparison:
 
     @property
     def stretches(self) -> Array:
-        """Return log predictive densities (N, F) in blocks of a second, in shorter ones while there are few."""
+        """Return log predictive densities (N, F) in blocks of a second; in shorter blocks while these are few."""
         blocks = np.array(self.blocks)
-        if len(blocks) < ONLINE.min_blocks * self._often:
+        if len(blocks) < ONLINE.min_blocks * self._stretch_blocks:
             return blocks
-        return np.asarray(blocks[len(blocks) % self._often :].reshape(-1, self._often, blocks.shape[1]).sum(axis=1))
+        return np.asarray(
+            blocks[len(blocks) % self._stretch_blocks :].reshape(-1, self._stretch_blocks, blocks.shape[1]).sum(axis=1)
+        )
 
     def best_density(self, blocks: int) -> float:
-        """Return the log density of the last blocks under the best model, forgetting aside [nat]."""
+        """Return the log density of a number of latest blocks under the best model without forgetting [nat]."""
         return float(np.array(self.blocks)[-blocks:, :-1].sum(axis=0).max())
 
     def _fit_when_possible(self) -> None:
-        """Fit all models to the kept bins if there are enough; the models predict from then on."""
+        """Fit all models to the kept bins if these cover `calibration_time`; the models predict from then on.
+
+        With several joints, the error scale of each joint comes from a first fit.
+        """
         plant = self._plant
         if len(self.fit_bins) * plant.length < ONLINE.calibration_time:
             return
-        self._tried = self._moved >= 0.5 * ONLINE.calibration_time
-        bins = self.bins(self.fit_bins)
+        self._is_tried = self._motion_time >= 0.5 * ONLINE.calibration_time
+        bins = self.stack_bins(self.fit_bins)
         base = CompetingModels(self.terms, bins)
         if len(plant.joints) > 1:
-            for joint in {one.joint for one in self.fit_bins}:
-                own = base.residual[bins.at == plant.joints[joint]]
-                self._scale[joint] = np.sqrt(max(float(np.mean(own**2)), 1e-12))
+            for joint in {bin_.joint for bin_ in self.fit_bins}:
+                residual = base.residual[bins.at == plant.joints[joint]]
+                self._scale[joint] = np.sqrt(max(float(np.mean(residual**2)), 1e-12))
             self._scale /= self._scale.mean()
-            bins = self.bins(self.fit_bins)
+            bins = self.stack_bins(self.fit_bins)
             base = CompetingModels(self.terms, bins)
-        variants = {id: own for id, own in self._grids(base, bins) if own}
+        variants = {id: grid for id, grid in self._list_variants(base, bins) if grid}
         self.not_run = {
             id: Obstacle.JOINT_AT_REST if self._is_idle(kind) else Obstacle.NO_VARIANT
             for id, kind in self._library.items()
@@ -194,21 +210,24 @@ class ModelComparison:
         }
         self._fitted, self.e_process = len(self.fit_bins), EProcess(len(variants) + 1)
         memories = [seconds / plant.length for seconds in ONLINE.forgetting_times]
-        self._models = CompetingModels(self.terms, bins, [thin_variants(own) for own in variants.values()], memories)
+        self._models = CompetingModels(self.terms, bins, [thin_variants(grid) for grid in variants.values()], memories)
 
     def _is_idle(self, effect: type[Term]) -> bool:
-        """Return whether an effect's joint has not moved for long enough."""
-        return not any(self._tried[[name == effect.at for name in self._plant.joints]])
+        """Return whether the joint of an effect has not moved for long enough to be fitted."""
+        return not any(self._is_tried[[name == effect.at for name in self._plant.joints]])
 
-    def _grids(self, base: CompetingModels, bins: Bins) -> Iterator[tuple[str, list[Term]]]:
-        """Yield the possible variants of each effect, by the residuals of a model on bins."""
+    def _list_variants(self, base: CompetingModels, bins: Bins) -> Iterator[tuple[str, list[Term]]]:
+        """Yield each effect at a moving joint with its possible variants on a grid.
+
+        Variants with the fewest columns are kept. Parameters that follow one of the model take its value in `base`.
+        """
         names = [column.name for term in self.terms for column in term.columns]
         known = dict(zip(names, base.theta_of()[0].tolist(), strict=False))
         for id, effect in self._library.items():
             if self._is_idle(effect):
                 continue
-            own = bins.at == effect.at
-            x, residual = bins.select_joint(effect.at).middle, (base.residual * bins.scale)[own]
+            in_joint = bins.at == effect.at
+            x, residual = bins.select_joint(effect.at).middle, (base.residual * bins.scale)[in_joint]
             possible = [term for term in make_grid(effect, x, residual) if is_possible(term, x)]
             fewest = min((len(term.columns) for term in possible), default=0)
             variants = [term for term in possible if len(term.columns) == fewest]  # a batch has as many in all of it

@@ -33,7 +33,7 @@ class SquareRootLeastSquares:
         self.theta = np.zeros((*batch, parameters))
         self.root = np.sqrt(prior) * np.tile(np.eye(parameters), (*batch, 1, 1))
         self.error, self.squares, self.count, self.variance = np.zeros((4, *batch))
-        self._turn = 0
+        self._n_updates = 0
 
     @property
     def theta(self) -> Array:
@@ -56,7 +56,7 @@ class SquareRootLeastSquares:
         self._machine.now["root"][:] = root.reshape(-1, *root.shape[2:]).transpose(1, 2, 0)
 
     def reset(self, which: Mask) -> None:
-        """Restart plants (B,)."""
+        """Restart plants (B,): theta and sums are 0, P is P(0)."""
         lanes = np.broadcast_to(which[:, None], self._batch).ravel()
         self._machine.reset(lanes)
         self._read_state()
@@ -79,8 +79,8 @@ class SquareRootLeastSquares:
         given["phi"][:] = phi.reshape(-1, size).T
         given["y"][:], given["used"][:] = y.ravel(), usable.ravel()
         if self.forgetting < 1:
-            given["turn"][:] = np.arange(size)[:, None] == self._turn % size
-            self._turn += 1
+            given["turn"][:] = np.arange(size)[:, None] == self._n_updates % size
+            self._n_updates += 1
         self._machine.step()
         self._read_state()
 
@@ -105,33 +105,34 @@ def check_ranges(prior: float, forgetting: float) -> None:
 @functools.cache
 def _update(size: int, forgetting: float, prior: float) -> SymbolicStep:
     """Build the update by one equation y = phi' theta, in symbols; an unused equation changes nothing."""
-    given = {"phi": make_symbols("phi", size), "y": make_symbols("y"), "used": make_symbols("used")}
+    inputs = {"phi": make_symbols("phi", size), "y": make_symbols("y"), "used": make_symbols("used")}
     theta, root, sums = make_symbols("theta", size), make_symbols("root", size, size), make_symbols("sums", 4)
-    used = given["used"]
-    row, power = given["phi"] * used, 1.0 if forgetting == 1 else np.where(used > 0, forgetting, 1.0)
-    # f = S' phi;  lambda + phi' P phi = lambda + f' f;  raised = P phi
+    used = inputs["used"]
+    row, fade = inputs["phi"] * used, 1.0 if forgetting == 1 else np.where(used > 0, forgetting, 1.0)
+    # f = S' phi;  variance = lambda + phi' P phi = lambda + f' f
     f = row @ root
-    total = power + f @ f
-    raised = root @ f
-    # e = y - phi' theta;  theta = theta + P phi e / (lambda + phi' P phi)
-    error = given["y"] * used - row @ theta
-    relative = error / total
-    # S = (S - raised f' / (total + sqrt(lambda total))) / sqrt(lambda)
-    new_root = root - np.outer(raised, f / (total + np.sqrt(power * total)))
+    variance = fade + f @ f
+    P_phi = root @ f
+    # e = y - phi' theta;  theta = theta + P phi e / variance
+    error = inputs["y"] * used - row @ theta
+    scaled_error = error / variance
+    # S = (S - P phi f' / (variance + sqrt(lambda variance))) / sqrt(lambda)
+    new_root = root - np.outer(P_phi, f / (variance + np.sqrt(fade * variance)))
     if forgetting < 1:
-        given["turn"] = make_symbols("turn", size)
-        new_root = _fade_information(new_root / np.sqrt(power), given["turn"] * used, size * (1.0 - forgetting) / prior)
+        inputs["turn"] = make_symbols("turn", size)
+        new_root = _fade_information(new_root / np.sqrt(fade), inputs["turn"] * used, size * (1.0 - forgetting) / prior)
     _, squares, count, _ = sums
-    new_sums = np.array([error, power * (squares + error * relative), power * count + used, total])
-    after = {"theta": theta + raised * relative, "root": new_root, "sums": new_sums}
-    return SymbolicStep(given, {"theta": theta, "root": root, "sums": sums}, after)
+    new_sums = np.array([error, fade * (squares + error * scaled_error), fade * count + used, variance])
+    after = {"theta": theta + P_phi * scaled_error, "root": new_root, "sums": new_sums}
+    return SymbolicStep(inputs, {"theta": theta, "root": root, "sums": sums}, after)
 
 
 def _fade_information(root: Any, direction: Any, share: float) -> Any:
     """Let the information J = 1 / P fade to lambda J + (1 - lambda) J(0), so that unexcited directions return to P(0).
 
-    The second part is added one direction at a time, in turn. Source: Gunnarsson, Combining tracking and
-    regularization in recursive least squares identification, CDC 1996.
+    The caller scales J by lambda. This function adds `share` to the information along a unit vector `direction` (P,);
+    the directions take turns. Source: Gunnarsson, Combining tracking and regularization in recursive least squares
+    identification, CDC 1996.
     """
     f = np.sqrt(share) * (direction @ root)
     total = 1.0 + f @ f
@@ -139,6 +140,7 @@ def _fade_information(root: Any, direction: Any, share: float) -> Any:
 
 
 def _square(root: Array) -> Array:
+    """Return P = S S' of its factor S (..., P, P)."""
     return root @ np.swapaxes(root, -1, -2)
 
 

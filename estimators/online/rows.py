@@ -31,7 +31,10 @@ class History:
         self.after: dict[str, Any] = {}
 
     def remember(self, label: str, value: Any, times: int) -> list[Any]:
-        """Return a value now and at a number of past instants, the newest first."""
+        """Return a value now and at a number of past instants, the newest first.
+
+        A value that is no symbol is constant, and is repeated.
+        """
         if not isinstance(value, Symbol):
             return (times + 1) * [value]
         past = make_symbols(label, times)
@@ -56,17 +59,20 @@ class StickGuards(NamedTuple):
 
 
 def list_laws(terms: Sequence[Term]) -> dict[str, Law]:
-    """List the laws of the columns of terms by label, columns with linear parameters first."""
+    """List the four laws of each column of terms by label; columns with linear parameters come first.
+
+    The labels of column j are mass.j, torque.j (at zero acceleration), power.j and stored.j.
+    """
     columns = [column for term in terms for column in term.columns]
     columns += [column for term in terms for column in term.fixed]
-    parts: dict[str, Law] = {}
+    laws: dict[str, Law] = {}
     for j, column in enumerate(columns):
-        parts[f"mass.{j}"], parts[f"torque.{j}"] = column.mass, partial(column.torque, acceleration=0.0)
-        parts[f"power.{j}"], parts[f"stored.{j}"] = column.power, column.potential or zero
-    return parts
+        laws[f"mass.{j}"], laws[f"torque.{j}"] = column.mass, partial(column.torque, acceleration=0.0)
+        laws[f"power.{j}"], laws[f"stored.{j}"] = column.power, column.potential or zero
+    return laws
 
 
-def balance_rows(
+def compute_balance_rows(
     terms: Sequence[Term],
     index: Any,
     instant: Any,
@@ -92,15 +98,15 @@ def balance_rows(
     """
     _, q, v, a, _, _ = instant
     x: Any = Samples(instant[TIME], q, v, instant[TORQUE])
-    x = replace(x, memory={id: tuple(own) for id, own in memory.items()})
-    own, parts = {}, {}
+    x = replace(x, memory={id: tuple(states) for id, states in memory.items()})
+    law_symbols, laws = {}, {}
     for label, law in list_laws(terms).items():
         value = _evaluate_formula(law, x)
         if value is None:
-            value = own[label] = make_symbols(label)
-        parts[label] = history.remember(label, value, 3)
+            value = law_symbols[label] = make_symbols(label)
+        laws[label] = history.remember(label, value, 3)
 
-    def mean(values: list[Any]) -> Any:
+    def average(values: list[Any]) -> Any:
         """Average over the sample before the instant of the view, of fourth order with four values."""
         newest, at, older, oldest = values
         if not isinstance(newest, Symbol):
@@ -113,17 +119,17 @@ def balance_rows(
     _, acceleration = history.remember("acceleration", a, 1)
     acceleration_mean = (velocity - last_velocity) / period
     kinetic_rate = (velocity * velocity - last_velocity * last_velocity) / (2 * period)
-    found = []
-    for j in range(len(parts) // 4):
-        mass, torque, power, stored = (parts[f"{what}.{j}"] for what in ("mass", "torque", "power", "stored"))
+    rows = []
+    for j in range(len(laws) // 4):
+        mass, torque, power, stored = (laws[f"{part}.{j}"] for part in ("mass", "torque", "power", "stored"))
         at_instant = mass[1] * acceleration + torque[1]
-        impulse = mean(mass) * acceleration_mean + mean(torque)
-        energy = mean(mass) * kinetic_rate + mean(power) + (stored[1] - stored[2]) / period
-        found.append([at_instant, impulse, energy])
+        impulse = average(mass) * acceleration_mean + average(torque)
+        energy = average(mass) * kinetic_rate + average(power) + (stored[1] - stored[2]) / period
+        rows.append([at_instant, impulse, energy])
     count = sum(len(term.columns) for term in terms)
     y = [supplied[0], supplied[1], supplied[1] * ((position - last_position) / period)]
-    y = [value - sum(row[k] for row in found[count:]) for k, value in enumerate(y)]
-    return np.array([*found[:count], y], dtype=object).T, velocity, own
+    y = [value - sum(row[k] for row in rows[count:]) for k, value in enumerate(y)]
+    return np.array([*rows[:count], y], dtype=object).T, velocity, law_symbols
 
 
 def compute_stick_mask(guards: StickGuards, index: Any, velocity: Any, halts: Any, history: History) -> Any:
@@ -173,7 +179,7 @@ def list_windows(schemes: Sequence[Scheme], period: float) -> list[int]:
     return [scheme.operator.samples(period) for scheme in schemes if isinstance(scheme.operator, Integral)]
 
 
-def scheme_equations(
+def update_scheme_equations(
     schemes: Sequence[Scheme],
     views: Any,
     clear: Any,
@@ -192,7 +198,7 @@ def scheme_equations(
         views: the row in each view (3, P + 1).
         clear: whether the row is clear of stick, for each guard (G,).
         moving: whether the joint moves at the sample.
-        oldest: sums of integral schemes one window ago, with their numbers of rows (K, P + 2).
+        oldest: sums of integral schemes one window ago, with their numbers of clear rows (K, P + 2).
         index: of the row since the start.
         period: between rows [s].
         history: states of the recurrence.
@@ -206,8 +212,8 @@ def scheme_equations(
     before["moving"], after["moving"] = make_symbols("moving"), moving
     before["total"] = make_symbols("total", len(windows), width + 1)
     after["total"] = before["total"].copy()
-    found, usable, sums = [], [], itertools.count()
-    for place, scheme in enumerate(schemes):
+    equations, usable, window_numbers = [], [], itertools.count()
+    for s, scheme in enumerate(schemes):
         guard = guards.index(scheme.guard)
         gate = clear[guard]
         if scheme.view != "torque":  # over the step up to the sample
@@ -218,14 +224,14 @@ def scheme_equations(
         if isinstance(scheme.operator, LowPass):
             gain = 1.0 - compute_decay(scheme.operator.cutoff, period)
             for stage in range(scheme.operator.order):
-                label = f"filter.{place}.{stage}"
+                label = f"filter.{s}.{stage}"
                 before[label] = make_symbols(label, width)
                 after[label] = row = before[label] + gain * (row - before[label])
         if isinstance(scheme.operator, Integral):
-            k = next(sums)
+            k = next(window_numbers)
             after["total"][k] = total = before["total"][k] + np.array([*row * period, gate], dtype=object)
-            *row, used = total - (oldest[k] if windows[k] else 0.0)
-            gate = (2 * used >= windows[k] if windows[k] else gate) & (index >= max(1, windows[k]))
-        found.append(row)
+            *row, n_clear = total - (oldest[k] if windows[k] else 0.0)
+            gate = (2 * n_clear >= windows[k] if windows[k] else gate) & (index >= max(1, windows[k]))
+        equations.append(row)
         usable.append(gate)
-    return np.array(found), np.array(usable, dtype=object)
+    return np.array(equations), np.array(usable, dtype=object)

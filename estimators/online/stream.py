@@ -20,12 +20,12 @@ from estimators.online.rows import (
     History,
     StickGuards,
     apply_gate,
-    balance_rows,
+    compute_balance_rows,
     compute_stick_mask,
     list_guards,
     list_laws,
     list_windows,
-    scheme_equations,
+    update_scheme_equations,
 )
 from estimators.schemes.six import Scheme
 from estimators.signals.measurements import Smoothing
@@ -95,18 +95,18 @@ class Stream:
                 raise ValueError(f"{scheme.id} borrows its inertia, which needs a whole recording: set borrows=None")
         self._terms, self._period = tuple(terms), period
         self._balance = TorqueBalance(terms, np.ones(sum(len(term.columns) for term in terms)))
-        length, late = 2 * smoothing.reach + 1, sum(term.delay for term in terms) / period
+        length, dead_time = 2 * smoothing.reach + 1, sum(term.delay for term in terms) / period
         lead_in = round(LEAD_IN / period) if self._balance.has_states else 0
-        self._late = (int(late), late % 1.0) if late else None  # in samples
-        if self._late is not None:  # commands before the start are unknown
-            lead_in = max(lead_in, int(late) + 2)
+        self._dead_time = (int(dead_time), dead_time % 1.0) if dead_time else None  # whole samples, and the rest
+        if self._dead_time is not None:  # commands before the start are unknown
+            lead_in = max(lead_in, int(dead_time) + 2)
         guards = list_guards(schemes)
         distances = tuple(None if g is None else max(smoothing.reach + 1, round(g / period)) for g in guards)
         behind = max([1, *(distance for distance in distances if distance is not None)])
-        guarded = StickGuards(distances, behind, lead_in, smoothing.slowest)
+        stick_guards = StickGuards(distances, behind, lead_in, smoothing.slowest)
         self.delay, self._behind = smoothing.reach + behind, behind
-        self._machine = Machine(_advance_instant, (self._terms, tuple(schemes), guarded, period), batch)
-        self._own = self._laws()
+        self._machine = Machine(_advance_instant, (self._terms, tuple(schemes), stick_guards, period), batch)
+        self._numeric_laws = self._list_numeric_laws()
         # weights of the last samples, the oldest first; a sample is time, position, its increment and torque, where the
         # newest torque acted until the newest position
         weights = np.zeros((INSTANT, length, 4))
@@ -117,29 +117,29 @@ class Stream:
         self._weights = weights.reshape(INSTANT, 4 * length)
         # each sample is written twice, so that the last ones are contiguous
         self._samples = np.zeros((2, length, 4, batch))
-        self._instants = np.zeros((behind + int(late) + 2, INSTANT, batch))
+        self._instants = np.zeros((behind + int(dead_time) + 2, INSTANT, batch))
         self._halts = np.full((behind + 1, batch), NEVER)  # index of the last halt, as of the last instants
-        self._looked = [(k, behind - n) for k, n in enumerate(distances) if n is not None and n < behind]
+        self._shorter_guards = [(k, behind - n) for k, n in enumerate(distances) if n is not None and n < behind]
         width = self._machine.now["total"].shape[1]
         self._sums = [(k, np.zeros((n, width, batch))) for k, n in enumerate(list_windows(schemes, period)) if n]
         self._arrival = Machine(_receive_sample, (SAMPLING.long * period,), batch)
         self._index = np.full(batch, -length, dtype=np.intp)
-        self._none = np.zeros(batch, dtype=bool)
-        self._last: Samples | None = None
+        self._no_restart = np.zeros(batch, dtype=bool)
+        self._last_instant: Samples | None = None
         self._count = 0
         self.reset(np.ones(batch, dtype=bool))
 
-    def _laws(self) -> dict[str, Any]:
-        """List the laws that are no formulas, by their symbol."""
+    def _list_numeric_laws(self) -> dict[str, Any]:
+        """List the laws that are no formulas, by the symbol of their value."""
         given = self._machine.given
         return {label: law for label, law in list_laws(self._terms).items() if label in given}
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_own"}
+        return {name: value for name, value in self.__dict__.items() if name != "_numeric_laws"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._own = self._laws()  # columns hold functions, which cannot be pickled
+        self._numeric_laws = self._list_numeric_laws()  # columns hold functions, which cannot be pickled
 
     def reset(self, which: Mask) -> None:
         """Restart pendulums (B,) with their next sample; smoothing and filters start from rest."""
@@ -164,40 +164,44 @@ class Stream:
         sample = arrival.given["sample"]
         sample[0], sample[1], sample[2] = time, position, torque
         arrival.step()
-        restarted = self._none
+        restarted = self._no_restart
         if np.count_nonzero(arrival.now["restarted"]):
             restarted = arrival.now["restarted"] > 0
             self.reset(restarted)
         self._smooth(arrival.now["taken"])
-        return (self._equations(restarted),)
+        return (self._advance(restarted),)
 
-    def _smooth(self, taken: Array) -> None:
-        """Compute the newest smoothed instant."""
+    def _smooth(self, sample: Array) -> None:
+        """Add a sample to the ring and smooth the newest instant.
+
+        The sample (4, B) has time, position, increment of position, and torque. The instant (6, B) lies `reach` samples
+        earlier. `_advance` advances `_count`.
+        """
         length = self._samples.shape[1]
         slot, instant = self._count % length, self._instants[self._count % len(self._instants)]
-        self._samples[:, slot] = taken
+        self._samples[:, slot] = sample
         window = self._samples.reshape(8 * length, -1)[4 * (slot + 1) : 4 * (slot + 1 + length)]
         np.matmul(self._weights, window, out=instant)
         self._index += 1
 
-    def _equations(self, restarted: Mask) -> StreamEquations:
-        """Compute the equations of the sample that lies `behind` the newest instant."""
+    def _advance(self, restarted: Mask) -> StreamEquations:
+        """Advance the recurrence by one instant; return the equations of the sample `behind` the newest instant."""
         given, now, count, ring = self._machine.given, self._machine.now, self._count, self._instants
         row = count - self._behind
         following = ring[(row + 1) % len(ring)]
         given["index"][:], given["newest"][:] = self._index, ring[count % len(ring), VELOCITY]
         given["instant"][:] = following
         index = self._index - self._behind
-        if self._late is not None:
-            given["supplied"][:] = self._supplied(row, *self._late)
-        for k, past in self._looked:
+        if self._dead_time is not None:
+            given["supplied"][:] = self._delay_torque(row, *self._dead_time)
+        for k, past in self._shorter_guards:
             given["halts"][k] = self._halts[(count - past) % len(self._halts)]
         for k, sums in self._sums:
             given["oldest"][k] = sums[count % len(sums)]
-        if self._own or self._balance.has_states:
-            self._evaluate(index + 1, following.copy())
+        if self._numeric_laws or self._balance.has_states:
+            self._evaluate_laws(index + 1, following.copy())
         self._machine.step()
-        if self._looked:
+        if self._shorter_guards:
             self._halts[count % len(self._halts)] = now["halt"]
         for k, sums in self._sums:
             sums[count % len(sums)] = now["total"][k]
@@ -212,45 +216,63 @@ class Stream:
             following,
         )
 
-    def _supplied(self, row: int, whole: int, share: float) -> Array:
-        """Return the delayed torque at an instant and over the sample before it (2, B)."""
+    def _delay_torque(self, row: int, whole: int, share: float) -> Array:
+        """Return the torque at instant `row` and over the sample before it (2, B).
+
+        The torque is delayed by `whole + share` samples.
+        """
         ring = self._instants
         return (1 - share) * ring[(row - whole) % len(ring), TORQUE:] + share * ring[
             (row - whole - 1) % len(ring), TORQUE:
         ]
 
-    def _evaluate(self, index: Index, values: Array) -> None:
-        """Evaluate states of terms, and laws that are no formulas, at the following instant."""
+    def _evaluate_laws(self, index: Index, instant: Array) -> None:
+        """Evaluate states of terms, and laws that are no formulas; write them to the inputs of the recurrence.
+
+        Args:
+            index: of the instant since the start of each pendulum (B,); states start anew up to index 0.
+            instant: values of the instant that follows that of the last call (6, B).
+        """
         given, balance = self._machine.given, self._balance
-        x = Samples(values[TIME], values[POSITION], values[VELOCITY], values[TORQUE])
+        x = Samples(instant[TIME], instant[POSITION], instant[VELOCITY], instant[TORQUE])
         if balance.has_states:
             memory = balance.start(x)
-            if self._last is not None:
-                way = replace(self._last, torque=values[HELD])
-                moved = balance.advance(way, 0.5 * (way.velocity + x.velocity), self._period)
+            if self._last_instant is not None:
+                last_with_held_torque = replace(self._last_instant, torque=instant[HELD])
+                next_states = balance.advance(
+                    last_with_held_torque, 0.5 * (last_with_held_torque.velocity + x.velocity), self._period
+                )
                 memory = {
-                    id: tuple(np.where(index <= 0, a, b) for a, b in zip(own, moved[id], strict=True))
-                    for id, own in memory.items()
+                    id: tuple(np.where(index <= 0, a, b) for a, b in zip(states, next_states[id], strict=True))
+                    for id, states in memory.items()
                 }
-            for id, own in memory.items():
-                given[f"memory.{id}"][:] = own
-            self._last = x = replace(x, memory=memory)
-        for label, law in self._own.items():
+            for id, states in memory.items():
+                given[f"memory.{id}"][:] = states
+            self._last_instant = x = replace(x, memory=memory)
+        for label, law in self._numeric_laws.items():
             given[label][:] = law(x)
 
 
 def _receive_sample(longest: float) -> SymbolicStep:
-    """Build the check of a sample in symbols: its finite values, and whether it follows the last one."""
+    """Build the check of a sample in symbols.
+
+    `taken` holds time, position, increment of position and torque, each 0 if the sample is not finite. `restarted` is 1
+    for such a sample, and for one later than `longest` [s] after the last.
+    """
     sample, (time, position) = make_symbols("sample", 3), make_symbols("last", 2)
     is_number = np.abs(sample[0] + sample[1] + sample[2]) < np.inf
-    now = [np.where(is_number, value, 0.0) for value in sample]
-    taken = np.array([now[0], now[1], now[1] - position, now[2]])
-    after = {"last": taken[:2], "taken": taken, "restarted": 1.0 - is_number * (now[0] - time <= longest)}
+    values = [np.where(is_number, value, 0.0) for value in sample]
+    with_increment = np.array([values[0], values[1], values[1] - position, values[2]])
+    after = {
+        "last": with_increment[:2],
+        "taken": with_increment,
+        "restarted": 1.0 - is_number * (values[0] - time <= longest),
+    }
     return SymbolicStep({"sample": sample}, {"last": np.array([time, position])}, after)
 
 
 def _advance_instant(
-    terms: Sequence[Term], schemes: Sequence[Scheme], guarded: StickGuards, period: float
+    terms: Sequence[Term], schemes: Sequence[Scheme], guards: StickGuards, period: float
 ) -> SymbolicStep:
     """Build the step by one instant in symbols, up to the equations of the sample `behind` the newest."""
     index, instant, newest, history = (
@@ -259,22 +281,24 @@ def _advance_instant(
         make_symbols("newest"),
         History(),
     )
-    given = {"index": index, "instant": instant, "newest": newest}
+    inputs = {"index": index, "instant": instant, "newest": newest}
     if any(term.delay for term in terms):
-        supplied = given["supplied"] = make_symbols("supplied", 2)
+        supplied = inputs["supplied"] = make_symbols("supplied", 2)
     else:
         supplied = [history.remember(f"supplied.{k}", instant[k], 1)[1] for k in (TORQUE, HELD)]
     at_rest = TorqueBalance(terms, np.ones(sum(len(term.columns) for term in terms))).start(Samples(*np.zeros((4, 1))))
-    memory = {id: make_symbols(f"memory.{id}", len(own)) for id, own in at_rest.items()}
-    given |= {f"memory.{id}": own for id, own in memory.items()}
-    views, velocity, own = balance_rows(terms, index - (guarded.behind - 1), instant, supplied, memory, period, history)
-    given["halts"] = make_symbols("halts", len(guarded.distances))
-    clear = compute_stick_mask(guarded, index, newest, given["halts"], history)
-    given["oldest"] = make_symbols("oldest", len(list_windows(schemes, period)), views.shape[1] + 1)
-    moving, place = np.abs(velocity) > guarded.slowest, index - guarded.behind
-    found, usable = scheme_equations(schemes, views, clear, moving, given["oldest"], place, period, history)
-    results = {"regressor": apply_gate(views[0, :-1], clear[0]), "equations": found, "usable": usable}
-    return SymbolicStep(given | own, history.before, history.after | results)
+    memory = {id: make_symbols(f"memory.{id}", len(states)) for id, states in at_rest.items()}
+    inputs |= {f"memory.{id}": states for id, states in memory.items()}
+    views, velocity, law_symbols = compute_balance_rows(
+        terms, index - (guards.behind - 1), instant, supplied, memory, period, history
+    )
+    inputs["halts"] = make_symbols("halts", len(guards.distances))
+    clear = compute_stick_mask(guards, index, newest, inputs["halts"], history)
+    inputs["oldest"] = make_symbols("oldest", len(list_windows(schemes, period)), views.shape[1] + 1)
+    moving, place = np.abs(velocity) > guards.slowest, index - guards.behind
+    equations, usable = update_scheme_equations(schemes, views, clear, moving, inputs["oldest"], place, period, history)
+    results = {"regressor": apply_gate(views[0, :-1], clear[0]), "equations": equations, "usable": usable}
+    return SymbolicStep(inputs | law_symbols, history.before, history.after | results)
 
 
 class Clock:
@@ -286,7 +310,7 @@ class Clock:
 
     def __init__(self, rate: float) -> None:
         """Create a clock with a rate [Hz]."""
-        self._rate, self.time, self._came = rate, -math.inf, False
+        self._rate, self.time, self._was_on_time = rate, -math.inf, False
 
     def restart(self) -> None:
         """Accept any time next."""
@@ -294,21 +318,21 @@ class Clock:
 
     def tick(self, time: float) -> bool:
         """Check the time of a sample [s], and return whether a gap lies before it."""
-        passed = time - self.time
-        if passed <= 0:
+        elapsed = time - self.time
+        if elapsed <= 0:
             raise ValueError(
                 f"a sample at {time:.6g} s follows one at {self.time:.6g} s: call reset where time restarts"
             )
-        on_time, follows = 0.9 < passed * self._rate < 1.1, math.isfinite(passed)
-        gap = follows and not on_time
-        if gap and not (self._came and passed * self._rate > SAMPLING.long):
-            raise ValueError(f"samples come every {passed:.4g} s, not at {self._rate:g} Hz: pass rate=")
-        self.time, self._came = time, self._came or on_time
-        return gap
+        is_on_time, has_previous = 0.9 < elapsed * self._rate < 1.1, math.isfinite(elapsed)
+        is_gap = has_previous and not is_on_time
+        if is_gap and not (self._was_on_time and elapsed * self._rate > SAMPLING.long):
+            raise ValueError(f"samples come every {elapsed:.4g} s, not at {self._rate:g} Hz: pass rate=")
+        self.time, self._was_on_time = time, self._was_on_time or is_on_time
+        return is_gap
 
 
 def check_rate(rate: float) -> float:
-    """Return a rate [Hz]."""
+    """Return a rate [Hz] if it is positive and finite."""
     if not 0 < rate < math.inf:
         raise ValueError(f"the rate cannot be {rate:g} Hz: give a positive number")
     return rate

@@ -55,6 +55,6 @@ def test_a_gain_that_an_incomplete_model_always_leaves_is_no_evidence_and_a_larg
     gains[500:] += 40.0
     evidence = []
     for gain in gains:
-        e_process.take(np.array([usual.excess(gain)]))
+        e_process.take(np.array([usual.take_gain(gain)]))
         evidence.append(e_process.log_mean_wealth)
     assert max(evidence[:500]) < compute_threshold(1.0, BLOCK) < max(evidence[500:530])
