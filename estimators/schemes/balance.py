@@ -44,10 +44,10 @@ class Stack:
         equations: R equations in P unknowns.
         usable: those that are away from stick (R,).
         weights: of the equations (R,).
-        joint: number of the joint (R,), 0 where the balances of the joints add up.
+        joint: number of the joint (R,), 0 if the balances of the joints are summed.
         recording: number of the recording (R,).
         clusters: short stretches of time (R,), never across recordings.
-        time: seconds of recording taken in (R,) [s].
+        time: duration of all segments up to the equation (R,) [s].
         starts: where each segment starts.
     """
 
@@ -92,123 +92,154 @@ OF_LINKS: dict[
 
 def adapt_to_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
     """Adapt schemes to arms: energy schemes have no guard, since one of many joints is always near a reversal."""
-    chosen = []
-    for one in schemes:
-        if not isinstance(one, Scheme):
-            raise TypeError(f"{one.id} is a scheme of one joint: an arm takes the six, perhaps with other options")
-        chosen.append(replace(one, guard=None) if one.adds_up else one)
-    return tuple(chosen)
+    adapted = []
+    for scheme in schemes:
+        if not isinstance(scheme, Scheme):
+            raise TypeError(f"{scheme.id} is a scheme of one joint: an arm takes the six, perhaps with other options")
+        adapted.append(replace(scheme, guard=None) if scheme.adds_up else scheme)
+    return tuple(adapted)
 
 
 ARM_SCHEMES = adapt_to_arms(SCHEMES)
 
 
 def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[Equations]:
-    """Compute the balances of N samples in the parameters of terms, the links first: one per joint, or one of all."""
+    """Compute the balance of N samples for each joint, or the summed balance of energy.
+
+    A column of a term acts on each loaded joint, times its factor. A fixed column acts on the first loaded joint alone,
+    without its factor.
+
+    Args:
+        joints: measurements of the n joints at the same N instants.
+        terms: of the model, the links first.
+        view: `torque`, `impulse` or `energy`, a key of `VIEWS`.
+    """
     links, *others = terms
     assert isinstance(links, Links)
     names = links.body.joints
     joints = tuple(
-        add_states(m, [own for own in others if own.at == name]) for name, m in zip(names, joints, strict=True)
+        add_states(m, [term for term in others if term.at == name]) for name, m in zip(names, joints, strict=True)
     )
-    of_column, supplied = six.VIEWS[view]
-    of_body = OF_LINKS[view](joints, links.body)  # (N, n or 1, P)
-    first = of_body.shape[2]
-    phi = np.zeros((*of_body.shape[:2], first + sum(len(own.columns) for own in others)))
-    phi[:, :, :first] = of_body
+    view_column, supplied = six.VIEWS[view]
+    link_columns = OF_LINKS[view](joints, links.body)  # (N, n or 1, P)
+    column_index = link_columns.shape[2]
+    phi = np.zeros((*link_columns.shape[:2], column_index + sum(len(term.columns) for term in others)))
+    phi[:, :, :column_index] = link_columns
     y = np.column_stack([supplied(m) for m in joints])
-    for own in others:
-        factors = {names.index(joint): factor for joint, factor in list_loads(own.at).items()}
-        m, place = _combine_measurements(joints, factors), next(iter(factors))
-        for column in own.columns:
-            values = of_column(m, column)
+    for term in others:
+        factors = {names.index(joint): factor for joint, factor in list_loads(term.at).items()}
+        m, loaded_joint = _combine_measurements(joints, factors), next(iter(factors))
+        for column in term.columns:
+            values = view_column(m, column)
             for row, factor in ({0: 1.0} if view == "energy" else factors).items():
-                phi[:, row, first] = factor * values
-            first += 1
-        for column in own.fixed:
-            y[:, place] -= of_column(m, column)
+                phi[:, row, column_index] = factor * values
+            column_index += 1
+        for column in term.fixed:
+            y[:, loaded_joint] -= view_column(m, column)
     if view == "energy":
         y = y.sum(axis=1, keepdims=True)
     return [Equations(phi[:, k], y[:, k]) for k in range(y.shape[1])]
 
 
 def apply_scheme(scheme: Scheme, balances: Sequence[Equations], joints: Joints) -> list[Regression]:
-    """Apply a scheme to the balance of each joint, or to the balance of all."""
+    """Apply a scheme to the balance of each joint, or to the summed balance.
+
+    For a summed balance, samples near stick of any joint are left out if the scheme has a guard.
+    """
     clear = [m.find_clear(scheme.guard) for m in joints]
     gates = [np.all(clear, axis=0)] if scheme.adds_up else clear
     moving = np.any([m.moving for m in joints], axis=0)
     period = joints[0].period
     return [
-        scheme.apply_operator(own, scheme.gate(gate, moving), period) for own, gate in zip(balances, gates, strict=True)
+        scheme.apply_operator(balance, scheme.gate(gate, moving), period)
+        for balance, gate in zip(balances, gates, strict=True)
     ]
 
 
 def _combine_measurements(joints: Joints, factors: Mapping[int, float]) -> Measurements:
-    """Combine measurements of joints by factors; for one joint, return its measurements."""
+    """Combine position, velocity and acceleration of joints, weighted by `factors` of joint numbers.
+
+    The other series are those of the first joint. For one joint, its measurements are returned as they are, without the
+    factor.
+    """
     first = joints[next(iter(factors))]
     if len(factors) == 1:
         return first
-    turns = np.array(list(factors.values()))
-    position, velocity, acceleration = (part[:, list(factors)] @ turns for part in stack_motion(joints))
+    weights = np.array(list(factors.values()))
+    position, velocity, acceleration = (series[:, list(factors)] @ weights for series in stack_motion(joints))
     return replace(first, position=position, velocity=velocity, acceleration=acceleration)
 
 
 def measure_segments(recordings: Sequence[Recording], terms: Sequence[Term]) -> Segments:
     """Measure the joints in each segment of recordings, with the states of the terms along the motion."""
     names = terms[0].mechanism.joints
-    own = [[term for term in terms if term.at == name] for name in names]
+    terms_of_joint = [[term for term in terms if term.at == name] for name in names]
     return [
-        [tuple(map(add_states, joints, own)) for joints in measure_joints(recording.joints)] for recording in recordings
+        [tuple(map(add_states, joints, terms_of_joint)) for joints in measure_joints(recording.joints)]
+        for recording in recordings
     ]
 
 
 def make_regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Regression]]:
-    """Compute the regression of each joint, or of all joints; balances of an arm are memoised."""
-    kept: dict[tuple[int, str], list[Equations]] = {}
+    """Return a function that computes the regression of each joint, or of all joints, from scheme and measurements.
 
-    def of(scheme: Regressor, joints: Joints) -> list[Regression]:
+    Balances of an arm are memoised by the identity of `joints`.
+    """
+    balances: dict[tuple[int, str], list[Equations]] = {}
+
+    def compute_regressions(scheme: Regressor, joints: Joints) -> list[Regression]:
         if not (isinstance(scheme, Scheme) and isinstance(terms[0], Links)):
             return [scheme.regression(m, terms) for m in joints]
         key = id(joints), scheme.view
-        if key not in kept:
-            kept[key] = compute_balances(joints, terms, scheme.view)
-        return apply_scheme(scheme, kept[key], joints)
+        if key not in balances:
+            balances[key] = compute_balances(joints, terms, scheme.view)
+        return apply_scheme(scheme, balances[key], joints)
 
-    return of
+    return compute_regressions
 
 
-def stack(segments: Segments, of: Callable[[Joints], list[Regression]], terms: Sequence[Term] = ()) -> Stack:
-    """Stack the equations of all segments, weighted by the noise of recordings and joints."""
-    measured = [joints[0] for own in segments for joints in own]
-    parts = [of(joints) for own in segments for joints in own]
-    length, count = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS), len(parts[0])
-    clusters, times, seconds, first = [], [], 0.0, 0
+def stack(
+    segments: Segments, compute_regressions: Callable[[Joints], list[Regression]], terms: Sequence[Term] = ()
+) -> Stack:
+    """Stack the equations of all segments, weighted by the noise of joints, or of the recordings of a pendulum.
+
+    Args:
+        segments: measurements of the joints in each segment of each recording.
+        compute_regressions: returns the regression of each joint from their measurements.
+        terms: of the columns; known parameters are subtracted before the noise of recordings is compared.
+    """
+    measured = [joints[0] for group in segments for joints in group]
+    regressions = [compute_regressions(joints) for group in segments for joints in group]
+    cluster_time, count = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS), len(regressions[0])
+    clusters, times, total_time, n_clusters = [], [], 0.0, 0
     for m in measured:
         elapsed = np.arange(1, len(m) + 1) * m.period
-        cluster = np.minimum((elapsed / length).astype(np.intp), max(0, round(elapsed[-1] / length) - 1))
-        clusters.append(first + cluster)
-        times.append(seconds + elapsed)
-        seconds, first = seconds + float(elapsed[-1]), first + int(cluster[-1]) + 1
+        cluster = np.minimum((elapsed / cluster_time).astype(np.intp), max(0, round(elapsed[-1] / cluster_time) - 1))
+        clusters.append(n_clusters + cluster)
+        times.append(total_time + elapsed)
+        total_time, n_clusters = total_time + float(elapsed[-1]), n_clusters + int(cluster[-1]) + 1
     equations = Equations(
-        np.concatenate([_interleave_rows([own.equations.phi for own in part]) for part in parts]),
-        np.concatenate([_interleave_rows([own.equations.y for own in part]) for part in parts]),
+        np.concatenate([_interleave_rows([r.equations.phi for r in of_joints]) for of_joints in regressions]),
+        np.concatenate([_interleave_rows([r.equations.y for r in of_joints]) for of_joints in regressions]),
     )
-    usable = np.concatenate([_interleave_rows([own.usable for own in part]) for part in parts])
-    recording = np.repeat(np.arange(len(segments)), [sum(len(joints[0]) for joints in own) * count for own in segments])
+    usable = np.concatenate([_interleave_rows([r.usable for r in of_joints]) for of_joints in regressions])
+    n_instants = [sum(len(joints[0]) for joints in group) for group in segments]
+    recording = np.repeat(np.arange(len(segments)), count * np.array(n_instants))
     joint = np.tile(np.arange(count), len(usable) // count)
     weights = np.ones(len(usable))
     if count > 1:
         weights[usable] = weigh_joints(Equations(equations.phi[usable], equations.y[usable]), joint[usable])
     elif len(segments) > 1:
-        given = {j: column.least for j, column in enumerate(c for t in terms for c in t.columns) if column.is_known}
-        open_to = give(equations, list(given), np.array(list(given.values())))
-        theta = np.linalg.lstsq(open_to.phi[usable], open_to.y[usable], rcond=None)[0]
-        residual = (open_to.y - open_to.phi @ theta) * usable
+        columns = [column for term in terms for column in term.columns]
+        known_values = {j: column.least for j, column in enumerate(columns) if column.is_known}
+        unknown_part = give(equations, list(known_values), np.array(list(known_values.values())))
+        theta = np.linalg.lstsq(unknown_part.phi[usable], unknown_part.y[usable], rcond=None)[0]
+        residual = (unknown_part.y - unknown_part.phi @ theta) * usable
         squares = np.asarray(np.bincount(recording, residual**2), dtype=float)
         weights = weigh_recordings(squares, np.bincount(recording, usable), 0.0)[recording]
-    clusters_of, time = (np.repeat(np.concatenate(own), count) for own in (clusters, times))
+    cluster_of_row, time = (np.repeat(np.concatenate(series), count) for series in (clusters, times))
     starts = tuple((count * np.cumsum([0, *(len(m) for m in measured[:-1])])).tolist())
-    return Stack(equations, usable, weights, joint, recording, clusters_of, time, starts)
+    return Stack(equations, usable, weights, joint, recording, cluster_of_row, time, starts)
 
 
 def _interleave_rows(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
@@ -217,10 +248,10 @@ def _interleave_rows(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 
 def find_momentum_columns(terms: Sequence[Term]) -> list[int]:
-    """Return the indices of the columns of the momentum."""
-    own = [column.mass is not zero for term in terms for column in term.columns]
+    """Return the indices of the columns with mass, which together make the momentum."""
+    has_momentum = [column.mass is not zero for term in terms for column in term.columns]
     if isinstance(terms[0], Links):  # whose columns `Body` has
         body = terms[0].body
         q, v = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, 20, len(body.joints)))
-        own[: len(body.base)] = np.abs(body.momentum(q, v)).max(axis=(0, 1)) > 1e-9
-    return np.flatnonzero(own).tolist()
+        has_momentum[: len(body.base)] = np.abs(body.momentum(q, v)).max(axis=(0, 1)) > 1e-9
+    return np.flatnonzero(has_momentum).tolist()

@@ -29,7 +29,7 @@ from pendulum_env.recording import Recording, TorqueConstant
 from pendulum_env.units import JointUnits
 
 POINTS = 200  # of the history
-FEWEST = 10  # clusters that hold motion, below which standard errors mean little
+MIN_CLUSTERS = 10  # with motion; standard errors from fewer are inaccurate
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,9 @@ class Convergence:
     """Convergence of the estimates: the recursion of the paper at K instants.
 
     Attributes:
-        time: seconds of recording taken in, one recording after the other (K,) [s].
-        theta: (K, P), in the order of the model's columns; what was given stays as it is.
-        std: standard errors (K, P), in the proportions of the recursion's P and ending at those of the model.
+        time: duration of the recordings up to the instant, one after the other (K,) [s].
+        theta: (K, P), in the order of the model's columns; known and borrowed parameters are constant.
+        std: standard errors (K, P), those of the recursion scaled to end at those of the model.
     """
 
     time: Array
@@ -58,13 +58,13 @@ class Identified:
     Attributes:
         scheme: its id.
         model: terms with estimates and standard errors that hold under correlated residuals.
-        convergence: the recursive estimate on its way; it ends at the model up to P(0).
+        convergence: history of the recursive estimates; it ends at the model, except for the effect of P(0).
         residual_rms: the paper's norm (10) of the scheme's own residual, in `unit`.
         unit: of y and the residual.
         condition: condition number of the regressor, columns scaled to equal length.
-        used: equations that were used, of all there are.
-        residuals: the norm of each joint, or of all together, in `units`.
-        units: of these.
+        used: numbers of used and of all equations.
+        residuals: RMS residual of each joint, or of the summed balance, in `units`.
+        units: of the residuals.
     """
 
     scheme: str
@@ -83,8 +83,8 @@ class Identified:
         return frozenset(name for name, estimate in self.model.estimates.items() if estimate.is_unknown)
 
     def __repr__(self) -> str:
-        told = (f"{name} {estimate.text}" for name, estimate in self.model.estimates.items())
-        return f"<Identified by {self.scheme}: {', '.join(told)}>"
+        texts = (f"{name} {estimate.text}" for name, estimate in self.model.estimates.items())
+        return f"<Identified by {self.scheme}: {', '.join(texts)}>"
 
     def _repr_html_(self) -> str:
         return render_html(self)
@@ -99,12 +99,15 @@ class Identified:
         model = restore_known(self.model, terms, recordings)
         return self if model is self.model else replace(self, model=model)
 
-    def with_constant_error(self, constant: TorqueConstant, there: Model) -> Identified:
-        """Add the standard error of the torque constant; one standard error more gives the parameters `there`."""
-        model = widen_by_constant(self.model, constant, self.model, there)
+    def with_constant_error(self, constant: TorqueConstant, changed: Model) -> Identified:
+        """Add the standard error of the torque constant to those of the parameters.
+
+        `changed` is the model fitted with the constant plus one standard error.
+        """
+        model = widen_by_constant(self.model, constant, self.model, changed)
         old, new = (np.array([e.std for e in m.estimates.values()])[: len(m.theta)] for m in (self.model, model))
-        course = replace(self.convergence, std=self.convergence.std * (new / np.maximum(old, 1e-300)))
-        return replace(self, model=model, convergence=course)
+        convergence = replace(self.convergence, std=self.convergence.std * (new / np.maximum(old, 1e-300)))
+        return replace(self, model=model, convergence=convergence)
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; withheld estimates are null."""
@@ -113,12 +116,12 @@ class Identified:
             for name, estimate in self.model.estimates.items()
         }
         names = self.model.body.joints if len(self.units) > 1 else ("",)  # energies of joints add up
-        own = zip(names, self.residuals, self.units, strict=True)
-        joints = {name: {"rms": rms, "unit": unit} for name, rms, unit in own}
-        together = joints[""] if "" in joints else {"rms": None, "unit": None}
+        rows = zip(names, self.residuals, self.units, strict=True)
+        joints = {name: {"rms": rms, "unit": unit} for name, rms, unit in rows}
+        total = joints[""] if "" in joints else {"rms": None, "unit": None}
         return {
             "theta": theta,
-            "residual": {**together, "joints": joints},
+            "residual": {**total, "joints": joints},
             "condition": self.condition,
             "used": list(self.used),
             "convergence": self.convergence.json(),
@@ -136,20 +139,25 @@ def fit_schemes(
     terms: Sequence[Term],
     recordings: Sequence[Recording],
 ) -> dict[str, Identified]:
-    """Fit each scheme to the segments of recordings."""
-    joints, names, of = terms[0].mechanism.joints, join_names(recordings), make_regressions(terms)
+    """Fit each scheme to the segments of recordings; return the results by id of the scheme.
+
+    Raises:
+        IdentificationError: if fewer than `MIN_CLUSTERS` clusters, or no sample of a joint, are clear of stick.
+        ValueError: if a scheme borrows from a scheme that does not come before it.
+    """
+    joints, names, compute_regressions = terms[0].mechanism.joints, join_names(recordings), make_regressions(terms)
     results: dict[str, Identified] = {}
     for scheme in schemes:
-        data = stack(segments, partial(of, scheme), terms)
-        if len(np.unique(data.clusters[data.usable])) < FEWEST:
+        data = stack(segments, partial(compute_regressions, scheme), terms)
+        if len(np.unique(data.clusters[data.usable])) < MIN_CLUSTERS:
             raise IdentificationError(
                 f"{names}: too little of the motion is clear of stick and reversals: record longer, faster or wider "
                 "motion"
             )
-        hidden = np.setdiff1d(data.joint, data.joint[data.usable])
-        if len(hidden):
+        idle_joints = np.setdiff1d(data.joint, data.joint[data.usable])
+        if len(idle_joints):
             raise IdentificationError(
-                f"{names}: joint '{joints[hidden[0]]}' is never clear of stick and reversals: record longer, "
+                f"{names}: joint '{joints[idle_joints[0]]}' is never clear of stick and reversals: record longer, "
                 "faster or wider motion of it"
             )
         if scheme.borrows is not None and scheme.borrows not in results:
@@ -162,38 +170,39 @@ def fit_schemes(
 def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model | None = None) -> Identified:
     """Fit the equations: batch estimate with standard errors under correlated residuals, and the recursion.
 
-    The inertia, or all that makes the momentum of an arm, is that of the lender; without one it is estimated.
+    The parameters of the momentum are those of the lender; without one they are estimated. A parameter beyond its bound
+    is held at the bound, and the others are fitted again.
     """
     columns = [column for term in terms for column in term.columns]
-    loans = {j: lender.estimates[columns[j].name] for j in find_momentum_columns(terms)} if lender is not None else {}
+    borrowed = {} if lender is None else {j: lender.estimates[columns[j].name] for j in find_momentum_columns(terms)}
     known = {j: Estimate(column.least, 0.0, column.unit) for j, column in enumerate(columns) if column.is_known}
-    loans = {j: loan for j, loan in loans.items() if j not in known}
-    use = data.usable
-    clusters = np.unique(data.clusters[use], return_inverse=True)[1]
+    borrowed = {j: estimate for j, estimate in borrowed.items() if j not in known}
+    usable = data.usable
+    clusters = np.unique(data.clusters[usable], return_inverse=True)[1]
     while True:
-        given: Mapping[int, Estimate] = loans | known
+        given: Mapping[int, Estimate] = borrowed | known
         free = [j for j in range(len(columns)) if j not in given]
-        lent = np.array([estimate.value for estimate in given.values()])
-        equations = give(data.equations, list(given), lent)
-        # What was lent comes from the same data: its uncertainty widens that of the others
-        jacobian = data.equations.phi[use][:, list(loans)] if loans else None
-        fit = solve(Equations(equations.phi[use], equations.y[use]), data.weights[use], clusters, jacobian)
+        given_values = np.array([estimate.value for estimate in given.values()])
+        equations = give(data.equations, list(given), given_values)
+        # borrowed values come from the same data: their uncertainty widens that of the others
+        jacobian = data.equations.phi[usable][:, list(borrowed)] if borrowed else None
+        fit = solve(Equations(equations.phi[usable], equations.y[usable]), data.weights[usable], clusters, jacobian)
         values = dict(zip(free, fit.theta.tolist(), strict=True))
-        left = [j for j, value in values.items() if not columns[j].is_allowed(value)]
-        if not left:
+        beyond_bounds = [j for j, value in values.items() if not columns[j].is_allowed(value)]
+        if not beyond_bounds:
             break
-        known |= {j: Estimate(columns[j].clamp(values[j]), 0.0, columns[j].unit) for j in left}  # stays at its bound
+        known |= {j: Estimate(columns[j].clamp(values[j]), 0.0, columns[j].unit) for j in beyond_bounds}
     if scheme.drifts:
         fit = replace(fit, covariance=_compute_random_walk_covariance(equations, data, fit.theta))
 
     theta, std, count = np.empty(len(columns)), np.empty(len(columns)), len(free)
-    theta[free], theta[list(given)] = fit.theta, lent
+    theta[free], theta[list(given)] = fit.theta, given_values
     std[free], std[list(given)] = fit.std[:count], [estimate.std for estimate in given.values()]
     model = Model.build(terms, theta, std).with_covariance(
         [columns[j].name for j in free], fit.covariance[:count, :count]
     )
-    each = int(data.joint.max()) + 1  # equations of an instant, which the recursion takes one after the other
-    last = (choose_indices(len(data.time) // each, POINTS) + 1) * each - 1
+    n_joints = int(data.joint.max()) + 1  # equations of an instant, which the recursion takes one after the other
+    last = (choose_indices(len(data.time) // n_joints, POINTS) + 1) * n_joints - 1
     return Identified(
         scheme=scheme.id,
         model=make_arm_model(model),
@@ -201,8 +210,8 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
         residual_rms=fit.rms,
         unit=scheme.unit,
         condition=fit.condition,
-        used=(int(use.sum()), len(use)),
-        residuals=tuple(compute_joint_rms(fit.residual, data.joint[use]).tolist()),
+        used=(int(usable.sum()), len(usable)),
+        residuals=tuple(compute_joint_rms(fit.residual, data.joint[usable]).tolist()),
         units=_list_units(scheme, terms),
     )
 
@@ -223,13 +232,14 @@ def _compute_random_walk_covariance(equations: Equations, data: Stack, theta: Ar
     weights = (data.weights * data.usable)[:, None]
     phi, error = equations.phi * weights, (equations.y - equations.phi @ theta) * data.usable
     ends, joints = [*data.starts[1:], len(error)], int(data.joint.max()) + 1
-    rest, increment = np.empty_like(phi), np.empty_like(error)
+    later_phi, increment = np.empty_like(phi), np.empty_like(error)
     for begin, end in zip(data.starts, ends, strict=True):
-        for own in (slice(first, end, joints) for first in range(begin, begin + joints)):  # each sums by itself
-            rest[own] = np.cumsum((phi * weights)[own][::-1], axis=0)[::-1]
-            increment[own] = np.diff(error[own], prepend=0.0)
+        for first in range(begin, begin + joints):
+            rows = slice(first, end, joints)  # of one joint
+            later_phi[rows] = np.cumsum((phi * weights)[rows][::-1], axis=0)[::-1]
+            increment[rows] = np.diff(error[rows], prepend=0.0)
     scores = np.zeros((int(data.clusters.max()) + 1, phi.shape[1]))
-    np.add.at(scores, data.clusters, rest * increment[:, None])
+    np.add.at(scores, data.clusters, later_phi * increment[:, None])
     bread = np.linalg.pinv(phi.T @ phi, hermitian=True)
     covariance: Array = bread @ (scores.T @ scores) @ bread * (len(scores) / max(1, len(scores) - phi.shape[1]))
     return covariance
@@ -238,11 +248,15 @@ def _compute_random_walk_covariance(equations: Equations, data: Stack, theta: Ar
 def _compute_convergence(
     equations: Equations, data: Stack, fit: Fit, free: Sequence[int], theta: Array, std: Array, points: Index
 ) -> Convergence:
-    """Compute the history of the recursion, with P scaled to end at the standard errors of the batch estimate."""
+    """Compute the history of the recursion at rows `points` (K,).
+
+    Its standard errors are scaled to end at those of the batch estimate. Parameters that are not `free` stay at theta
+    (P,) and std (P,).
+    """
     weighted = Equations(equations.phi * data.weights[:, None], equations.y * data.weights)
-    course = compute_history(weighted, data.usable, points)
-    spread = course.std  # (K, F)
-    thetas, stds = np.tile(theta, (len(spread), 1)), np.tile(std, (len(spread), 1))
-    thetas[:, free] = course.theta
-    stds[:, free] = spread * fit.std[: len(free)] / spread[-1]
-    return Convergence(data.time[course.points], thetas, stds)
+    history = compute_history(weighted, data.usable, points)
+    history_std = history.std  # (K, F)
+    thetas, stds = np.tile(theta, (len(history_std), 1)), np.tile(std, (len(history_std), 1))
+    thetas[:, free] = history.theta
+    stds[:, free] = history_std * fit.std[: len(free)] / history_std[-1]
+    return Convergence(data.time[history.points], thetas, stds)

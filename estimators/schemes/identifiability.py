@@ -26,15 +26,15 @@ from pendulum_env.units import TURNING, JointUnits
 class IdentifiabilitySettings:
     """Limits below which data do not determine a parameter."""
 
-    small: float = 0.3  # [rad]; up to here sin q and q differ by less than 1.5 %
-    alike: float = 1e-4  # columns of length one whose weighted sum is shorter than this act alike
-    followed: float = 0.9  # share of the squared torque that the motion may leave unexplained if it follows the torque
-    one_sided: float = 0.002  # share of the motion that may go the other way by mistake
+    small_angle: float = 0.3  # [rad]; up to this angle, sin q and q differ by less than 1.5 %
+    min_length: float = 1e-4  # least length of a weighted sum of independent columns of length one
+    max_unexplained: float = 0.9  # share of the squared torque that the motion may leave unexplained if it follows it
+    one_sided: float = 0.002  # largest share of motion against the main direction, as noise
 
 
-TELLING = IdentifiabilitySettings()
-CONSTANT = 1e-6  # of a torque, by which it may change if it is constant
-PLACES = 50  # instants at which the joints' inertia is looked at
+IDENTIFIABILITY = IdentifiabilitySettings()
+CONSTANT = 1e-6  # largest relative change of a constant torque
+PLACES = 50  # instants at which the inertia of the joints is computed
 
 
 def find_undetermined(
@@ -42,11 +42,13 @@ def find_undetermined(
 ) -> tuple[Finding, ...]:
     """Find the parameters of the terms that recordings together do not determine.
 
-    `units` are those at the joint.
+    Samples within `GUARD` [s] of stick or a reversal are left out. Checks: motion, effective torque, both directions,
+    large angles, columns that are zero or dependent. For a free swing, known parameters are left out. `units` are those
+    at the joint.
     """
     names = [column.name for term in terms for column in term.columns]
     clear = [m.find_clear(GUARD) for m in measurements]
-    velocity = np.concatenate([m.velocity[use] for m, use in zip(measurements, clear, strict=True)])
+    velocity = np.concatenate([m.velocity[is_clear] for m, is_clear in zip(measurements, clear, strict=True)])
     if not len(velocity):
         return (Finding(Kind.NO_MOTION, parameters=tuple(names)),)
 
@@ -58,25 +60,25 @@ def find_undetermined(
         kind = Kind.TORQUE_IS_CONSTANT if is_constant else Kind.TORQUE_IS_NOISE
         doubts.append(Finding(kind, {"torque": Quantity(mean, unit=units.unit(NEWTON_METRE))}, tuple(names)))
     forwards = float(np.mean(velocity > 0))
-    if not TELLING.one_sided < forwards < 1 - TELLING.one_sided:
+    if not IDENTIFIABILITY.one_sided < forwards < 1 - IDENTIFIABILITY.one_sided:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
         withheld = tuple(name for name in constants if name in names)
         doubts.append(Finding(Kind.ONE_DIRECTION, parameters=withheld, effects=("torque_offset", "coulomb")))
     furthest = max(float(np.abs(m.position).max()) for m in measurements)
-    if furthest < TELLING.small and not units.slides:
+    if furthest < IDENTIFIABILITY.small_angle and not units.slides:
         alike = ("gravity", "spring.stiffness")
         withheld, angle = alike if set(alike) <= set(names) else (), Quantity(furthest, unit=units.unit("rad"))
         doubts.append(Finding(Kind.SMALL_ANGLES, {"angle": angle}, withheld, ("spring", "gravity")))
-    everywhere = [scheme("dynamic").regression(m, terms).equations.phi for m in measurements]
-    phi = np.concatenate([phi[use] for phi, use in zip(everywhere, clear, strict=True)])
-    acts = np.any([np.any(phi, axis=0) for phi in everywhere], axis=0)
+    all_phi = [scheme("dynamic").regression(m, terms).equations.phi for m in measurements]
+    phi = np.concatenate([phi[is_clear] for phi, is_clear in zip(all_phi, clear, strict=True)])
+    acts = np.any([np.any(phi, axis=0) for phi in all_phi], axis=0)
     if is_free:  # a free swing needs a known parameter
         unknown = [not column.is_known for term in terms for column in term.columns]
         phi, acts, names = phi[:, unknown], acts[unknown], [names[k] for k in np.flatnonzero(unknown)]
-    said = {name for doubt in doubts for name in doubt.withheld}
+    withheld_names = {name for doubt in doubts for name in doubt.withheld}
     return (
         *doubts,
-        *(doubt for doubt in find_dependent_columns(phi, names, acts) if not said.issuperset(doubt.withheld)),
+        *(doubt for doubt in find_dependent_columns(phi, names, acts) if not withheld_names.issuperset(doubt.withheld)),
     )
 
 
@@ -96,11 +98,12 @@ def find_unidentifiable(
     )
     if not torque.any() and "inertia" in model.estimates:  # a free swing: what accelerates the inertia
         torque = model.estimates["inertia"].value * acceleration
-    said = {name for doubt in doubts for name in doubt.withheld}
-    found = [name for name in find_undetermined_links(model, position, velocity, torque) if name not in said]
-    best = ((name, model.estimates[name]) for name in found)
+    withheld_names = {name for doubt in doubts for name in doubt.withheld}
+    found = [name for name in find_undetermined_links(model, position, velocity, torque) if name not in withheld_names]
+    undetermined = ((name, model.estimates[name]) for name in found)
     return tuple(
-        Finding(Kind.UNIDENTIFIABLE, {name: Quantity(own.value, own.std, own.unit)}, (name,)) for name, own in best
+        Finding(Kind.UNIDENTIFIABLE, {name: Quantity(estimate.value, estimate.std, estimate.unit)}, (name,))
+        for name, estimate in undetermined
     )
 
 
@@ -108,25 +111,30 @@ def withhold_estimates(
     results: Mapping[str, Identified], segments: Segments, terms: Sequence[Term], units: JointUnits = TURNING
 ) -> tuple[dict[str, Identified], tuple[Finding, ...]]:
     """Remove estimates that recordings do not determine, and return findings on those that no scheme determines."""
-    measured = [joints for own in segments for joints in own]
+    measured = [joints for group in segments for joints in group]
     body = terms[0].mechanism
     if isinstance(body, Body):
         doubts = _find_dependent_terms(segments, terms)
-        motion = [stack_series(joints, "position", "velocity", "held") for joints in measured]
-        seen = [np.concatenate(each) for each in zip(*motion, strict=True)]
-        said = {name for doubt in doubts for name in doubt.withheld}
-        unknown = {id: {*find_undetermined_links(one.model, *seen)} - said for id, one in results.items()}
+        motions = [stack_series(joints, "position", "velocity", "held") for joints in measured]
+        series_of_joints = [np.concatenate(series) for series in zip(*motions, strict=True)]
+        withheld_names = {name for doubt in doubts for name in doubt.withheld}
+        unknown = {
+            id: {*find_undetermined_links(result.model, *series_of_joints)} - withheld_names
+            for id, result in results.items()
+        }
         if shared := set.intersection(*unknown.values()):
             doubts = (*doubts, Finding(Kind.UNIDENTIFIABLE, parameters=tuple(sorted(shared))))
     else:
-        alone = [m for (m,) in measured]
-        doubts = find_undetermined(alone, terms, units)
-        found = {id: find_unidentifiable(one.model, alone, doubts) for id, one in results.items()}
-        unknown = {id: {name for doubt in own for name in doubt.withheld} for id, own in found.items()}
+        measurements = [m for (m,) in measured]
+        doubts = find_undetermined(measurements, terms, units)
+        found = {id: find_unidentifiable(result.model, measurements, doubts) for id, result in results.items()}
+        unknown = {id: {name for doubt in findings for name in doubt.withheld} for id, findings in found.items()}
         shared = set.intersection(*unknown.values())
         doubts = (*doubts, *(doubt for doubt in next(iter(found.values())) if shared.issuperset(doubt.withheld)))
-    said = {name for doubt in doubts for name in doubt.withheld}
-    return {id: replace(one, model=one.model.withhold(said | unknown[id])) for id, one in results.items()}, doubts
+    withheld_names = {name for doubt in doubts for name in doubt.withheld}
+    return {
+        id: replace(result, model=result.model.withhold(withheld_names | unknown[id])) for id, result in results.items()
+    }, doubts
 
 
 def refuse_idle_joints(recordings: Sequence[Recording], segments: Segments, terms: Sequence[Term]) -> None:
@@ -201,22 +209,25 @@ def has_effective_torque(m: Measurements) -> bool:
     phi, y = equations.phi[usable], equations.y[usable]
     if len(y) <= 10 * len(BASE):
         return False
-    left = y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0]
-    return bool(y @ y > 1e-18 * len(y) and left @ left < TELLING.followed * (y @ y))
+    residual = y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0]
+    return bool(y @ y > 1e-18 * len(y) and residual @ residual < IDENTIFIABILITY.max_unexplained * (y @ y))
 
 
 def find_dependent_columns(phi: Array, names: Sequence[str], acts: Mask) -> list[Finding]:
-    """Find linearly dependent columns of the regressor (R, P), and columns of zeros (P,).
+    """Find linearly dependent columns of the regressor (R, P), and columns that never act.
 
-    What acts only where the joint turns round, as a stop does, acts nowhere clear of that.
+    Args:
+        phi: rows clear of stick and reversals; columns of zeros are left out.
+        names: of the columns (P,).
+        acts: columns that act anywhere, also near reversals, as a stop does (P,).
     """
-    size = np.linalg.norm(phi, axis=0)
-    silent = [name for name, does in zip(names, acts, strict=True) if not does]
-    doubts = [Finding(Kind.NEVER_ACTS, parameters=(name,)) for name in silent]
-    acting = np.flatnonzero(size)
-    scaled = phi[:, acting] / size[acting]
+    length = np.linalg.norm(phi, axis=0)
+    idle = [name for name, does_act in zip(names, acts, strict=True) if not does_act]
+    doubts = [Finding(Kind.NEVER_ACTS, parameters=(name,)) for name in idle]
+    nonzero = np.flatnonzero(length)
+    scaled = phi[:, nonzero] / length[nonzero]
     squares, directions = np.linalg.eigh(scaled.T @ scaled)
-    for direction in directions.T[squares < TELLING.alike**2]:
-        group = tuple(names[acting[j]] for j in np.flatnonzero(np.abs(direction) > 0.1))
+    for direction in directions.T[squares < IDENTIFIABILITY.min_length**2]:
+        group = tuple(names[nonzero[j]] for j in np.flatnonzero(np.abs(direction) > 0.1))
         doubts.append(Finding(Kind.INDISTINGUISHABLE, parameters=group))
     return doubts

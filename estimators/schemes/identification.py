@@ -59,25 +59,25 @@ def identify(
     terms, chosen = select_terms(terms), select_schemes(schemes)
     recordings = select_recordings(recordings, body=find_body(terms))
     terms, _ = apply_limits(terms, {}, fixed, bounds)
-    given = FitData.from_recordings(recordings, terms=terms)
-    fitted = make_swing_terms(terms, given.recordings)
-    segments = measure_segments(given.recordings, fitted)
-    refuse_idle_joints(given.recordings, segments, fitted)
-    chosen, slowed = limit_filters(chosen, segments)
-    results = fit_schemes(chosen, segments, fitted, given.recordings)
-    first = next(iter(results.values())).model
-    results = _calibrate(results, given, terms, fitted, chosen)
-    results, doubts = withhold_estimates(results, segments, fitted, given.recordings[0].units)
-    data, found, results = check_results(first, results, given, fitted)
-    unknown = (given.doubt,) if given.doubt is not None else ()
+    fit_data = FitData.from_recordings(recordings, terms=terms)
+    swing_terms = make_swing_terms(terms, fit_data.recordings)
+    segments = measure_segments(fit_data.recordings, swing_terms)
+    refuse_idle_joints(fit_data.recordings, segments, swing_terms)
+    chosen, filter_findings = limit_filters(chosen, segments)
+    results = fit_schemes(chosen, segments, swing_terms, fit_data.recordings)
+    first_model = next(iter(results.values())).model
+    results = _calibrate(results, fit_data, terms, swing_terms, chosen)
+    results, undetermined = withhold_estimates(results, segments, swing_terms, fit_data.recordings[0].units)
+    data, findings, results = check_results(first_model, results, fit_data, swing_terms)
+    constant_findings = (fit_data.doubt,) if fit_data.doubt is not None else ()
     log_format = collect_log_format(recordings)
     return Identification(
-        {id: replace(own, model=replace(own.model, log_format=log_format)) for id, own in results.items()},
-        (*slowed, *doubts, *unknown, *found),
+        {id: replace(result, model=replace(result.model, log_format=log_format)) for id, result in results.items()},
+        (*filter_findings, *undetermined, *constant_findings, *findings),
         tuple(recording.name for recording in recordings),
-        tuple(np.cumsum([sum(len(m) * m.period for m, *_ in own) for own in segments]).tolist()),
-        given.unit,
-        given.constant,
+        tuple(np.cumsum([sum(len(m) * m.period for m, *_ in group) for group in segments]).tolist()),
+        fit_data.unit,
+        fit_data.constant,
         data,
     )
 
@@ -88,11 +88,11 @@ def limit_filters(
     """Limit the filters of schemes to the sampling rate, and return a finding on each limited filter."""
     if len(segments[0][0]) > 1:
         schemes = adapt_to_arms(schemes)
-    rate = min(joints[0].rate for own in segments for joints in own)
-    slowed = tuple(_slow_filter(scheme, rate) for scheme in schemes)
-    if slowed == tuple(schemes):
-        return slowed, ()
-    return slowed, (Finding(Kind.FILTER_SLOWED, {"rate": Quantity(rate, unit="Hz")}),)
+    rate = min(joints[0].rate for group in segments for joints in group)
+    limited = tuple(_slow_filter(scheme, rate) for scheme in schemes)
+    if limited == tuple(schemes):
+        return limited, ()
+    return limited, (Finding(Kind.FILTER_SLOWED, {"rate": Quantity(rate, unit="Hz")}),)
 
 
 def _slow_filter(scheme: Regressor, rate: float) -> Regressor:
@@ -105,16 +105,26 @@ def _slow_filter(scheme: Regressor, rate: float) -> Regressor:
 
 def _calibrate(
     results: Mapping[str, Identified],
-    given: FitData,
+    data: FitData,
     terms: Sequence[Term],
-    fitted: Sequence[Term],
+    swing_terms: Sequence[Term],
     schemes: Sequence[Regressor],
 ) -> dict[str, Identified]:
-    """Return results in the unit of the recordings, with the standard error of the torque constant."""
-    recordings, constant = given.recordings, given.constant
+    """Return results in the unit of the recordings, with the standard error of the torque constant if there is one.
+
+    With a constant, all schemes are fitted again to the torque of a constant one standard error larger. `terms` are
+    those of the user, `swing_terms` those that were fitted.
+    """
+    recordings, constant = data.recordings, data.constant
     if constant is None:
-        return {id: own.convert_units(recordings[0].units).with_known(terms, recordings) for id, own in results.items()}
-    larger = 1 + constant.std / constant.value
-    moved = [replace(one, torque=larger * one.torque) if one.torque_constant else one for one in recordings]
-    there = fit_schemes(schemes, measure_segments(moved, fitted), fitted, moved)
-    return {id: own.with_constant_error(constant, there[id].model) for id, own in results.items()}
+        return {
+            id: result.convert_units(recordings[0].units).with_known(terms, recordings)
+            for id, result in results.items()
+        }
+    factor = 1 + constant.std / constant.value
+    changed_recordings = [
+        replace(recording, torque=factor * recording.torque) if recording.torque_constant else recording
+        for recording in recordings
+    ]
+    changed = fit_schemes(schemes, measure_segments(changed_recordings, swing_terms), swing_terms, changed_recordings)
+    return {id: result.with_constant_error(constant, changed[id].model) for id, result in results.items()}

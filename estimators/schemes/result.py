@@ -36,10 +36,10 @@ class Identification(Mapping[str, Identified]):
         schemes: results by id of the scheme.
         findings: parameters that the recordings do not determine, and what seems wrong with recordings or model.
         recordings: names.
-        ends: seconds of recording taken in at the end of each recording; empty if unknown [s].
-        torque_unit: `N m`, or that of a current in whose stead parameters are per unit of it.
-        torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
-        data: windows of the recordings; None where too little of the motion is clear of stick for any, and of an arm.
+        ends: duration of all recordings up to the end of each; empty if unknown [s].
+        torque_unit: `N m`, or the unit of a current; parameters are then per unit of current.
+        torque_constant: ratio of torque and current, if a current was converted; standard errors include its error.
+        data: windows of the recordings; None if too little motion is clear of stick, and for an arm.
     """
 
     schemes: Mapping[str, Identified]
@@ -57,7 +57,7 @@ class Identification(Mapping[str, Identified]):
 
     @property
     def primary(self) -> Identified:
-        """Result with the model of an arm to go on with."""
+        """Return the result of `SAVED`, the scheme of a saved arm model; if it was not used, of the first scheme."""
         return self.schemes.get(SAVED, next(iter(self.schemes.values())))
 
     def __getitem__(self, scheme: str) -> Identified:
@@ -73,9 +73,16 @@ class Identification(Mapping[str, Identified]):
 
     @cached_property
     def windows(self) -> Model:
-        """Return the least-squares fit over windows, as in `compare` and `diagnose`; raises as `fitted`."""
-        first, *_ = models = [one.model for one in self.schemes.values()]
-        disputed = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
+        """Return the least-squares fit over windows, as in `compare` and `diagnose`.
+
+        Parameters that schemes report as biased are marked. Those withheld by findings, and an insignificant inertia,
+        have no value.
+
+        Raises:
+            IdentificationError: if there are no windows.
+        """
+        first, *_ = models = [result.model for result in self.schemes.values()]
+        biased = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
         recordings = [] if self.data is None else [w.recording for w in self.data.windows]
         terms = make_swing_terms(first.terms, recordings) if recordings else first.terms
         unknown = {name for finding in self.findings for name in finding.withheld}
@@ -84,10 +91,14 @@ class Identification(Mapping[str, Identified]):
         inertia = model.estimates.get("inertia")
         if inertia is not None and not inertia.is_significant:
             unknown.add("inertia")
-        return model.mark_biased(disputed).withhold(unknown)
+        return model.mark_biased(biased).withhold(unknown)
 
     def fit_windows(self, fit: Callable[[TorqueWindows], Model]) -> Model:
-        """Return the model of the fit over windows, in the unit of the recorded torque, with the torque constant."""
+        """Fit a model to the windows by `fit`; return it in the unit of the recorded torque, with the torque constant.
+
+        Raises:
+            IdentificationError: if there are no windows.
+        """
         if self.data is None:
             names = join_words(self.recordings)
             raise IdentificationError(

@@ -111,7 +111,10 @@ def average_over_sample(values: Array | float, m: Measurements) -> Array:
 
 
 def average_over_samples(f: Array) -> Array:
-    """Average over samples before instants (N, ...): (-f[k-2] + 13 f[k-1] + 13 f[k] - f[k+1]) / 24."""
+    """Average over samples before instants (N, ...): (-f[k-2] + 13 f[k-1] + 13 f[k] - f[k+1]) / 24.
+
+    The first mean is f[0]; the second and the last are means of two values.
+    """
     mean = np.empty_like(f)
     mean[2:-1] = (13 * (f[1:-2] + f[2:-1]) - (f[:-3] + f[3:])) / 24
     mean[[0, 1, -1]] = f[0], 0.5 * (f[0] + f[1]), 0.5 * (f[-2] + f[-1])
@@ -138,7 +141,7 @@ def apply_low_pass(series: Array, cutoff: float, period: float, order: int = 1) 
 
 
 def compute_decay(cutoff: float, period: float) -> float:
-    """Compute the decay of F over a sample."""
+    """Compute the decay a of F over a sample, see `apply_low_pass`."""
     if not 0 < cutoff < np.pi / period:
         raise ValueError(
             f"a filter at {cutoff:g} rad/s needs samples at more than {cutoff / np.pi:.4g} Hz, these are at "
@@ -161,10 +164,10 @@ class LowPass:
     order: int = 1
 
     def __call__(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """Filter the gated balance by F."""
-        both = np.column_stack([equations.phi, equations.y]) * gate[:, None]
-        both = apply_low_pass(both, self.cutoff, period, self.order)
-        return Regression(Equations(both[:, :-1], both[:, -1]), gate)
+        """Filter both sides of the balance, which are zero where the gate (N,) is closed; only the gate is usable."""
+        columns = np.column_stack([equations.phi, equations.y]) * gate[:, None]
+        columns = apply_low_pass(columns, self.cutoff, period, self.order)
+        return Regression(Equations(columns[:, :-1], columns[:, -1]), gate)
 
 
 @dataclass(frozen=True)
@@ -172,7 +175,7 @@ class Integral:
     """Sum of both sides of a balance over a sliding `window` [s], or from the start of the recording if it is None.
 
     From the start, as in the paper's (7), the error is a random walk and least squares is far from efficient; over a
-    window, it is nearly white. A sum is used where the gate is open for half of the window, or for the newest sample.
+    window, it is nearly white.
     """
 
     window: float | None = 0.05
@@ -182,14 +185,18 @@ class Integral:
         return 0 if self.window is None else max(1, round(self.window / period))
 
     def __call__(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """Sum the gated balance."""
-        moments, n = gate * period, self.samples(period)
-        phi, y = np.cumsum(equations.phi * moments[:, None], axis=0), np.cumsum(equations.y * moments)
-        if n:
-            phi[n:], y[n:] = phi[n:] - phi[:-n], y[n:] - y[:-n]
-        used = np.cumsum(gate)
-        used[n:] = used[n:] - used[:-n] if n else gate
-        return Regression(Equations(phi, y), (np.arange(len(y)) >= max(1, n)) & (2 * used >= max(1, n)))
+        """Sum both sides of the balance over the samples within the gate (N,), times the period [s].
+
+        An equation is usable if the gate is open for half of the window; without a window, if it is open at the sample.
+        The first window, or without a window the first sample, is not usable.
+        """
+        gate_times, length = gate * period, self.samples(period)
+        phi, y = np.cumsum(equations.phi * gate_times[:, None], axis=0), np.cumsum(equations.y * gate_times)
+        if length:
+            phi[length:], y[length:] = phi[length:] - phi[:-length], y[length:] - y[:-length]
+        n_open = np.cumsum(gate)
+        n_open[length:] = n_open[length:] - n_open[:-length] if length else gate
+        return Regression(Equations(phi, y), (np.arange(len(y)) >= max(1, length)) & (2 * n_open >= max(1, length)))
 
 
 # -------------------------------------------------------------------------------------------------- six schemes
@@ -203,7 +210,7 @@ class Scheme:
         id: name in files and on the command line.
         balance: its equation.
         view: of `VIEWS`.
-        operator: what both sides are passed through, None if nothing.
+        operator: filter or integral of both sides, or None.
         guard: distance to stick and reversals within which samples are left out [s]; None keeps even stick, as the
             paper does, but a balance of energy leaves out rest: there is no work, and nothing to learn.
         borrows: id of the scheme whose inertia `identify` gives this one, as in the paper's Hamiltonian pair; momentum
@@ -244,8 +251,8 @@ class Scheme:
         """Find equations (N,) of the view without a sample in stick; the first one has no earlier sample."""
         if self.view == "torque":
             return clear
-        inside = clear & moving if self.view == "energy" else clear
-        return inside & np.append(False, inside[:-1])
+        is_open = clear & moving if self.view == "energy" else clear
+        return is_open & np.append(False, is_open[:-1])
 
     def apply_operator(self, equations: Equations, gate: Mask, period: float) -> Regression:
         """Apply the filter or integral to balances of the view (N,) within the gate."""
