@@ -37,25 +37,26 @@ def parameter_scales(body: Body) -> Array:
     """Compute scales of base parameters, viscous and dry friction (P,) from the robot file.
 
     The scale of a first moment is the norm of the first moments of its link, and likewise for the inertia. A link
-    without values has the smallest scale of another link.
+    without values has the smallest scale of another link. A joint without friction has the least of the others, else
+    that of the paper.
     """
     groups = []  # kind, and link
     for quantity, _, joint in (name.partition("@") for name in body.names):
         alone = quantity in ("m", "rotor")
         groups.append(({"m": "mass", "rotor": "I"}[quantity] if alone else quantity[0], f"{quantity * alone}@{joint}"))
-    norms = {own: float(np.linalg.norm(body.values[[other == own for other in groups]])) for own in groups}
+    norms = {group: float(np.linalg.norm(body.values[[other == group for other in groups]])) for group in groups}
     known = sorted((norm, kind) for (kind, _), norm in norms.items() if norm > 0)
     least = {kind: next((norm for norm, other in known if other == kind), 1.0) for kind, _ in groups}
-    links = [norms[own] or least[own[0]] for own in groups]
+    links = [norms[group] or least[group[0]] for group in groups]
     friction = np.array(get_friction(body)).T
-    for own, usual in zip(friction, (PAPER["viscous"], PAPER["coulomb"]), strict=True):
-        own[own == 0] = min(own[own > 0], default=usual)
+    for values, default in zip(friction, (PAPER["viscous"], PAPER["coulomb"]), strict=True):
+        values[values == 0] = min(values[values > 0], default=default)
     return np.concatenate([links, *friction])
 
 
-def information_rows(body: Body, own: Array, q: Array, v: Array, a: Array) -> Array:
-    """Compute rows (N, n, P) of a motion for parameters relative to their scales `own` (P,); zero near stick."""
-    return torque_rows(body, q, v, a) * own * is_clear_of_stick(v, a)[..., None]
+def information_rows(body: Body, scales: Array, q: Array, v: Array, a: Array) -> Array:
+    """Compute rows (N, n, P) of a motion for parameters relative to their `scales` (P,); zero near stick."""
+    return torque_rows(body, q, v, a) * scales * is_clear_of_stick(v, a)[..., None]
 
 
 class MotionBatch:
@@ -70,39 +71,42 @@ class MotionBatch:
 
     def __init__(self, body: Body, limits: Limits, batch: int) -> None:
         """Start at rest, with all joints as near to zero as the limits (n,) or (B, n) allow."""
-        self._body, self._sizes = body, parameter_scales(body)
+        self._body, self._scales = body, parameter_scales(body)
         self.limits = Limits(*(np.broadcast_to(values, (batch, values.shape[-1])) for values in limits))
-        self._place = np.clip(0.0, self.limits.low, self.limits.high)  # at the last but one knot
-        self._before, self.speed = np.zeros((2, *self._place.shape))
-        self.information = np.tile(INFORMATION_PRIOR * np.eye(len(self._sizes)), (batch, 1, 1))
-        self.variances = np.full((batch, len(self._sizes)), 1 / INFORMATION_PRIOR)
+        self._previous_position = np.clip(0.0, self.limits.low, self.limits.high)  # at the last but one knot
+        self._previous_speed, self.speed = np.zeros((2, *self._previous_position.shape))
+        self.information = np.tile(INFORMATION_PRIOR * np.eye(len(self._scales)), (batch, 1, 1))
+        self.variances = np.full((batch, len(self._scales)), 1 / INFORMATION_PRIOR)
 
     def select(self, which: Index) -> Self:
         """Return copies of motions of the batch; an index may occur several times."""
-        other = object.__new__(type(self))
-        other._body, other._sizes = self._body, self._sizes
-        other.limits = Limits(*(values[which] for values in self.limits))
-        for name in ("_place", "_before", "speed", "information", "variances"):
-            setattr(other, name, getattr(self, name)[which])
-        return other
+        copy = object.__new__(type(self))
+        copy._body, copy._scales = self._body, self._scales
+        copy.limits = Limits(*(values[which] for values in self.limits))
+        for name in ("_previous_position", "_previous_speed", "speed", "information", "variances"):
+            setattr(copy, name, getattr(self, name)[which])
+        return copy
 
     @property
     def position(self) -> Array:
         """Return the positions at the last knot (B, n) [rad or m]."""
-        return self._place + 0.5 * KNOT_PERIOD * (self._before + self.speed)
+        return self._previous_position + 0.5 * KNOT_PERIOD * (self._previous_speed + self.speed)
 
     def advance(self, share: Array) -> None:
-        """Advance to the next knot, with shares (B, n) of the largest speeds, as far as the limits allow."""
+        """Advance to the next knot, with shares (B, n) in [-1, 1] of the largest speeds, as far as the limits allow.
+
+        The information of the reference motion over one more period of knots is added.
+        """
         position = self.position
-        after = limit_speeds(self._body, self.limits, position, self.speed, share)
+        next_speed = limit_speeds(self._body, self.limits, position, self.speed, share)
         s = np.arange(TICK / 2, KNOT_PERIOD, TICK)[:, None]
-        knots = (x[:, None] for x in (self._place, self._before, self.speed, after))
+        knots = (x[:, None] for x in (self._previous_position, self._previous_speed, self.speed, next_speed))
         path = average_motion(*knots, s)  # type: ignore[call-arg]  # (B, ticks, n) each
         q, v, a = (x.reshape(-1, x.shape[-1]) for x in path)
-        rows = information_rows(self._body, self._sizes, q, v, a).reshape(len(position), -1, len(self._sizes))
+        rows = information_rows(self._body, self._scales, q, v, a).reshape(len(position), -1, len(self._scales))
         self.information = self.information + np.swapaxes(rows, 1, 2) @ rows
         self.variances = np.asarray(np.linalg.inv(self.information).diagonal(axis1=1, axis2=2))
-        self._place, self._before, self.speed = position, self.speed, after
+        self._previous_position, self._previous_speed, self.speed = position, self.speed, next_speed
 
     @property
     def log_precision(self) -> Array:
@@ -156,14 +160,18 @@ def find_problem(motion: Reference, limits: Limits) -> str:
     A motion that still moves at its last knot lacked the torque to stop.
     """
     q, v, a = motion(np.arange(0.0, motion.seconds, TICK))
-    affordable = np.abs(motion.body.torque(q, v, a) @ motion.body.values) <= limits.torque
-    if not affordable.all() or motion.speeds[-1].any():
+    is_affordable = np.abs(motion.body.torque(q, v, a) @ motion.body.values) <= limits.torque
+    if not is_affordable.all() or motion.speeds[-1].any():
         return TORQUE_PROBLEM
-    still = np.array(motion.body.joints)[~motion.speeds.any(axis=0)]
-    return f"joint '{still[0]}' never moves" if len(still) else ""
+    idle = np.array(motion.body.joints)[~motion.speeds.any(axis=0)]
+    return f"joint '{idle[0]}' never moves" if len(idle) else ""
 
 
 def _search_motion(body: Body, limits: Limits, seconds: float, rng: np.random.Generator) -> Reference:
+    """Search for the motion with the smallest standard errors, and bring it to rest.
+
+    The beam holds W motions. At each knot, each joint in turn tries four speeds with each motion; the W best are kept.
+    """
     motions = MotionBatch(body, limits, 1)
     start, speeds = motions.position[0], motions.speed[:, None]  # (W, knots, n) of W motions in the beam
     shares, width = np.zeros_like(motions.speed), max(1, BEAM_ELEMENTS // len(parameter_scales(body)) ** 2)
@@ -172,25 +180,29 @@ def _search_motion(body: Body, limits: Limits, seconds: float, rng: np.random.Ge
     for _ in range(round(seconds / KNOT_PERIOD)):
         owners = np.arange(len(shares))
         for joint in rng.permutation(len(body.joints)):
-            of, tried = np.repeat(owners, len(levels)), np.repeat(shares, len(levels), axis=0)
-            tried[:, joint] = np.tile(levels[:, joint], len(shares))
-            candidates = motions.select(of)
-            candidates.advance(tried)
+            candidate_owners = np.repeat(owners, len(levels))
+            candidate_shares = np.repeat(shares, len(levels), axis=0)
+            candidate_shares[:, joint] = np.tile(levels[:, joint], len(shares))
+            candidates = motions.select(candidate_owners)
+            candidates.advance(candidate_shares)
             # motions with equal values are equal by the limits, or mirror images
             best = np.unique(candidates.log_precision.round(9), return_index=True)[1][::-1][:width]
-            shares, owners = tried[best], of[best]
+            shares, owners = candidate_shares[best], candidate_owners[best]
         motions = candidates.select(best)
         speeds = np.concatenate([speeds[owners], motions.speed[:, None]], axis=1)
     return stop_motion(body, motions.select(np.arange(1)), start, list(speeds[0][:, None]))
 
 
 def stop_motion(body: Body, motions: MotionBatch, start: Array, speeds: list[Array]) -> Reference:
-    """Bring a motion with these speeds, each (1, n), to rest, as far as the torque allows."""
-    count = len(speeds)
+    """Bring a motion with these speeds, each (1, n), to rest, as far as the torque allows.
+
+    `motions` and `speeds` are changed. The motion may still move after twice the time that half the acceleration needs.
+    """
+    n_before = len(speeds)
     limits = motions.limits
     # twice the time at half the acceleration
-    longest = 10 + 4 * np.ceil(limits.speed / (KNOT_PERIOD * limits.acceleration)).max()
-    while np.any(motions.speed) and len(speeds) < count + longest:
+    max_knots = 10 + 4 * np.ceil(limits.speed / (KNOT_PERIOD * limits.acceleration)).max()
+    while np.any(motions.speed) and len(speeds) < n_before + max_knots:
         motions.advance(np.zeros_like(motions.speed))
         speeds.append(motions.speed)
     return Reference(body, start, np.concatenate(speeds))

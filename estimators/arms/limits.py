@@ -44,14 +44,18 @@ def find_limits(
     max_torque: float | None = None,
     max_acceleration: float | None = None,
 ) -> Limits:
-    """Combine the limits of the file, the arguments of `design_excitation` and the defaults."""
+    """Combine the limits of the file, the arguments of `design_excitation` and the defaults.
+
+    Of limits of position, speed and torque, the tightest applies. `max_angle` [rad], `max_speed`, `max_torque` and
+    `max_acceleration` do not apply to sliding joints.
+    """
     bounds = {"angle": max_angle, "speed": max_speed, "torque": max_torque, "acceleration": max_acceleration}
     for name, bound in bounds.items():
         if bound is not None and not bound > 0:
             raise IdentificationError(f"{body.name}: max_{name} is {bound:g}: give a positive number")
     slides, joints = np.array(body.slides), np.array(body.joints)
-    (low, high), usual = body.position_limits, np.where(slides, DEFAULT_LIMITS.stroke, DEFAULT_LIMITS.angle)
-    low, high = np.where(np.isfinite(low), low, -usual), np.where(np.isfinite(high), high, usual)
+    (low, high), default = body.position_limits, np.where(slides, DEFAULT_LIMITS.stroke, DEFAULT_LIMITS.angle)
+    low, high = np.where(np.isfinite(low), low, -default), np.where(np.isfinite(high), high, default)
     if max_angle is not None:
         reach = np.where(slides, np.inf, max_angle)
         low, high = np.maximum(low, -reach), np.minimum(high, reach)
@@ -65,6 +69,7 @@ def find_limits(
         body.velocity_limits, np.where(slides, DEFAULT_LIMITS.slide, USUAL_SPEED if max_speed is None else max_speed)
     )
     torque = np.minimum(body.torque_limits, np.where(slides, np.inf, np.inf if max_torque is None else max_torque))
-    rise = speed / DEFAULT_LIMITS.rise
-    acceleration = np.where(slides, rise, rise if max_acceleration is None else max_acceleration)
+    acceleration = speed / DEFAULT_LIMITS.rise
+    if max_acceleration is not None:
+        acceleration = np.where(slides, acceleration, max_acceleration)
     return Limits(low, high, speed, torque, acceleration)

@@ -37,8 +37,8 @@ from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.recording import Recording
 
 HIDDEN = 1e-6  # share of a direction that no motion of the joints shows, from which a parameter is unknown
-SURE, SHARE = 5.0, 0.5  # standard errors of a mass, and share of the torque left, from which a payload stands out
-GAP = 0.25  # share of the range of masses, from which two recordings carry different payloads
+MIN_Z_SCORE, MAX_SHARE = 5.0, 0.5  # of a payload that stands out: mass in standard errors, share of residual torque
+GAP = 0.25  # least difference of the masses of two payloads, relative to the range of all masses
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ class Payload:
     """A body that an arm carries.
 
     Attributes:
-        joint: in front of the link that carries it, in whose frame everything is told.
-        estimates: its mass, first moments and moments of inertia about the joint's origin, by their names in URDF's
-            frame (`m`, `mx` ... `Izz`), those that the motion of the joints shows; of the nearest body that exists.
-        center: of mass [m], by those of the axes x, y and z along which mass and first moment are shown.
+        joint: in front of the link that carries it; all parameters are in its frame.
+        estimates: mass, first moments and moments of inertia about the joint's origin, by their names in URDF's frame
+            (`m`, `mx` ... `Izz`); those that the motion of the joints shows, of the nearest possible body.
+        center: of mass [m], by axis x, y and z; axes whose first moment is not shown are left out.
         exists: whether some body has the parameters of the free fit, within two standard errors; None if not all are
             shown.
-        left: torque that remains of each joint [N m], without the payload and with it.
+        torque_rms: RMS residual torque of each joint without and with the payload [N m].
         load: the same parameters at the link; those that are not shown have the least norm.
     """
 
@@ -60,7 +60,7 @@ class Payload:
     estimates: Mapping[str, Estimate]
     center: Mapping[str, Estimate]
     exists: bool | None
-    left: Mapping[str, tuple[float, float]]
+    torque_rms: Mapping[str, tuple[float, float]]
     load: LinkLoad
 
     @property
@@ -70,21 +70,21 @@ class Payload:
 
     @property
     def stands_out(self) -> bool:
-        """Return whether the payload is significant: it has mass, and explains most of the residual of two joints."""
+        """Return whether the payload has significant mass, and halves the residual torque of two joints."""
         mass = self.estimates.get("m")
-        helped = sum(after < SHARE * before for before, after in self.left.values())
-        return mass is not None and mass.value > SURE * mass.std and helped >= 2
+        n_improved = sum(after < MAX_SHARE * before for before, after in self.torque_rms.values())
+        return mass is not None and mass.value > MIN_Z_SCORE * mass.std and n_improved >= 2
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""
         return {
             "schema": "pendulum-ident/payload@1",
             "joint": self.joint,
-            "theta": {name: one.json() for name, one in self.estimates.items()},
-            "center": [one.json() for one in self.center.values()] if len(self.center) == 3 else None,
+            "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
+            "center": [estimate.json() for estimate in self.center.values()] if len(self.center) == 3 else None,
             "hidden": list(self.hidden),
             "exists": self.exists,
-            "torque_rms": {name: {"without": a, "with": b} for name, (a, b) in self.left.items()},
+            "torque_rms": {name: {"without": a, "with": b} for name, (a, b) in self.torque_rms.items()},
         }
 
 
@@ -110,7 +110,7 @@ def find_payload(
     """
     joints = find_links(model.terms).joints
     joint = find("joint", joint or joints[-1], {name: name for name in joints})
-    parts = [prepare_arm(own, model.terms) for own in (without, carrying) if own]
+    parts = [prepare_arm(recordings, model.terms) for recordings in (without, carrying) if recordings]
     group = [0] * len(without) + [1] * len(carrying)
     return PayloadRows.from_parts(parts, model.terms, joint).fit(group, None if without else model)[0]
 
@@ -118,24 +118,27 @@ def find_payload(
 def find_carried(
     parts: Sequence[TorqueWindows], terms: Sequence[Term], joint: str | None = None
 ) -> list[tuple[Payload, tuple[int, ...]]]:
-    """Identify what an arm carries in some of its recordings and not in others.
+    """Identify the payloads that an arm carries in some of its recordings and not in others.
 
-    Each recording is first fitted with a payload of its own. Recordings with masses of about one size then share one.
-    Those with the least are without a payload.
-    Returns the payloads that stand out, with the numbers of the recordings that carry each.
+    Each recording is first fitted with a payload of its own, relative to the first recording. Sorted masses are split
+    into groups at differences above `GAP`. The lightest group has no payload.
+
+    Returns:
+        The payloads that stand out, with the numbers of the recordings that carry each; none if the motion does not
+        show the mass.
     """
-    count = sum(len({w.run for w in own.windows}) for own in parts)
+    count = sum(len({w.run for w in part.windows}) for part in parts)
     rows = PayloadRows.from_parts(parts, terms, joint or find_links(terms).joints[-1])
     if count < 2 or "m" not in rows.shown:
         return []
     mass = np.append(0.0, rows.masses(count))
     order = np.argsort(mass)
-    steps = np.append(0, np.cumsum(np.diff(mass[order]) > GAP * np.ptp(mass)))
-    group = np.empty(count, dtype=np.intp)
-    group[order] = steps
-    found = rows.fit(group.tolist())
+    groups = np.append(0, np.cumsum(np.diff(mass[order]) > GAP * np.ptp(mass)))
+    group_of_recording = np.empty(count, dtype=np.intp)
+    group_of_recording[order] = groups
+    found = rows.fit(group_of_recording.tolist())
     return [
-        (payload, tuple(np.flatnonzero(group == k + 1).tolist()))
+        (payload, tuple(np.flatnonzero(group_of_recording == k + 1).tolist()))
         for k, payload in enumerate(found)
         if payload.stands_out
     ]
@@ -166,23 +169,23 @@ class PayloadRows(NamedTuple):
 
     @classmethod
     def from_parts(cls, parts: Sequence[TorqueWindows], terms: Sequence[Term], joint: str) -> PayloadRows:
-        """Join the rows of several parts."""
+        """Join the rows of parts, linearised at their fit; recordings and clusters are numbered through all parts."""
         phi, y, number, recording, clusters = [], [], [], [], []
-        body, first, cluster = find_links(terms), 0, 0
+        body, n_recordings, n_clusters = find_links(terms), 0, 0
         for data in parts:
-            near = TorqueRows(data).equations(terms).tangent()
-            phi.append(near.slopes)
-            y.append(near.error + near.slopes @ near.theta)
+            tangent = TorqueRows(data).equations(terms).tangent()
+            phi.append(tangent.slopes)
+            y.append(tangent.error + tangent.slopes @ tangent.theta)
             runs = np.array([w.run for w in data.windows], dtype=np.intp)
-            at = np.array([body.joints.index(w.at) for w in data.windows], dtype=np.intp)
-            recording.append(first + runs[data.recording_of_window])
-            number.append(at[data.recording_of_window])
-            clusters.append(cluster + data.clusters)
-            first, cluster = first + int(runs.max()) + 1, cluster + int(data.clusters.max()) + 1
-        owner = np.repeat([term.kind == "dissipative" for term in terms], [len(term.columns) for term in terms])
+            joints = np.array([body.joints.index(w.at) for w in data.windows], dtype=np.intp)
+            recording.append(n_recordings + runs[data.recording_of_window])
+            number.append(joints[data.recording_of_window])
+            clusters.append(n_clusters + data.clusters)
+            n_recordings, n_clusters = n_recordings + int(runs.max()) + 1, n_clusters + int(data.clusters.max()) + 1
+        is_friction = np.repeat([term.kind == "dissipative" for term in terms], [len(term.columns) for term in terms])
         equations = Equations(np.concatenate(phi), np.concatenate(y))
-        rest = (np.concatenate(own) for own in (number, recording, clusters))
-        return cls(body, joint, terms, equations, np.flatnonzero(owner), *rest)
+        indices = (np.concatenate(series) for series in (number, recording, clusters))
+        return cls(body, joint, terms, equations, np.flatnonzero(is_friction), *indices)
 
     @property
     def basis(self) -> Array:
@@ -194,24 +197,28 @@ class PayloadRows(NamedTuple):
     def shown(self) -> tuple[str, ...]:
         """Parameters of a link that the motion of the joints shows."""
         length = np.linalg.norm(self.basis, axis=1)
-        return tuple(name for name, own in zip(STANDARD, length, strict=True) if 1 - own < HIDDEN)
+        return tuple(name for name, norm in zip(STANDARD, length, strict=True) if 1 - norm < HIDDEN)
 
-    def _columns(self, group: Sequence[int], model: Model | None) -> tuple[Array, list[Array], Array]:
-        """Return the columns of the arm, those of the payload of each group from 1, and the torque of both (R,)."""
-        own, phi, y = np.asarray(group)[self.recording], self.equations.phi, self.equations.y
+    def _build_columns(self, group: Sequence[int], model: Model | None) -> tuple[Array, list[Array], Array]:
+        """Return the columns of the arm, those of the payload of each group from 1, and the torque for both (R,).
+
+        Friction has columns for each group. With a model of the empty arm, its torque is subtracted, and the arm has
+        only columns for the friction of groups from 1.
+        """
+        group_of_row, phi, y = np.asarray(group)[self.recording], self.equations.phi, self.equations.y
         count = len(self.body.base)
         link = phi[:, :count] @ (self.body.link_columns(self.joint) @ self.basis)
         shared = np.setdiff1d(np.arange(phi.shape[1]), self.of_friction)
-        friction = [phi[:, self.of_friction] * (own == k)[:, None] for k in range(max(group) + 1)]
+        friction = [phi[:, self.of_friction] * (group_of_row == k)[:, None] for k in range(max(group) + 1)]
         if model is None:
             known = [phi[:, shared], *friction]
         else:
             known, y = friction[1:], y - phi[:, shared] @ model.theta[shared]
-        return np.column_stack(known), [link * (own == k)[:, None] for k in range(1, max(group) + 1)], y
+        return np.column_stack(known), [link * (group_of_row == k)[:, None] for k in range(1, max(group) + 1)], y
 
     def masses(self, count: int) -> Array:
         """Return the mass of each recording but the first, in excess of its mass (count - 1,) [kg]."""
-        known, carried, y = self._columns(range(count), None)
+        known, carried, y = self._build_columns(range(count), None)
         phi = np.column_stack([known, *carried])
         w = weigh_joints(Equations(phi, y), self.number)
         theta = solve_least_squares(phi * w[:, None], y * w)[known.shape[1] :]
@@ -222,67 +229,85 @@ class PayloadRows(NamedTuple):
 
         Without a model of the empty arm, its parameters are fitted, too.
         """
-        known, carried, y = self._columns(group, model)
-        if not all(own.any() for own in carried):
+        known, carried, y = self._build_columns(group, model)
+        if not all(columns.any() for columns in carried):
             raise IdentificationError("too little motion clear of reversals to tell a payload: record longer")
         clusters = np.unique(self.clusters, return_inverse=True)[1]
-        w = [weigh_joints(Equations(phi, y), self.number) for phi in (known, np.column_stack([known, *carried]))]
-        empty = solve(Equations(known, y), w[0], clusters)
-        free = solve(Equations(np.column_stack([known, *carried]), y), w[1], clusters)
-        width, found, possible = self.basis.shape[1], [], y
+        weights = [weigh_joints(Equations(phi, y), self.number) for phi in (known, np.column_stack([known, *carried]))]
+        without_payload = solve(Equations(known, y), weights[0], clusters)
+        free = solve(Equations(np.column_stack([known, *carried]), y), weights[1], clusters)
+        width, payloads, remaining_y = self.basis.shape[1], [], y
         values = free.theta[known.shape[1] :].reshape(len(carried), width)
         for k, columns in enumerate(carried):
             if width == len(STANDARD):  # the best fit of all bodies that exist
-                others = np.column_stack([known, *carried[:k], *carried[k + 1 :]]) * w[1][:, None]
-                own = project_out(np.linalg.qr(others)[0], columns * w[1][:, None])
-                values[k] = self.basis.T @ nearest_link(self.basis @ values[k], own @ self.basis.T)
-            possible = possible - columns @ values[k]
+                other_columns = np.column_stack([known, *carried[:k], *carried[k + 1 :]]) * weights[1][:, None]
+                own_columns = project_out(np.linalg.qr(other_columns)[0], columns * weights[1][:, None])
+                values[k] = self.basis.T @ nearest_link(self.basis @ values[k], own_columns @ self.basis.T)
+            remaining_y = remaining_y - columns @ values[k]
         fit = free
         if not np.array_equal(values.ravel(), free.theta[known.shape[1] :]):
-            fit = solve(Equations(known, possible), w[1], clusters)
+            fit = solve(Equations(known, remaining_y), weights[1], clusters)
         for k in range(len(carried)):
-            here = slice(known.shape[1] + k * width, known.shape[1] + (k + 1) * width)
-            covariance = self.basis @ free.covariance[here, here] @ self.basis.T
-            own = np.asarray(group)[self.recording] == k + 1
-            left = _errors(self.body.joints, np.where(own, self.number, -1), empty, fit)
-            found.append(self._payload(self.basis @ values[k], self.basis @ free.theta[here], covariance, left))
-        return found
+            place = slice(known.shape[1] + k * width, known.shape[1] + (k + 1) * width)
+            covariance = self.basis @ free.covariance[place, place] @ self.basis.T
+            carries = np.asarray(group)[self.recording] == k + 1
+            torque_rms = _compute_torque_rms(self.body.joints, np.where(carries, self.number, -1), without_payload, fit)
+            payloads.append(
+                self._make_payload(self.basis @ values[k], self.basis @ free.theta[place], covariance, torque_rms)
+            )
+        return payloads
 
-    def _payload(
-        self, values: Array, free: Array, covariance: Array, left: Mapping[str, tuple[float, float]]
+    def _make_payload(
+        self, physical: Array, free: Array, covariance: Array, torque_rms: Mapping[str, tuple[float, float]]
     ) -> Payload:
+        """Build the payload from its parameters (10,), in `STANDARD` order.
+
+        `physical` is the nearest possible body if all ten are shown, else the free fit. `free` and `covariance` (10,
+        10) belong to the free fit. `torque_rms` maps joints to RMS residual torque without and with the payload [N m].
+        """
         std, units = np.sqrt(np.diag(covariance)), (self.body.get_unit(f"{name}@{self.joint}") for name in STANDARD)
-        each = zip(STANDARD, map(Estimate, values.tolist(), std.tolist(), units), strict=True)
-        estimates = {name: estimate for name, estimate in each if name in self.shown}
-        center = _center(values, covariance)
-        center = {axis: own for axis, own in center.items() if {"m", f"m{axis}"} <= estimates.keys()}
-        exists = _exists(free, covariance) if len(estimates) == len(STANDARD) else None
-        return Payload(self.joint, estimates, center, exists, left, LinkLoad(self.joint, values))
+        named_estimates = zip(STANDARD, map(Estimate, physical.tolist(), std.tolist(), units), strict=True)
+        estimates = {name: estimate for name, estimate in named_estimates if name in self.shown}
+        center = _compute_center(physical, covariance)
+        center = {axis: estimate for axis, estimate in center.items() if {"m", f"m{axis}"} <= estimates.keys()}
+        exists = _is_possible(free, covariance) if len(estimates) == len(STANDARD) else None
+        return Payload(self.joint, estimates, center, exists, torque_rms, LinkLoad(self.joint, physical))
 
 
-def _errors(joints: Sequence[str], number: Index, before: Fit, after: Fit) -> dict[str, tuple[float, float]]:
-    """Return the residual torque of two fits at each joint with rows, by its number in each fit (R,), -1 for none."""
+def _compute_torque_rms(
+    joints: Sequence[str], number: Index, before: Fit, after: Fit
+) -> dict[str, tuple[float, float]]:
+    """Return the RMS residual torque of two fits by joint [N m]; joints without rows are left out.
+
+    `number` is the joint of each row (R,), -1 for rows that do not count.
+    """
     rows = {name: number == n for n, name in enumerate(joints)}
     return {
-        name: (float(np.sqrt(np.mean(before.residual[own] ** 2))), float(np.sqrt(np.mean(after.residual[own] ** 2))))
-        for name, own in rows.items()
-        if own.any()
+        name: (
+            float(np.sqrt(np.mean(before.residual[in_joint] ** 2))),
+            float(np.sqrt(np.mean(after.residual[in_joint] ** 2))),
+        )
+        for name, in_joint in rows.items()
+        if in_joint.any()
     }
 
 
-def _center(values: Array, covariance: Array) -> dict[str, Estimate]:
-    """Compute the centre of mass from mass and first moments, with first-order standard errors; empty without mass."""
-    mass, found = values[0], dict[str, Estimate]()
+def _compute_center(values: Array, covariance: Array) -> dict[str, Estimate]:
+    """Compute the centre of mass by axis from parameters (10,) and their covariance, with first-order standard errors.
+
+    The result is empty if the mass is below two standard errors.
+    """
+    mass, center = values[0], dict[str, Estimate]()
     if mass <= 2 * np.sqrt(covariance[0, 0]):
-        return found
+        return center
     for n, axis in enumerate("xyz", 1):
         slope = np.array([-values[n] / mass**2, 1 / mass])
         variance = slope @ covariance[np.ix_([0, n], [0, n])] @ slope
-        found[axis] = Estimate(float(values[n] / mass), float(np.sqrt(variance)), "m")
-    return found
+        center[axis] = Estimate(float(values[n] / mass), float(np.sqrt(variance)), "m")
+    return center
 
 
-def _exists(values: Array, covariance: Array) -> bool:
+def _is_possible(values: Array, covariance: Array) -> bool:
     """Return whether the pseudo-inertia is positive, within two standard errors of its least eigenvalue.
 
     Source: Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3(1), 2018.

@@ -47,37 +47,37 @@ def limit_speeds(body: Body, limits: Limits, q: Array, v: Array, share: Array) -
     the torque, which is computed from the file without friction.
     Positions q and speeds v are those at the last knot (N, n), `share` is in [-1, 1].
     """
-    h, most = KNOT_PERIOD, limits.acceleration * KNOT_PERIOD
-    slowing = np.minimum(0.5 * limits.acceleration, (limits.high - limits.low) / h**2)
-    # up and down, the largest w with w^2 / (2 slowing) + h w / 2 within the room; without room, it slows down
+    h, max_change = KNOT_PERIOD, limits.acceleration * KNOT_PERIOD
+    deceleration = np.minimum(0.5 * limits.acceleration, (limits.high - limits.low) / h**2)
+    # up and down, the largest w with w^2 / (2 deceleration) + h w / 2 within the room; without room, it slows down
     up, down = (
         np.where(
             room >= 0,
-            np.sqrt((0.5 * slowing * h) ** 2 + 2 * slowing * np.maximum(room, 0.0)) - 0.5 * slowing * h,
-            speed - slowing * h,
+            np.sqrt((0.5 * deceleration * h) ** 2 + 2 * deceleration * np.maximum(room, 0.0)) - 0.5 * deceleration * h,
+            speed - deceleration * h,
         )
         for room, speed in ((limits.high - q - 0.5 * h * v, v), (q + 0.5 * h * v - limits.low, -v))
     )
-    high, low = (sign * np.clip(own, -limits.speed, limits.speed) for sign, own in ((1, up), (-1, down)))
-    change = np.clip(np.clip(share * limits.speed, low, high) - v, -most, most)
-    taken, excess = np.zeros_like(change), np.full(len(q), np.inf)
-    changes = change, np.clip(-v, -most, most)  # if no share of the first suffices, it slows down
-    for wanted, part in itertools.product(changes, SPEED_SHARES):
-        a = part * wanted / h
+    high, low = (sign * np.clip(speed, -limits.speed, limits.speed) for sign, speed in ((1, up), (-1, down)))
+    change = np.clip(np.clip(share * limits.speed, low, high) - v, -max_change, max_change)
+    accepted, excess = np.zeros_like(change), np.full(len(q), np.inf)
+    changes = change, np.clip(-v, -max_change, max_change)  # if no share of the first suffices, it slows down
+    for wanted, factor in itertools.product(changes, SPEED_SHARES):
+        a = factor * wanted / h
         ends = (q, v), (q + h * v + 0.5 * h**2 * a, v + h * a)
         needed = np.max([np.abs(body.torque(*end, a) @ body.values) for end in ends], axis=0)
-        own = (needed / np.maximum(TORQUE_SHARE * limits.torque, 1e-300)).max(axis=1)
-        better = (excess > 1) & (own < excess)
-        taken[better], excess[better] = part * wanted[better], own[better]
+        ratio = (needed / np.maximum(TORQUE_SHARE * limits.torque, 1e-300)).max(axis=1)
+        is_better = (excess > 1) & (ratio < excess)
+        accepted[is_better], excess[is_better] = factor * wanted[is_better], ratio[is_better]
         if (excess <= 1).all():
             break
-    return np.clip(v + taken, np.maximum(low, v - most), np.minimum(high, v + most))
+    return np.clip(v + accepted, np.maximum(low, v - max_change), np.minimum(high, v + max_change))
 
 
 def torque_rows(body: Body, q: Array, v: Array, a: Array) -> Array:
     """Compute the torque regressor of base parameters, viscous and dry friction (N, n, P) of a motion (N, n)."""
-    own = np.eye(v.shape[1])
-    return np.concatenate([body.torque(q, v, a), v[:, :, None] * own, np.sign(v)[:, :, None] * own], axis=2)
+    eye = np.eye(v.shape[1])
+    return np.concatenate([body.torque(q, v, a), v[:, :, None] * eye, np.sign(v)[:, :, None] * eye], axis=2)
 
 
 def condition_number(rows: Array) -> float:

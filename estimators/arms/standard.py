@@ -25,16 +25,17 @@ from pendulum_env.physics import Estimate, Model
 class NearestSettings:
     """Numbers of the search for the nearest body."""
 
-    open: float = 1.0  # factors of e, and shares of a link's size, by which a body usually differs from the file
-    smallest: float = 1e-9  # of a pseudo-inertia's trace, added so that a file's thin rod has a Cholesky factor too
-    turns: int = 150  # evaluations at most: the search is slow where no body has the base parameters
-    near: float = 3.0  # standard errors, to which noise, or the file, takes one of the parameters of a body
-    least: float = 1e-6  # share of a base parameter that its standard error is at least: no file is more exact
+    prior_std: float = 1.0  # standard deviation of the scaled factors about the file: factors of e, shares of the size
+    added_trace: float = 1e-9  # share of its trace added to a pseudo-inertia, so that a thin rod has a Cholesky factor
+    max_evaluations: int = 150  # the search is slow where no body has the base parameters
+    max_distance: float = 3.0  # standard errors between base parameters and those of a possible body
+    min_std: float = 1e-6  # least standard error relative to a base parameter: no file is more exact
 
 
 NEAREST = NearestSettings()
-DIAGONAL, BELOW = np.arange(4), np.tril_indices(4, -1)
-ENTRIES = np.concatenate([DIAGONAL, BELOW[0]]), np.concatenate([DIAGONAL, BELOW[1]])  # ten, in the order of `_factors`
+DIAGONAL, BELOW = np.arange(4), np.tril_indices(4, -1)  # entries of a factor L (4, 4)
+# the ten entries in the order of `_factorise_links`
+ENTRIES = np.concatenate([DIAGONAL, BELOW[0]]), np.concatenate([DIAGONAL, BELOW[1]])
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Nearest:
     """Links that exist, the nearest to base parameters that were found.
 
     Attributes:
-        parameters: standard ones by name, `m@elbow`; without standard errors, as they hang on the file.
+        parameters: standard ones by name, `m@elbow`; without standard errors, since they depend on the file.
         distance: largest difference of a base parameter, in its standard errors.
         farthest: name of that parameter.
     """
@@ -54,11 +55,11 @@ class Nearest:
     @property
     def exists(self) -> bool:
         """Return whether some body has these parameters."""
-        return self.distance <= NEAREST.near
+        return self.distance <= NEAREST.max_distance
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""
-        theta = {name: own.value for name, own in self.parameters.items()}
+        theta = {name: estimate.value for name, estimate in self.parameters.items()}
         return {"distance": self.distance, "farthest": self.farthest, "theta": theta}
 
 
@@ -67,25 +68,28 @@ def nearest_body(model: Model) -> Nearest:
     body = find_links(model.terms)
     count = len(body.base)
     theta, std = model.theta[:count], np.array([model.estimates[name].std for name in body.names])
-    std = np.maximum(std, NEAREST.least * np.maximum(np.abs(theta), 1e-3 * np.abs(theta).max()))
-    first, scale = _factors(body)
-    links = len(body.links)
+    std = np.maximum(std, NEAREST.min_std * np.maximum(np.abs(theta), 1e-3 * np.abs(theta).max()))
+    start, scale = _factorise_links(body)
+    n_links = len(body.links)
 
     def misfit(x: Array) -> Array:
-        base = body.combine @ _standard(first + scale * x, links)
-        return np.concatenate([(base - theta) / std, x / NEAREST.open])
+        base = body.combine @ _compute_standard(start + scale * x, n_links)
+        return np.concatenate([(base - theta) / std, x / NEAREST.prior_std])
 
     def slope(x: Array) -> Array:
-        base = body.combine @ (_slope(first + scale * x, links) * scale)
-        return np.vstack([base / std[:, None], np.eye(len(x)) / NEAREST.open])
+        base = body.combine @ (_differentiate_standard(start + scale * x, n_links) * scale)
+        return np.vstack([base / std[:, None], np.eye(len(x)) / NEAREST.prior_std])
 
-    found = scipy.optimize.least_squares(misfit, np.zeros(len(first)), slope, x_scale="jac", max_nfev=NEAREST.turns)
-    values = _standard(first + scale * found.x, links)
+    solution = scipy.optimize.least_squares(
+        misfit, np.zeros(len(start)), slope, x_scale="jac", max_nfev=NEAREST.max_evaluations
+    )
+    values = _compute_standard(start + scale * solution.x, n_links)
     parameters = {
-        name: Estimate(own, 0.0, body.get_unit(name)) for name, own in zip(body.standard, values.tolist(), strict=True)
+        name: Estimate(value, 0.0, body.get_unit(name))
+        for name, value in zip(body.standard, values.tolist(), strict=True)
     }
-    off = np.abs(body.combine @ values - theta) / std
-    return Nearest(parameters, float(off.max()), body.names[int(off.argmax())])
+    distance = np.abs(body.combine @ values - theta) / std
+    return Nearest(parameters, float(distance.max()), body.names[int(distance.argmax())])
 
 
 def standard_parameters(model: Model) -> dict[str, Estimate]:
@@ -94,7 +98,7 @@ def standard_parameters(model: Model) -> dict[str, Estimate]:
 
 
 def nearest_link(standard: Array, columns: Array) -> Array:
-    """Return the parameters (10,) of a body that fit best, from those of a free fit; the same if these are a body's.
+    """Return the parameters (10,) of the possible body that fits best; a possible free fit is returned as it is.
 
     Args:
         standard: of the free fit (10,).
@@ -104,22 +108,22 @@ def nearest_link(standard: Array, columns: Array) -> Array:
     size = float(np.abs(eigenvalues).sum())
     if eigenvalues[0] > 0 or size == 0:
         return standard
-    factor = np.linalg.cholesky((axes * np.maximum(eigenvalues, NEAREST.least * size)) @ axes.T)
+    factor = np.linalg.cholesky((axes * np.maximum(eigenvalues, NEAREST.min_std * size)) @ axes.T)
     start = np.concatenate([np.log(np.diag(factor)), factor[BELOW]])
     triangle = np.linalg.qr(columns, mode="r")
     with np.errstate(over="ignore", invalid="ignore"):  # a step to infinite masses is refused, and shortened
-        found = scipy.optimize.least_squares(
-            lambda x: triangle @ (_standard(x, 1) - standard),
+        solution = scipy.optimize.least_squares(
+            lambda x: triangle @ (_compute_standard(x, 1) - standard),
             start,
-            lambda x: triangle @ _slope(x, 1),
+            lambda x: triangle @ _differentiate_standard(x, 1),
             x_scale="jac",
-            max_nfev=NEAREST.turns,
+            max_nfev=NEAREST.max_evaluations,
         )
-    return _standard(found.x, 1)
+    return _compute_standard(solution.x, 1)
 
 
 def pseudo_inertia(standard: Array) -> Array:
-    """Make the pseudo-inertia (4, 4) of a link from (m, m c, xx, xy, yy, xz, yz, zz) about the joint's origin.
+    """Build the pseudo-inertia (4, 4) of a link from (m, m c, xx, xy, yy, xz, yz, zz) about the joint's origin.
 
     Its blocks are the second moments, the first moments and the mass.
     """
@@ -130,17 +134,21 @@ def pseudo_inertia(standard: Array) -> Array:
     return np.block([[moments, h], [h.T, np.array([[m]])]])
 
 
-def _factors(body: Body) -> tuple[Array, Array]:
-    """Logarithms of the diagonals and rows below of each link's L, and of rotors; and how far each may usually move."""
+def _factorise_links(body: Body) -> tuple[Array, Array]:
+    """Factorise the links of the file; return the entries of their factors and the scales of these entries (S,).
+
+    Entries of a link are the logarithms of the diagonal of L, then the rows below. The logarithms of the rotors'
+    inertias are last. A scale is the usual difference from the file.
+    """
     links = len(body.links)
     values, scales = [], []
-    matrices = [pseudo_inertia(own) for own in body.standard_values[: 10 * links].reshape(links, 10)]
+    matrices = [pseudo_inertia(standard) for standard in body.standard_values[: 10 * links].reshape(links, 10)]
     largest = max([1e-3, *(float(np.trace(matrix)) for matrix in matrices)])
     for joint, matrix in zip(body.links, matrices, strict=True):
         if joint in body.impossible_links:  # the nearest that a body has, of a thousandth of the largest link at least
-            own, axes = np.linalg.eigh(matrix)
-            matrix = (axes * np.maximum(own, 1e-3 * largest)) @ axes.T
-        factor = np.linalg.cholesky(matrix + NEAREST.smallest * np.trace(matrix) * np.eye(4))
+            eigenvalues, axes = np.linalg.eigh(matrix)
+            matrix = (axes * np.maximum(eigenvalues, 1e-3 * largest)) @ axes.T
+        factor = np.linalg.cholesky(matrix + NEAREST.added_trace * np.trace(matrix) * np.eye(4))
         size = np.sqrt(np.diag(matrix))[BELOW[0]]
         values += [np.log(np.diag(factor)), factor[BELOW]]
         scales += [np.ones(4), np.maximum(size, 1e-3 * size.max())]
@@ -150,33 +158,33 @@ def _factors(body: Body) -> tuple[Array, Array]:
     return np.concatenate(values), np.concatenate(scales)
 
 
-def _cholesky(x: Array, links: int) -> Array:
-    """Return factors L (links, 4, 4) of logarithms and rows as in `_factors`."""
-    own, factor = x[: 10 * links].reshape(links, 10), np.zeros((links, 4, 4))
-    factor[:, DIAGONAL, DIAGONAL] = np.exp(own[:, :4])
-    factor[:, BELOW[0], BELOW[1]] = own[:, 4:]
+def _build_factors(x: Array, links: int) -> Array:
+    """Return the factors L (links, 4, 4) of entries x (S,) as in `_factorise_links`."""
+    entries, factor = x[: 10 * links].reshape(links, 10), np.zeros((links, 4, 4))
+    factor[:, DIAGONAL, DIAGONAL] = np.exp(entries[:, :4])
+    factor[:, BELOW[0], BELOW[1]] = entries[:, 4:]
     return factor
 
 
-def _ten(matrix: Array) -> Array:
+def _extract_parameters(matrix: Array) -> Array:
     """Return standard parameters (..., 10) of pseudo-inertias (..., 4, 4), in which they are linear."""
     moments, h, m = matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3:, 3]
     inertia = np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments
     return np.concatenate([m, h, inertia[..., [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]], axis=-1)
 
 
-def _standard(x: Array, links: int) -> Array:
-    """Return standard parameters (S,) of logarithms and rows as in `_factors`."""
-    factor = _cholesky(x, links)
-    return np.concatenate([np.ravel(_ten(factor @ factor.swapaxes(-1, -2))), np.exp(x[10 * links :])])
+def _compute_standard(x: Array, links: int) -> Array:
+    """Return the standard parameters (S,) of entries x (S,) as in `_factorise_links`."""
+    factor = _build_factors(x, links)
+    return np.concatenate([np.ravel(_extract_parameters(factor @ factor.swapaxes(-1, -2))), np.exp(x[10 * links :])])
 
 
-def _slope(x: Array, links: int) -> Array:
-    """Return the derivative of standard parameters by the logarithms and rows (S, S)."""
-    factor = _cholesky(x, links)
-    moved = np.zeros((links, 10, 4, 4))  # of L
-    moved[:, np.arange(10), *ENTRIES] = 1.0
-    moved[:, DIAGONAL, DIAGONAL, DIAGONAL] = factor[:, DIAGONAL, DIAGONAL]
-    turned = moved @ factor[:, None].swapaxes(-1, -2)  # half of L L'; the transpose is the other half
-    own = _ten(turned + turned.swapaxes(-1, -2))  # (links, 10 of L, 10)
-    return scipy.linalg.block_diag(*own.swapaxes(-1, -2), np.diag(np.exp(x[10 * links :])))
+def _differentiate_standard(x: Array, links: int) -> Array:
+    """Return the derivatives of the standard parameters by the entries x as in `_factorise_links` (S, S)."""
+    factor = _build_factors(x, links)
+    d_factor = np.zeros((links, 10, 4, 4))  # of L
+    d_factor[:, np.arange(10), *ENTRIES] = 1.0
+    d_factor[:, DIAGONAL, DIAGONAL, DIAGONAL] = factor[:, DIAGONAL, DIAGONAL]
+    half = d_factor @ factor[:, None].swapaxes(-1, -2)  # half of L L'; the transpose is the other half
+    d_standard = _extract_parameters(half + half.swapaxes(-1, -2))  # (links, 10 of L, 10)
+    return scipy.linalg.block_diag(*d_standard.swapaxes(-1, -2), np.diag(np.exp(x[10 * links :])))

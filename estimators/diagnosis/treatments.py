@@ -113,7 +113,7 @@ def payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> Fin
     """Return the finding on a payload in recordings: mass, centre, and torque RMS of joints without and with it."""
     numbers = {"mass": payload.estimates["m"], **payload.center}
     sizes = {name: Quantity(quantity.value, quantity.std, quantity.unit) for name, quantity in numbers.items()}
-    for at, (before, after) in payload.left.items():
+    for at, (before, after) in payload.torque_rms.items():
         unit = body.units(at).unit(NEWTON_METRE)
         sizes |= {f"{at}.before": Quantity(before, unit=unit), f"{at}.after": Quantity(after, unit=unit)}
     return Finding(Kind.PAYLOAD, sizes, recordings=names, joints=(payload.joint,))
