@@ -141,15 +141,17 @@ def make_diagnoser(
         raise ValueError("model and terms are both given: give one of them")
     plant = Plant.from_env(env, rate, robot)
     if model is None:
-        chosen, given = plant.terms(terms), None
+        chosen_terms, reference = plant.terms(terms), None
     else:
-        chosen, given = load_reference(model, plant)
+        chosen_terms, reference = load_reference(model, plant)
     library = plant.effects([candidates] if isinstance(candidates, str) else candidates)
     if library is not None and all(map(find_obstacle, library.values())):
-        why = ", ".join(f"{id} ({find_obstacle(one)})".replace("_", " ") for id, one in library.items())
-        raise ValueError(f"no candidate has an online diagnosis{': ' * bool(why)}{why}; give others, or None for all")
-    known: dict[str, Any] = {"library": library, "smoothing": plant.smoothing, "given": given}
-    return Diagnoser(plant.rate, chosen, batch=plant.batch, **known, **options)
+        reasons = ", ".join(f"{id} ({find_obstacle(effect)})".replace("_", " ") for id, effect in library.items())
+        raise ValueError(
+            f"no candidate has an online diagnosis{': ' * bool(reasons)}{reasons}; give others, or None for all"
+        )
+    arguments: dict[str, Any] = {"library": library, "smoothing": plant.smoothing, "given": reference}
+    return Diagnoser(plant.rate, chosen_terms, batch=plant.batch, **arguments, **options)
 
 
 def load_reference(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...], Fit]:
@@ -157,8 +159,10 @@ def load_reference(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term,
     if isinstance(model, str | Path):
         model = load_model(model, plant.body)
     if model.body.joints != plant.body.joints:
-        ours, other = (describe_joints(of.joints) for of in (model.body, plant.body))
-        raise ValueError(f"the model has {ours}, the environment has {other}: give a model of the environment")
+        model_joints, env_joints = (describe_joints(body.joints) for body in (model.body, plant.body))
+        raise ValueError(
+            f"the model has {model_joints}, the environment has {env_joints}: give a model of the environment"
+        )
     check_model(model)
     if model.torque_unit != plant.torque_unit:
         raise ValueError(

@@ -18,7 +18,7 @@ from estimators.wrappers.options import EstimatorOptions, Names, make_estimator
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Term
 
-OBSERVATION_BOUND = 1e6  # of estimates in an observation
+OBSERVATION_BOUND = 1e6  # largest absolute value of an estimate in an observation
 MAX_TABLE_PARAMETERS = 6  # in the table of a picture
 
 
@@ -92,19 +92,19 @@ class EstimateParameters(MeasurementWrapper):
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         write_estimates(info, self._known, self.estimator, 0)
         if self.env.render_mode is not None:
-            self.env.unwrapped.overlay = functools.partial(self._lines, self._known)  # type: ignore[attr-defined]
+            self.env.unwrapped.overlay = functools.partial(self._format_lines, self._known)  # type: ignore[attr-defined]
         if not self._in_observation:
             return observation
         return np.concatenate([observation, observe_estimates(self._known)[0]], dtype=np.float32)
 
-    def _lines(self, now: Estimates) -> tuple[str, ...]:
+    def _format_lines(self, estimates: Estimates) -> tuple[str, ...]:
         """Format the text of a picture; with many parameters, estimates of the first scheme, three per line."""
         if len(self.estimator.names) > MAX_TABLE_PARAMETERS:
-            cells = [f"{name:<16}{v:7.3f}" for name, v in zip(self.estimator.names, now.theta[0, 0], strict=True)]
+            cells = [f"{name:<16}{v:7.3f}" for name, v in zip(self.estimator.names, estimates.theta[0, 0], strict=True)]
             return (self.schemes[0].id, *(" ".join(cells[k : k + 3]) for k in range(0, len(cells), 3)))
         names = "  ".join(f"{name[:9]:>9}" for name in self.estimator.names)
-        each = enumerate(self.schemes)
-        rows = (f"{one.id:<21}" + "  ".join(f"{v:9.4f}" for v in now.theta[0, s]) for s, one in each)
+        schemes = enumerate(self.schemes)
+        rows = (f"{scheme.id:<21}" + "  ".join(f"{v:9.4f}" for v in estimates.theta[0, s]) for s, scheme in schemes)
         return (f"{'':21}{names}", *rows)
 
 
@@ -134,52 +134,55 @@ class EstimateParametersVector(MeasurementVectorWrapper):
             self.single_observation_space = extend_space(env.single_observation_space, self.estimator)
             self.observation_space = batch_space(self.single_observation_space, env.num_envs)
 
-    def _restart(self, ended: Mask, time: Array) -> None:
-        super()._restart(ended, time)
-        self._known = self.estimator.after_reset(self._known, ended, time)
+    def _restart(self, which: Mask, time: Array) -> None:
+        """Restart plants (B,); their estimates lose the sample, see `OnlineEstimator.after_reset`."""
+        super()._restart(which, time)
+        self._known = self.estimator.after_reset(self._known, which, time)
 
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         write_estimates(info, self._known, self.estimator, slice(None))
         if not self._in_observation:
             return observation
-        more = observe_estimates(self._known)
+        columns = observe_estimates(self._known)
         if observation.dtype != object:
-            return np.concatenate([observation, more], axis=1, dtype=np.float32)
+            return np.concatenate([observation, columns], axis=1, dtype=np.float32)
         extended = observation.copy()  # last observations of ended episodes, as of `SyncVectorEnv`
-        for k in np.flatnonzero([one is not None for one in observation]):
-            extended[k] = np.concatenate([observation[k], more[k]], dtype=np.float32)
+        for k in np.flatnonzero([row is not None for row in observation]):
+            extended[k] = np.concatenate([observation[k], columns[k]], dtype=np.float32)
         return extended
 
 
-def write_estimates(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendulum: int | slice) -> None:
+def write_estimates(
+    info: dict[str, Any], estimates: Estimates, estimator: OnlineEstimator, pendulum: int | slice
+) -> None:
     """Write the estimates of one or several pendulums into an info, and keep those of an inner wrapper.
 
     Several pendulums have the layout of vector environments of Gymnasium: arrays with a first axis, and masks.
     """
-    found: dict[str, Any] = {
-        scheme.id: SchemeEstimate(now, s, pendulum, estimator.units) for s, scheme in enumerate(estimator.schemes)
+    by_scheme: dict[str, Any] = {
+        scheme.id: SchemeEstimate(estimates, s, pendulum, estimator.units) for s, scheme in enumerate(estimator.schemes)
     }
-    known: dict[str, Any] = {"estimates_time": now.time[pendulum], "parameters": estimator.names}
-    if now.regressor is not None:
-        known["regressor"] = now.regressor[pendulum]
+    entries: dict[str, Any] = {"estimates_time": estimates.time[pendulum], "parameters": estimator.names}
+    if estimates.regressor is not None:
+        entries["regressor"] = estimates.regressor[pendulum]
     if isinstance(pendulum, slice):
-        known["parameters"] = repeat_object(estimator.names, len(now.time))
-        mask = np.ones(len(now.time), dtype=bool)
-        found |= {f"_{name}": mask for name in found}
-        known |= {f"_{name}": mask for name in ("estimates", *known)}
-    info |= {"estimates": SchemeEstimates(info.get("estimates", ()), **found), **known}
+        entries["parameters"] = repeat_object(estimator.names, len(estimates.time))
+        mask = np.ones(len(estimates.time), dtype=bool)
+        by_scheme |= {f"_{name}": mask for name in by_scheme}
+        entries |= {f"_{name}": mask for name in ("estimates", *entries)}
+    info |= {"estimates": SchemeEstimates(info.get("estimates", ()), **by_scheme), **entries}
 
 
-def observe_estimates(now: Estimates) -> Array:
-    """Return theta and standard errors of all schemes for an observation (B, 2 S P)."""
-    std = np.sqrt(np.maximum(np.einsum("bsii->bsi", now.covariance), 0.0))
-    both = np.concatenate([now.theta, std], axis=2).reshape(len(now.theta), -1)
-    return np.clip(both, -OBSERVATION_BOUND, OBSERVATION_BOUND)
+def observe_estimates(estimates: Estimates) -> Array:
+    """Return theta and standard errors of each scheme for an observation (B, 2 S P), clipped to `OBSERVATION_BOUND`."""
+    std = np.sqrt(np.maximum(np.einsum("bsii->bsi", estimates.covariance), 0.0))
+    columns = np.concatenate([estimates.theta, std], axis=2).reshape(len(estimates.theta), -1)
+    return np.clip(columns, -OBSERVATION_BOUND, OBSERVATION_BOUND)
 
 
 def extend_space(space: gym.Space[Any], estimator: OnlineEstimator) -> gym.spaces.Box:
     """Extend an observation space by theta and standard errors."""
     if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
         raise ValueError(f"in_observation needs a Box of one dimension, not {space}: flatten the observation first")
-    more = np.full(2 * len(estimator.schemes) * len(estimator.names), OBSERVATION_BOUND, dtype=np.float32)
-    return gym.spaces.Box(np.concatenate([space.low, -more]), np.concatenate([space.high, more]), dtype=np.float32)
+    bound = np.full(2 * len(estimator.schemes) * len(estimator.names), OBSERVATION_BOUND, dtype=np.float32)
+    return gym.spaces.Box(np.concatenate([space.low, -bound]), np.concatenate([space.high, bound]), dtype=np.float32)

@@ -44,6 +44,7 @@ class Information:
         return gain
 
     def _reset(self, which: Mask) -> None:
+        """Set the information of pendulums (B,) to the prior."""
         self._inverse[which] = np.eye(self._inverse.shape[-1]) / self._prior
 
     def _add_row(self, regressor: Array) -> Array:

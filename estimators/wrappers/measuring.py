@@ -66,6 +66,10 @@ class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         return self._take(observation, info), reward, terminated, truncated, info
 
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
+        """Pass the measurement of an info on, and write the result into the info; return the observation.
+
+        The algorithm restarts if time decreases. A fault has no measurement, and repeats the last result.
+        """
         if "fault" not in info:  # a fault has no measurement
             sample = get_measurement(info)
             if sample[0] < self._clock.time:  # the inner environment was reset by itself, as by `Autoreset`
@@ -100,13 +104,20 @@ class MeasurementVectorWrapper(VectorWrapper):
         return self._take(observation, info), reward, terminated, truncated, info
 
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
+        """Pass the measurements of an info on, and write the results into the info; return the observations.
+
+        If an episode ended within the step, its last sample is passed on, and the plant restarts. The first sample of
+        the next episode is then not passed on.
+        """
         ended: Mask | None = info.get("_final_info")
         if ended is not None:  # SAME_STEP: the last sample of an ended episode counts, too
             final, self._time = info["final_info"], np.asarray(info["time"])
-            last = [np.where(ended, a, b) for a, b in zip(get_measurement(final), get_measurement(info), strict=True)]
-            self._known = self._algorithm.take(*last)
+            last_sample = [
+                np.where(ended, a, b) for a, b in zip(get_measurement(final), get_measurement(info), strict=True)
+            ]
+            self._known = self._algorithm.take(*last_sample)
             info["final_obs"] = self._write_info(info["final_obs"], final)
-            self._restart(ended, last[0])
+            self._restart(ended, last_sample[0])
             return self._write_info(observation, info)
         sample = [np.array(values, dtype=float) for values in get_measurement(info)]
         for name, values in zip(("_time", "_position", "_torque"), sample, strict=True):
@@ -116,9 +127,9 @@ class MeasurementVectorWrapper(VectorWrapper):
         self._known = self._algorithm.take(*sample)
         return self._write_info(observation, info)
 
-    def _restart(self, ended: Mask, time: Array) -> None:
+    def _restart(self, which: Mask, time: Array) -> None:
         """Restart plants (B,), whose last samples have the times (B,) [s]."""
-        self._algorithm.reset(ended)
+        self._algorithm.reset(which)
 
     @abstractmethod
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:

@@ -39,12 +39,12 @@ def choose_online_schemes(names: Names) -> tuple[Scheme | JointState, ...]:
     """Return schemes by id or object; "all" for the six. The joint state is the last."""
     if names == "all":
         return SCHEMES
-    each = [names] if isinstance(names, str) or not isinstance(names, Sequence) else names
-    known: dict[str, Scheme | JointState] = {one.id: one for one in SCHEMES}
-    known[JointState.id] = JointState()
-    listed = [find("scheme", one, known) if isinstance(one, str) else one for one in each]
-    joint = [one for one in listed if isinstance(one, JointState)]
-    others = [one for one in listed if not isinstance(one, JointState)]
+    names_or_schemes = [names] if isinstance(names, str) or not isinstance(names, Sequence) else names
+    by_id: dict[str, Scheme | JointState] = {entry.id: entry for entry in SCHEMES}
+    by_id[JointState.id] = JointState()
+    listed = [find("scheme", entry, by_id) if isinstance(entry, str) else entry for entry in names_or_schemes]
+    joint = [entry for entry in listed if isinstance(entry, JointState)]
+    others = [entry for entry in listed if not isinstance(entry, JointState)]
     if len(joint) > 1:
         raise ValueError(f"a scheme is named twice in {joint[0].id}, {joint[1].id}: use each once")
     chosen = select_schemes(others) if others or not joint else ()
@@ -78,7 +78,7 @@ def find_position_noise(env: AnyEnv) -> float | None:
 
 
 def _get_attribute(env: AnyEnv, name: str) -> Any:
-    """Return an attribute of the innermost environment, or of the first of a vector; None without it."""
+    """Return an attribute of the innermost environment, of a `SyncVectorEnv` its first one; None without it."""
     inner = env.unwrapped
     if isinstance(inner, gym.vector.SyncVectorEnv):
         inner = inner.envs[0].unwrapped
@@ -167,13 +167,13 @@ def make_estimator(
     Raises:
         ValueError: as in `Plant.from_env`, or if an option is unknown.
     """
-    own = ("schemes", "terms", "rate", "in_observation", *EstimatorOptions.__annotations__)
+    accepted = ("schemes", "terms", "rate", "in_observation", *EstimatorOptions.__annotations__)
     for name in options:
-        find("argument", name, dict.fromkeys(own))
+        find("argument", name, dict.fromkeys(accepted))
     plant = Plant.from_env(env, rate, robot)
-    known: dict[str, Any] = {"batch": plant.batch}
+    arguments: dict[str, Any] = {"batch": plant.batch}
     noise = find_position_noise(env)
     if noise is not None and options.get("counts") is None:
-        known |= {"smoothing": plant.smoothing, "position_noise": noise}
-    known |= {name: value for name, value in options.items() if value is not None}
-    return OnlineEstimator(plant.rate, plant.terms(terms), choose_online_schemes(schemes), **known)
+        arguments |= {"smoothing": plant.smoothing, "position_noise": noise}
+    arguments |= {name: value for name, value in options.items() if value is not None}
+    return OnlineEstimator(plant.rate, plant.terms(terms), choose_online_schemes(schemes), **arguments)
