@@ -44,13 +44,13 @@ class ChannelFits:
     Attributes:
         data: windows, each with its known load.
         rows: equations used (R,) of those in the windows.
-        phi: columns (R, P), weighted; first that of the known loads, where it is there to tell the gain.
+        phi: columns (R, P), weighted; the first is that of the known loads if a current is logged.
         where: stretch of each equation for predictions.
-        carried: torque that is known to be taken by loads in all windows [N m], none where the log is no torque.
+        carried: torque of the known loads in all windows [N m]; 0 if a current is logged.
         clusters: of time, and of recordings, of each equation (R,), within which errors may be correlated.
         by_torque: slopes of the columns by the torque (R, P).
-        is_sampled: whether torque is taken for sampled, else for held.
-        torques: weighted torque (R,) that acts in the windows by law of the channel, as far as they were asked for.
+        is_sampled: whether torque counts as sampled instead of held.
+        torques: cache of `torque` by law.
     """
 
     data: TorqueWindows
@@ -72,12 +72,12 @@ class ChannelFits:
         Raises:
             IdentificationError: if too little of the motion is clear of stick.
         """
-        made = make_channel_rows(recordings, beside)
-        if made is None:
+        rows = make_channel_rows(recordings, beside)
+        if rows is None:
             return None
         of_torque = list_torque_dependent(beside)
-        found = cls(*made, np.zeros_like(made.phi))
-        return found.with_columns_of_torque(partial(found._columns_under, of_torque)) if of_torque else found
+        fits = cls(*rows, np.zeros_like(rows.phi))
+        return fits.with_columns_of_torque(partial(fits._compute_torque_columns, of_torque)) if of_torque else fits
 
     def with_columns(self, columns: Array, by_torque: Array | None = None) -> Self:
         """Return the fits with more columns (R, P), and their derivatives by the torque."""
@@ -86,7 +86,7 @@ class ChannelFits:
         phi, by_torque = np.column_stack([self.phi, weighted]), np.column_stack([self.by_torque, slopes])
         return replace(self, phi=phi, by_torque=by_torque)
 
-    def _columns_under(self, terms: Sequence[Term], torque: Array) -> Array:
+    def _compute_torque_columns(self, terms: Sequence[Term], torque: Array) -> Array:
         """Compute columns (R, P) of torque-dependent effects for another torque (R,) [N m], interpolated in time."""
         windows, first = [], 0
         for w in self.data.windows:
@@ -108,12 +108,16 @@ class ChannelFits:
         return self.with_columns(*parts)
 
     def with_columns_of_torque(self, columns: Callable[[Array], Array]) -> Self:
-        """Return the fits with columns (R, P) of the torque (R,) of the model [N m], which is never late."""
-        torque, weights, found = self.torque(self.channel(self.start)), self.data.weights[self.rows], self
+        """Return the fits with columns (R, P) of the fitted torque (R,) [N m], which has no delay.
+
+        The recorded torque is that with the delay `start`. Each of `SEARCH.bends` iterations replaces the columns by
+        those of the last fit.
+        """
+        torque, weights, fits = self.torque(self.channel(self.start)), self.data.weights[self.rows], self
         for _ in range(SEARCH.bends):
-            fitted = (torque - found.residual(torque)) / weights + self.carried[self.rows]
-            found = self.with_columns(columns(fitted))
-        return found
+            fitted = (torque - fits.residual(torque)) / weights + self.carried[self.rows]
+            fits = self.with_columns(columns(fitted))
+        return fits
 
     def with_nonlinear_gain(self) -> Self:
         """Return the fits with columns of the torque of the model: friction under load, and nonlinear gain."""
@@ -123,10 +127,10 @@ class ChannelFits:
         )
 
     def with_drift(self) -> Self:
-        """Return the fits with parameters that change along each recording."""
-        passed = np.concatenate([2 * w.centers / len(w.recording) - 1 for w in self.data.windows])
+        """Return the fits with parameters of the base model that change linearly along each recording."""
+        time_share = np.concatenate([2 * w.centers / len(w.recording) - 1 for w in self.data.windows])
         base = np.column_stack([self.data.columns([term])[0][0] for term in BASE])
-        return self.with_columns((base * passed[:, None])[self.rows])
+        return self.with_columns((base * time_share[:, None])[self.rows])
 
     @cached_property
     def span(self) -> Array:
@@ -136,19 +140,22 @@ class ChannelFits:
 
     @property
     def columns(self) -> tuple[Array, Array]:
-        """Return the fitted columns (R, P), and their derivatives by the torque: a basis, or single parameters."""
-        is_asked = self.by_torque.any() or self.data.windows[0].recording.torque_unit != NEWTON_METRE
-        return (self.phi, self.by_torque) if is_asked else (self.span, np.zeros_like(self.span))
+        """Return the fitted columns (R, P), and their derivatives by the torque.
+
+        These are single parameters if a gain or a column by the torque is fitted, else an orthonormal basis.
+        """
+        has_parameters = self.by_torque.any() or self.data.windows[0].recording.torque_unit != NEWTON_METRE
+        return (self.phi, self.by_torque) if has_parameters else (self.span, np.zeros_like(self.span))
 
     @cached_property
     def start(self) -> Array:
-        """Return the best of a few delays (2,), see `channel`."""
+        """Return delay and shift (2,), see `channel`: the best of `SEARCH.starts` delays without a filter."""
         delays = SEARCH.reach * np.linspace(-1.0, 1.0, SEARCH.starts)
         return min(np.outer(delays, [1.0, 0.0]), key=lambda x: float(np.linalg.norm(self.misfit(x))))
 
     def select_most_precise(self) -> Self:
-        """Return the fits with the model that determines a delay most precisely: this one, or a larger one."""
-        return min((self, self.with_drift(), self.with_nonlinear_gain()), key=lambda own: own.delay_fit.delay_std)
+        """Return the fits with the least error of the delay: these, those with drift, or with nonlinear gain."""
+        return min((self, self.with_drift(), self.with_nonlinear_gain()), key=lambda fits: fits.delay_fit.delay_std)
 
     @cached_property
     def delay_fit(self) -> Alignment:
@@ -161,13 +168,19 @@ class ChannelFits:
         return 1.0 / max(w.recording.rate for w in self.data.windows)
 
     def channel(self, x: Array) -> Channel:
-        """Return the law with a delay, and a filter that delays slow torque by a time [s]."""
+        """Return the law with a delay, and a filter that delays slow torque by `shift`; x = (delay, shift) (2,) [s].
+
+        A negative shift gives a negative lag.
+        """
         delay, shift = (float(value) for value in x)
         lag = shift if shift <= 0 else self.period / float(np.log1p(self.period / shift))
         return Channel(delay, lag, self.is_sampled)
 
     def torque(self, channel: Channel) -> Array:
-        """Undo delay and filter of the log; return the weighted torque (R,) of the windows without known loads."""
+        """Undo delay and filter of the log; return the weighted torque (R,) of the windows minus known loads.
+
+        The result is cached in `torques`.
+        """
         if channel in self.torques:
             return self.torques[channel]
         parts = []
@@ -189,51 +202,55 @@ class ChannelFits:
         """Return the weighted residual of the torque (R,)."""
         return self.residual(self.torque(self.channel(x)))
 
-    def slopes(self, x: Array, ways: Array) -> Array:
+    def slopes(self, x: Array, directions: Array) -> Array:
         """Compute derivatives (R, F) of the torque along directions (F, 2)."""
-        ends = [[self.torque(self.channel(x + sign * SEARCH.nearby * way)) for sign in (1, -1)] for way in ways]
-        rises = [(after - before) / (2 * SEARCH.nearby) for after, before in ends]
-        return np.reshape(rises, (len(ways), len(self.rows))).T
+        pairs = [
+            [self.torque(self.channel(x + sign * SEARCH.nearby * direction)) for sign in (1, -1)]
+            for direction in directions
+        ]
+        derivatives = [(after - before) / (2 * SEARCH.nearby) for after, before in pairs]
+        return np.reshape(derivatives, (len(directions), len(self.rows))).T
 
     def fit(self, starts: Iterable[Array], free: Sequence[int] = (), low: float = -SEARCH.reach) -> Alignment:
         """Fit the law from the best start.
 
         Args:
             starts: delay and shift, see `channel`.
-            free: which of them are fitted.
-            low: limit of both.
+            free: indices of the fitted ones, 0 for the delay and 1 for the shift; the other stays at its start.
+            low: lower limit of both [s]; the upper limit is `SEARCH.reach`.
         """
-        within = (np.clip(start, low, SEARCH.reach) for start in starts)
-        x = min(within, key=lambda start: float(np.linalg.norm(self.misfit(start))))
-        ways = np.eye(2)[list(free)]
+        clipped = (np.clip(start, low, SEARCH.reach) for start in starts)
+        x = min(clipped, key=lambda start: float(np.linalg.norm(self.misfit(start))))
+        directions = np.eye(2)[list(free)]
         if free:
-            least, most = low - ways @ x, SEARCH.reach - ways @ x
+            lower, upper = low - directions @ x, SEARCH.reach - directions @ x
 
-            def near(way: Array) -> Near[Array]:
-                error = self.misfit(x + way @ ways)
-                slopes = self.residual(self.slopes(x + way @ ways, ways))
-                return Near(way, float(error @ error), error, slopes, way <= least, way >= most)
+            def near(place: Array) -> Near[Array]:
+                error = self.misfit(x + place @ directions)
+                slopes = self.residual(self.slopes(x + place @ directions, directions))
+                return Near(place, float(error @ error), error, slopes, place <= lower, place >= upper)
 
             def best(local: Near[Array], steps: list[Array]) -> tuple[Array, float]:
-                places = [_move_within(local.known, step, least, most) for step in steps]
-                return choose_least(places, [float(np.sum(self.misfit(x + way @ ways) ** 2)) for way in places])
+                places = [_move_within(local.known, step, lower, upper) for step in steps]
+                costs = [float(np.sum(self.misfit(x + place @ directions) ** 2)) for place in places]
+                return choose_least(places, costs)
 
-            x = x + gauss_newton(np.clip(0.0 * least, least, most), near, best, DESCENT) @ ways
-        channel, slopes = self.channel(x), self.slopes(x, ways)
-        own, by_torque = self.columns
-        design, count = np.column_stack([own, -slopes]), own.shape[1]
-        by_torque, far = np.column_stack([by_torque, 0 * slopes]), np.full(design.shape[1], np.inf)
-        balance = Balance(design, self.torque(channel), by_torque, -far, far, np.ones(len(design)))
+            x = x + gauss_newton(np.clip(0.0 * lower, lower, upper), near, best, DESCENT) @ directions
+        channel, slopes = self.channel(x), self.slopes(x, directions)
+        columns, by_torque = self.columns
+        design, count = np.column_stack([columns, -slopes]), columns.shape[1]
+        by_torque, infinite = np.column_stack([by_torque, 0 * slopes]), np.full(design.shape[1], np.inf)
+        balance = Balance(design, self.torque(channel), by_torque, -infinite, infinite, np.ones(len(design)))
         fits = [balance.fit(clusters) for clusters in self.clusters]
         errors = np.max([fit.std for fit in fits], axis=0)
-        delay_std, lag_std = (float(std) for std in errors[count:] @ ways)
+        delay_std, lag_std = (float(std) for std in errors[count:] @ directions)
         if channel.lag > 0:  # d lag / d shift, which is infinite where there is no filter
-            steep = channel.lag**2 / (x[1] * (x[1] + self.period))
-            lag_std = min(steep * lag_std, self.channel(x + np.array([0.0, lag_std])).lag)
+            slope = channel.lag**2 / (x[1] * (x[1] + self.period))
+            lag_std = min(slope * lag_std, self.channel(x + np.array([0.0, lag_std])).lag)
         gain = float(fits[0].theta[0]), float(errors[0])
         density = cross_validated(balance, self.where)
-        raised = np.log(self.compute_noise_gain(channel)) * np.bincount(self.where.block)
-        return Alignment(channel, delay_std, lag_std, gain=gain, density=np.stack([density, density + raised]))
+        noise_bonus = np.log(self.compute_noise_gain(channel)) * np.bincount(self.where.block)
+        return Alignment(channel, delay_std, lag_std, gain=gain, density=np.stack([density, density + noise_bonus]))
 
     def select_law(self) -> Alignment:
         """Return the simplest law that predicts significantly better than the others.
@@ -241,14 +258,14 @@ class ChannelFits:
         A filter shorter than a sample cannot be distinguished from a delay by a share of it.
         """
         none, delay = self.fit([np.zeros(2)]), self.delay_fit
-        late = delay.delay
-        lag = self.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
-        if not delay.is_supported(none) or self.is_negligible(late):  # a filtered torque is late, too
+        delay_time = delay.delay
+        lag = self.fit([np.array([0.0, share * delay_time]) for share in (0.5, 1.0, 1.5)], (1,))
+        if not delay.is_supported(none) or self.is_negligible(delay_time):  # a filtered torque is late, too
             # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
-            spread = max(delay.delay_std, abs(late) / SEARCH.sure), max(lag.lag_std, abs(lag.lag) / SEARCH.sure)
-            return replace(none, delay_std=spread[0], lag_std=spread[1])
-        if late > 0:
-            both = self.fit([late * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)
+            stds = max(delay.delay_std, abs(delay_time) / SEARCH.sure), max(lag.lag_std, abs(lag.lag) / SEARCH.sure)
+            return replace(none, delay_std=stds[0], lag_std=stds[1])
+        if delay_time > 0:
+            both = self.fit([delay_time * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)
             if both.is_supported(none) and both.lag > self.period and both.beats(delay) and both.beats(lag):
                 return both
         is_filter = lag.predicts_better(delay) and lag.is_supported(none) and abs(lag.lag) >= self.period
@@ -256,10 +273,11 @@ class ChannelFits:
         return law if law.beats(other) or not other.is_supported(none) else replace(law, rival=other.channel)
 
     def is_negligible(self, delay: float) -> bool:
-        """Return whether a delay [s] is within the exactness of clocks, and torque is predicted as well without it."""
+        """Return whether a delay [s] is a small share of a sample, and torque is predicted as well without it."""
         # of smoothing, and integration
         exactness = self.data.least() * float(np.linalg.norm(self.data.weights[self.rows]))
-        before, after = (np.hypot(np.linalg.norm(self.misfit(np.array([own, 0.0]))), exactness) for own in (0.0, delay))
+        errors = [np.linalg.norm(self.misfit(np.array([shift, 0.0]))) for shift in (0.0, delay)]
+        before, after = np.hypot(errors, exactness)
         return bool(abs(delay) < SEARCH.negligible * self.period and after > (1 - SEARCH.error_margin) * before)
 
     def compute_noise_gain(self, channel: Channel) -> float:
@@ -267,18 +285,21 @@ class ChannelFits:
         factors, reach = [], int(np.ceil(5 * SEARCH.reach / self.period))
         impulse = np.eye(1, 2 * reach + 1, reach)[0]
         for w in self.data.windows:
-            ways, period = (replace(channel, delay=0.0), Channel()), 1.0 / w.recording.rate
-            passed = [np.convolve(way.average_torque(w.samples, impulse, period), w.kernel) for way in ways]
-            after, before = (float(np.linalg.norm(one)) for one in passed)
+            laws, period = (replace(channel, delay=0.0), Channel()), 1.0 / w.recording.rate
+            responses = [np.convolve(law.average_torque(w.samples, impulse, period), w.kernel) for law in laws]
+            after, before = (float(np.linalg.norm(response)) for response in responses)
             factors.append(after / before)
         return max(factors)
 
 
-def _move_within(place: Array, step: Array, least: Array, most: Array) -> Array:
-    """Move by a step (F,) up to the first bound: delay and shift make up for each other, so the direction counts."""
-    room, moved = np.where(step < 0, least - place, most - place), step != 0
-    share = min([1.0, *(room[moved] / step[moved])])
-    return np.asarray(np.clip(place + share * step, least, most))
+def _move_within(place: Array, step: Array, lower: Array, upper: Array) -> Array:
+    """Move by a step (F,) and stop at the first bound.
+
+    The direction is kept, since delay and shift compensate each other.
+    """
+    room, is_moved = np.where(step < 0, lower - place, upper - place), step != 0
+    share = min([1.0, *(room[is_moved] / step[is_moved])])
+    return np.asarray(np.clip(place + share * step, lower, upper))
 
 
 def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = ()) -> Alignment:
@@ -306,7 +327,11 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     """
     recordings = [recordings] if isinstance(recordings, Recording) else recordings
     try:
-        fits = ChannelFits.from_recordings(recordings, beside) if any(one.torque.any() for one in recordings) else None
+        fits = (
+            ChannelFits.from_recordings(recordings, beside)
+            if any(recording.torque.any() for recording in recordings)
+            else None
+        )
     except IdentificationError:
         fits = None
     if fits is None:
@@ -322,10 +347,10 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
         is_half = half.agrees(free) and half.predicts_better(found) and not free.beats(half)
         return replace(half, delay_std=free.delay_std, is_half_sample=True) if is_half else found
     other = sampled.select_law()
-    late, spread = (found.delay + found.lag) / fits.period, (found.delay_std + found.lag_std) / fits.period
-    if late + SEARCH.sure * spread < SEARCH.least_sampled:
+    late, late_std = (found.delay + found.lag) / fits.period, (found.delay_std + found.lag_std) / fits.period
+    if late + SEARCH.sure * late_std < SEARCH.least_sampled:
         return found
-    is_usual = late < 0.5 + SEARCH.sure * spread
+    is_usual = late < 0.5 + SEARCH.sure * late_std
     is_sampled = not found.beats(other) if is_usual else other.beats(found)
     if not (is_sampled and other.is_late):
         return found
@@ -345,11 +370,14 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
     if len(recordings) == 1:
         return [joint]
     each = [align([recording], beside) for recording in recordings]
-    for law in (joint, *sorted(each, key=lambda one: one.delay_std + one.lag_std)):
-        agree = [one.agrees(law) for one in each]
+    for law in (joint, *sorted(each, key=lambda alignment: alignment.delay_std + alignment.lag_std)):
+        agree = [alignment.agrees(law) for alignment in each]
         is_shared = (law.is_late and joint.agrees(law)) or (law is joint and law.is_found)
         if is_shared and 2 * sum(agree) > len(each):
-            own = [is_alike or (one.is_found and not one.is_late) for one, is_alike in zip(each, agree, strict=True)]
-            return [law if is_law else one for one, is_law in zip(each, own, strict=True)]
-    alone = [one if one.is_late or not one.is_found else joint for one in each]
-    return alone if any(one.is_found for one in alone) else [joint] * len(each)
+            uses_law = [
+                is_alike or (alignment.is_found and not alignment.is_late)
+                for alignment, is_alike in zip(each, agree, strict=True)
+            ]
+            return [law if uses_shared else alignment for alignment, uses_shared in zip(each, uses_law, strict=True)]
+    separate = [alignment if alignment.is_late or not alignment.is_found else joint for alignment in each]
+    return separate if any(alignment.is_found for alignment in separate) else [joint] * len(each)

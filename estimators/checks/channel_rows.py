@@ -23,8 +23,8 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import NEWTON_METRE, Load, Recording
 
 NONE = Load(0.0, 0.0)
-# share of the motion that a motor drives or a load brakes, above which losses of gears and the torque constant are one
-# number; a choice: only the other samples distinguish both, and a tenth of a recording is few
+# share of samples driven by the motor, or braked by the load, above which gear losses and the torque constant cannot be
+# distinguished; a choice: only the other samples distinguish both
 DRIVEN = 0.9
 # friction that is pressed by what acts on the output, the joint's own weight and the known loads [per N m of each]
 OWN = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
@@ -48,6 +48,9 @@ class ChannelRows(NamedTuple):
 def make_channel_rows(recordings: Sequence[Recording], beside: Sequence[Term]) -> ChannelRows | None:
     """Make the equations of recordings with effects of the joint; None if too few are clear of the ends of segments.
 
+    Columns: the known load if a current is logged, friction pressed by loads, smooth laws of each joint, and the
+    effects in `beside` that do not depend on the torque.
+
     Raises:
         IdentificationError: if too little of the motion is clear of stick.
     """
@@ -55,16 +58,20 @@ def make_channel_rows(recordings: Sequence[Recording], beside: Sequence[Term]) -
     data = _make_arm_windows(recordings, beside) if is_arm else _make_pendulum_windows(recordings)
     rows = _find_clear_windows(data)
     joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
-    laws = [(here, own.columns([law])[0][0]) for here, own in joints for law in _smooth_laws(own)]
+    laws = [
+        (rows_of_joint, joint_data.columns([law])[0][0])
+        for rows_of_joint, joint_data in joints
+        for law in _smooth_laws(joint_data)
+    ]
     of_torque = list_torque_dependent(beside)
     known = [term for term in beside if not term.fixed and term not in of_torque]
-    parts = [*laws, *((data.locate_rows(term.at), data.columns([term])[0][0]) for term in known)]
+    column_parts = [*laws, *((data.locate_rows(term.at), data.columns([term])[0][0]) for term in known)]
     load, *friction = (data.averages.column(column, data.averages.samples) for column in (LOAD, OWN, HUNG))
-    carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
+    load_torque, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
     has_several = len({r.load for r in recordings}) > 1
     has_several |= any(r.has_varying_load for r in recordings) and not is_brake(data)
-    pressed = [] if is_arm else friction if has_several else friction[:1]
-    phi = np.column_stack([*gain, *pressed, place_columns(len(load), parts)])
+    friction_columns = [] if is_arm else friction if has_several else friction[:1]
+    phi = np.column_stack([*gain, *friction_columns, place_columns(len(load), column_parts)])
     if len(rows) < SEARCH.fewest_equations * phi.shape[1]:
         return None
     block, _, of_block = data.blocks(BLOCK)
@@ -72,18 +79,18 @@ def make_channel_rows(recordings: Sequence[Recording], beside: Sequence[Term]) -
     recording = of_block[block[rows]]
     where = Blocks(stretch, recording, recording[begin], stretch)
     is_several = len(np.unique(recording)) >= SEARCH.between
-    clusters = [data.clusters[rows], *([recording] if is_several else [])]
-    numbered = tuple(np.unique(own, return_inverse=True)[1] for own in clusters)
-    return ChannelRows(data, rows, phi[rows] * data.weights[rows, None], where, carried, numbered)
+    cluster_sets = [data.clusters[rows], *([recording] if is_several else [])]
+    numbered = tuple(np.unique(labels, return_inverse=True)[1] for labels in cluster_sets)
+    return ChannelRows(data, rows, phi[rows] * data.weights[rows, None], where, load_torque, numbered)
 
 
 def list_torque_dependent(terms: Sequence[Term]) -> list[Term]:
-    """List the terms whose columns depend on the torque, without those that make another torque of it."""
+    """List the terms whose columns depend on the torque; terms with fixed columns are left out, as a lag."""
     return [term for term in terms if not term.fixed and any(column.of_torque for column in term.columns)]
 
 
 def is_brake(data: TorqueWindows) -> bool:
-    """Return whether the load torque opposes the motion nearly always, as friction that is pressed by it does."""
+    """Return whether the load torque opposes the motion in more than `DRIVEN` of the samples."""
     return compute_driven_share(data, -np.asarray(data.samples.load.torque)) > DRIVEN
 
 
@@ -112,11 +119,11 @@ def _smooth_laws(data: TorqueWindows) -> tuple[Term, ...]:
 
 
 def _find_clear_windows(data: TorqueWindows) -> Index:
-    """Find windows with known torque under every law of the channel."""
-    found = []
+    """Find the windows that keep clear of the ends of segments under every delay up to `SEARCH.reach`."""
+    masks = []
     for w in data.windows:
-        beyond = len(w.kernel) // 2 + int(np.ceil(SEARCH.reach * w.recording.rate)) + 2
+        margin = len(w.kernel) // 2 + int(np.ceil(SEARCH.reach * w.recording.rate)) + 2
         bounds = np.array([*w.recording.starts, len(w.recording)])
         segment = np.searchsorted(bounds, w.centers, side="right")
-        found.append((w.centers >= bounds[segment - 1] + beyond) & (w.centers < bounds[segment] - beyond))
-    return np.flatnonzero(np.concatenate(found))
+        masks.append((w.centers >= bounds[segment - 1] + margin) & (w.centers < bounds[segment] - margin))
+    return np.flatnonzero(np.concatenate(masks))

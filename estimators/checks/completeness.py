@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from estimators.checks.closed_loop import find_feedback
-from estimators.checks.homogeneity import AGREEMENT, Own, find_disagreements, find_misfits, fit_each_recording
+from estimators.checks.homogeneity import AGREEMENT, RecordingFit, find_disagreements, find_misfits, fit_each_recording
 from estimators.checks.remedies import find_wrong_columns
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
@@ -22,43 +22,46 @@ from estimators.weak_form.torque_windows import TorqueWindows, prepare
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Term
 
-DISAGREEMENT = 5.0  # standard errors between two schemes, which noise alone does not reach: 2.3 is the most seen,
-COARSE = 0.05  # and share of a parameter, which slow sampling does not reach: 0.034 at 50 Hz
+DISAGREEMENT = 5.0  # standard errors between two schemes that disagree; noise alone reached 2.3 at most
+COARSE = 0.05  # least relative difference of schemes that disagree; sampling at 50 Hz reached 0.034
 
 Results = dict[str, Identified]
 
 
 def check_results(
-    first: Model, results: Results, given: FitData, terms: Sequence[Term]
+    first: Model, results: Results, fit_data: FitData, terms: Sequence[Term]
 ) -> tuple[TorqueWindows | None, list[Finding], Results]:
     """Check columns, then agreement of recordings, then the model, then feedback; of an arm the model alone.
 
-    `first` is the model of the first scheme, in the unit of the recorded torque. Windows are None of an arm, and if
-    there are too few; results are returned with estimates marked that a missing effect biases.
+    `first` is the model of the first scheme, in the unit of the recorded torque. Windows are None for an arm, and if
+    there are too few. In the returned results, estimates that a missing effect biases are marked.
     """
     if isinstance(terms[0].mechanism, Body):
-        found = find_driving_friction(next(iter(results.values())).model)
+        findings = find_driving_friction(next(iter(results.values())).model)
         with suppress(IdentificationError):
-            missing, results = _check_completeness(results, RegressionData.from_arm(given.recordings, terms), terms)
-            found = [*found, *missing]
-        return None, found, results
-    data, found = None, find_wrong_columns(first, given.recordings) or find_driving_friction(first)
+            missing, results = _check_completeness(results, RegressionData.from_arm(fit_data.recordings, terms), terms)
+            findings = [*findings, *missing]
+        return None, findings, results
+    windows, findings = None, find_wrong_columns(first, fit_data.recordings) or find_driving_friction(first)
     with suppress(IdentificationError):  # windows need more motion than some schemes
-        data = prepare(given.recordings)
-        found = [*found, *_check_recordings(given, fit_each_recording([data], terms), terms)]
-        if not found:
-            found, results = _check_completeness(results, RegressionData(data), terms)
-    return data, [*found, *find_feedback(given.recordings)], results
+        windows = prepare(fit_data.recordings)
+        findings = [*findings, *_check_recordings(fit_data, fit_each_recording([windows], terms), terms)]
+        if not findings:
+            findings, results = _check_completeness(results, RegressionData(windows), terms)
+    return windows, [*findings, *find_feedback(fit_data.recordings)], results
 
 
-def _check_recordings(given: FitData, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:
-    """Check the recordings: timing of torque, agreement."""
-    timed = given.with_timing()
+def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequence[Term]) -> list[Finding]:
+    """Check the timing of the torque, the agreement of the recordings, and their residuals.
+
+    Torque that acts late is no finding if the model has a dead time or a lag.
+    """
+    timed = data.with_timing()
     return [
         *timed.find_timing(True),
         *(timed.find_timing(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
-        *(one.finding for one in find_disagreements(fits, only_if_all_fit=True)),
-        *(one.finding for one in find_misfits(fits)),
+        *(disagreement.finding for disagreement in find_disagreements(fits, only_if_all_fit=True)),
+        *(disagreement.finding for disagreement in find_misfits(fits)),
     ]
 
 
@@ -72,28 +75,31 @@ def _check_completeness(
     Estimates on which the schemes disagree are marked in the results; of a single scheme, all estimates.
     """
     data, floors = prepared.data, prepared.floors
-    left = prepared.joint_errors(prepared.residual(terms))
-    least = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in left}
-    times = {at: error / max(floors[at], 1e-300) for at, error in left.items() if error > least[at]}
+    rms_of_joints = prepared.joint_errors(prepared.residual(terms))
+    limits = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in rms_of_joints}
+    ratios = {at: error / max(floors[at], 1e-300) for at, error in rms_of_joints.items() if error > limits[at]}
     gaps = sorted(_compute_scheme_differences(list(results.values())))
-    disputed = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # of each name the largest
-    numbers = {"residual": Quantity(max(times.values()))} if times else {}
-    numbers |= {"disagreement": Quantity(max(disputed.values()))} if disputed else {}
-    joints, names = (tuple(sorted(filter(None, own), key=lambda one: -own[one])) for own in (times, disputed))
+    biased = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # of each name the largest
+    numbers = {"residual": Quantity(max(ratios.values()))} if ratios else {}
+    numbers |= {"disagreement": Quantity(max(biased.values()))} if biased else {}
+    joints, names = (tuple(sorted(filter(None, sizes), key=lambda name: -sizes[name])) for sizes in (ratios, biased))
     if not numbers:
         return [], results
     marked = {
-        id: replace(own, model=own.model.mark_biased(disputed if len(results) > 1 else None))
-        for id, own in results.items()
+        id: replace(result, model=result.model.mark_biased(biased if len(results) > 1 else None))
+        for id, result in results.items()
     }
     return [Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], marked
 
 
 def _compute_scheme_differences(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
-    """Yield the difference of each two schemes in each parameter, in standard errors, with its name."""
-    for one, other in combinations(results, 2):
-        for name in one.model.estimates.keys() - one.withheld - other.withheld:
-            first, second = (own.model.estimates[name] for own in (one, other))
+    """Yield the difference of each two schemes in each parameter, in standard errors, with its name.
+
+    Differences below `COARSE` of the parameter are left out.
+    """
+    for result, other in combinations(results, 2):
+        for name in result.model.estimates.keys() - result.withheld - other.withheld:
+            first, second = (scheme.model.estimates[name] for scheme in (result, other))
             gap = abs(first.value - second.value)
             if first.std > 0 and second.std > 0 and gap > COARSE * max(abs(first.value), abs(second.value)):
                 yield gap / float(np.hypot(first.std, second.std)), name

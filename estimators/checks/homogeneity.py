@@ -30,11 +30,11 @@ from pendulum_env.units import TURNING, JointUnits
 class AgreementSettings:
     """Limits of the recordings and differences that count."""
 
-    chance: float = 1e-3  # of a false alarm in all comparisons of one diagnosis
-    practical: float = 0.03  # of a parameter: a smaller difference does not matter in practice
-    fewest_windows: int = 40  # that a recording needs to have a say
-    freedom: int = 6  # stretches of time that it needs beyond the number of parameters
-    condition: float = 1e4  # of its regressor: beyond, it cannot tell the parameters from one another
+    alarm_probability: float = 1e-3  # of a false alarm in all comparisons of one diagnosis
+    min_difference: float = 0.03  # relative; a smaller difference does not matter in practice
+    min_windows: int = 40  # of a recording that is compared
+    min_freedom: int = 6  # stretches of time beyond the number of parameters of a recording that is compared
+    max_condition: float = 1e4  # condition number of the regressor of a recording that is compared
     fits: float = 1.3  # times the noise floor that a fit leaves at most where the model lacks nothing
     misfits: float = 2.0  # times the noise floor, above which the model lacks an effect
 
@@ -62,12 +62,12 @@ class Disagreement:
     """Recording of a different plant than the other recordings or a model.
 
     Attributes:
-        recording: its number, from 1, held-out recordings following the fitted ones.
+        recording: its number, from 1; held-out recordings follow the fitted ones.
         name: of the recording.
-        others: names of the recordings that agree with one another; none if it is a model that it disagrees with.
-        differences: parameters that differ, the surest first; none if no parameters fit the recording.
-        kind: of the finding: parameters differ, one factor scales the torque, a sign is turned round, or nothing fits.
-        numbers: the factor, or the residual and how many times the noise floor that is.
+        others: names of the recordings that agree with one another; none if the recording disagrees with a model.
+        differences: parameters that differ, the most significant first; none if no parameters fit the recording.
+        kind: of the finding: parameters differ, one factor scales the torque, a sign is opposite, or nothing fits.
+        numbers: the factor, or the residual and its ratio to the noise floor.
     """
 
     recording: int
@@ -79,12 +79,12 @@ class Disagreement:
 
     @property
     def finding(self) -> Finding:
-        """Finding of this disagreement; the first of its recordings disagrees with the rest."""
+        """Return the finding of this disagreement; the first of its recordings disagrees with the others."""
         numbers = {"number": Quantity(self.recording)} | dict(self.numbers)
-        for own in self.differences:
-            numbers[own.parameter] = Quantity(own.value, own.std, own.unit)
-            numbers[f"others.{own.parameter}"] = Quantity(own.others, unit=own.unit)
-        names = tuple(own.parameter for own in self.differences)
+        for difference in self.differences:
+            numbers[difference.parameter] = Quantity(difference.value, difference.std, difference.unit)
+            numbers[f"others.{difference.parameter}"] = Quantity(difference.others, unit=difference.unit)
+        names = tuple(difference.parameter for difference in self.differences)
         return Finding(self.kind, numbers, names, recordings=(self.name, *self.others))
 
     def json(self) -> JSON:
@@ -98,12 +98,12 @@ class Disagreement:
         }
 
 
-class Known(NamedTuple):
+class ComparedParameters(NamedTuple):
     """Compared parameters of a recording, of several recordings, or of a model.
 
     Attributes:
         theta, covariance: (P,) and (P, P).
-        bias: how far the torque that they leave may have moved each: what the model lacks is in them as well (P,).
+        bias: largest change of each parameter by a missing effect as large as the residual (P,).
     """
 
     theta: Array
@@ -112,17 +112,17 @@ class Known(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Own:
+class RecordingFit:
     """Fit of the compared parameters to one recording.
 
     Attributes:
         number, name: of the recording.
         columns: whose parameters are compared.
-        known: what the recording has them to be.
+        known: their estimates.
         is_turned: whether the inertia with the known load is significantly negative: torque or position has the wrong
             sign.
-        rms, floor: torque that is left, and that noise alone would leave [N m].
-        sure: standard errors from which a difference is no chance.
+        rms, floor: RMS residual torque, and that of noise alone [N m].
+        z_limit: standard errors above which a difference is significant.
         is_free: whether it is a free swing, whose parameters are relative to the inertia.
         units: of its parameters and its residual.
     """
@@ -130,11 +130,11 @@ class Own:
     number: int
     name: str
     columns: tuple[Column, ...]
-    known: Known
+    known: ComparedParameters
     is_turned: bool
     rms: float
     floor: float
-    sure: float
+    z_limit: float
     is_free: bool = False
     units: JointUnits = TURNING
 
@@ -148,18 +148,25 @@ class Own:
         """Return whether the residual of this recording is noise."""
         return self.times <= AGREEMENT.fits
 
-    def differences(self, other: Known) -> tuple[Difference, ...]:
-        """Find the significant differences, beyond the bias by both residuals, the most significant first."""
-        gap, std = self._gap(other)
-        large = np.abs(gap) > np.maximum(AGREEMENT.practical * np.abs(other.theta), self.known.bias + other.bias)
-        told = np.flatnonzero(large & (np.abs(gap) > self.sure * std))
-        surest = sorted(told, key=lambda j: -abs(gap[j]) / std[j])
-        sizes = zip(self.columns, self.known.theta.tolist(), other.theta.tolist(), std.tolist(), strict=True)
-        found = [Difference(own.name, self.units.unit(own.unit), *numbers) for own, *numbers in sizes]
-        return tuple(found[j] for j in surest)
+    def differences(self, other: ComparedParameters) -> tuple[Difference, ...]:
+        """Return the parameters that differ from `other` significantly, the most significant first.
 
-    def kind(self, other: Known) -> tuple[Kind, dict[str, Quantity]]:
-        """Return how a recording differs, with the factor if all its parameters differ by one."""
+        A difference counts above `min_difference` of the other value, above the sum of the biases, and above `z_limit`
+        standard errors.
+        """
+        gap, std = self._gap(other)
+        large = np.abs(gap) > np.maximum(AGREEMENT.min_difference * np.abs(other.theta), self.known.bias + other.bias)
+        significant = np.flatnonzero(large & (np.abs(gap) > self.z_limit * std))
+        order = sorted(significant, key=lambda j: -abs(gap[j]) / std[j])
+        sizes = zip(self.columns, self.known.theta.tolist(), other.theta.tolist(), std.tolist(), strict=True)
+        found = [Difference(column.name, self.units.unit(column.unit), *numbers) for column, *numbers in sizes]
+        return tuple(found[j] for j in order)
+
+    def kind(self, other: ComparedParameters) -> tuple[Kind, dict[str, Quantity]]:
+        """Return the kind of difference, with the factor if one factor explains the differences of all parameters.
+
+        The factor is that of the torque, or of the inertia of a free swing.
+        """
         if self.is_turned:
             return Kind.TURNED_ROUND, {}
         weight = np.linalg.pinv(self.known.covariance + other.covariance, hermitian=True)
@@ -167,20 +174,20 @@ class Own:
         factor = float(other.theta @ weight @ self.known.theta) / max(scale, 1e-300)
         scaled = other._replace(theta=factor * other.theta, covariance=factor**2 * other.covariance)
         gap, std = self._gap(scaled)
-        alike = np.abs(gap) <= np.maximum(AGREEMENT.practical * np.abs(scaled.theta), self.sure * std)
-        if len(gap) < 2 or not alike.all() or abs(factor - 1) <= AGREEMENT.practical:
+        is_equal = np.abs(gap) <= np.maximum(AGREEMENT.min_difference * np.abs(scaled.theta), self.z_limit * std)
+        if len(gap) < 2 or not is_equal.all() or abs(factor - 1) <= AGREEMENT.min_difference:
             return Kind.OUTLIER_RECORDING, {}
         if self.is_free and factor > 0:
             return Kind.SCALED_INERTIA, {"factor": Quantity(1 / factor)}
         return Kind.SCALED_TORQUE, {"factor": Quantity(factor)}
 
-    def _gap(self, other: Known) -> tuple[Array, Array]:
+    def _gap(self, other: ComparedParameters) -> tuple[Array, Array]:
         """Compute the differences of the parameters and their standard errors (P,)."""
         variance = np.diag(self.known.covariance + other.covariance)
         return self.known.theta - other.theta, np.maximum(np.sqrt(variance), 1e-300)
 
 
-def find_disagreements(fits: Sequence[Own], *, only_if_all_fit: bool = False) -> tuple[Disagreement, ...]:
+def find_disagreements(fits: Sequence[RecordingFit], *, only_if_all_fit: bool = False) -> tuple[Disagreement, ...]:
     """Find the recordings that disagree with the largest group that agrees; of two, the later one.
 
     With `only_if_all_fit`, nothing is found unless the terms explain each recording down to its noise, so that a
@@ -192,47 +199,54 @@ def find_disagreements(fits: Sequence[Own], *, only_if_all_fit: bool = False) ->
         rest = {fit.number: [other for other in agreeing if other is not fit] for fit in agreeing}
         if not any(fit.differences(pool(rest[fit.number])) for fit in agreeing):
             break
-        # the one without whom the rest agree best; of two, the later one
+        # exclude the recording without which the others agree best; of two, the later one
         agreeing = rest[min(reversed(agreeing), key=lambda fit: spread(rest[fit.number])).number]
     others = tuple(fit.name for fit in agreeing)
     return _select_differing([fit for fit in fits if fit not in agreeing], pool(agreeing), others) if agreeing else ()
 
 
-def find_disagreements_with_model(model: Model, fits: Sequence[Own]) -> tuple[Disagreement, ...]:
+def find_disagreements_with_model(model: Model, fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
     """Find the recordings that disagree with a model, without those that its terms do not explain."""
     estimates = [model.estimates[column.name] for column in (fits[0].columns if fits else ())]
     covariance = np.diag([estimate.std**2 for estimate in estimates])
-    known = Known(np.array([estimate.value for estimate in estimates]), covariance, np.zeros(len(estimates)))
+    known = ComparedParameters(
+        np.array([estimate.value for estimate in estimates]), covariance, np.zeros(len(estimates))
+    )
     return _select_differing([fit for fit in fits if fit.is_explained or fit.is_turned], known, ())
 
 
-def _select_differing(fits: Sequence[Own], known: Known, others: tuple[str, ...]) -> tuple[Disagreement, ...]:
+def _select_differing(
+    fits: Sequence[RecordingFit], known: ComparedParameters, others: tuple[str, ...]
+) -> tuple[Disagreement, ...]:
     """Select the fits that differ from known parameters."""
     return tuple(
-        Disagreement(fit.number, fit.name, others, told, *fit.kind(known))
+        Disagreement(fit.number, fit.name, others, differences, *fit.kind(known))
         for fit in fits
-        if (told := fit.differences(known))
+        if (differences := fit.differences(known))
     )
 
 
-def find_misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
-    """Find the recordings that the terms do not explain; none if these are more than the explained ones."""
+def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
+    """Find the recordings that the terms do not explain; none if fewer recordings are explained.
+
+    A recording between both limits, `fits` and `misfits`, counts as neither.
+    """
     others = tuple(fit.name for fit in fits if fit.is_explained)
     poor = [fit for fit in fits if fit.times > AGREEMENT.misfits]
     if len(others) < len(poor):
         return ()
     units = [fit.units.unit(NEWTON_METRE) for fit in poor]
-    left = [
+    numbers_of_misfits = [
         {"residual": Quantity(fit.rms, unit=unit), "times": Quantity(fit.times)}
         for fit, unit in zip(poor, units, strict=True)
     ]
     return tuple(
         Disagreement(fit.number, fit.name, others, (), Kind.MISFIT, numbers)
-        for fit, numbers in zip(poor, left, strict=True)
+        for fit, numbers in zip(poor, numbers_of_misfits, strict=True)
     )
 
 
-def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[Own]:
+def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[RecordingFit]:
     """Fit the parameters to each recording separately, if it excites them.
 
     Parameters of time-varying effects and of a link behind a transmission are not compared: each recording has its own.
@@ -241,45 +255,49 @@ def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term])
     """
     swings = [w.recording.known_inertia for data in datasets for w in data.windows]
     known = [all(swings) and column.name == "inertia" for term in terms for column in term.columns]
-    moved = [(term, column) for term in terms for column in term.columns]
-    fitted = np.array([not column.of_torque for _, column in moved]) & ~np.array(known, dtype=bool)
-    moved = [own for own, is_fitted in zip(moved, fitted, strict=True) if is_fitted]
-    compared = np.array([term.kind not in ("time-varying", "transmission") for term, _ in moved], dtype=bool)
-    columns = tuple(column for (_, column), alike in zip(moved, compared, strict=True) if alike)
-    names, fits, number = [column.name for _, column in moved], [], 0
-    level = 1 - AGREEMENT.chance / (2 * max(1, sum(len(data.windows) for data in datasets) * len(columns)))
+    term_columns = [(term, column) for term in terms for column in term.columns]
+    fitted = np.array([not column.of_torque for _, column in term_columns]) & ~np.array(known, dtype=bool)
+    term_columns = [pair for pair, is_fitted in zip(term_columns, fitted, strict=True) if is_fitted]
+    compared = np.array([term.kind not in ("time-varying", "transmission") for term, _ in term_columns], dtype=bool)
+    columns = tuple(column for (_, column), is_compared in zip(term_columns, compared, strict=True) if is_compared)
+    names, fits, number = [column.name for _, column in term_columns], [], 0
+    level = 1 - AGREEMENT.alarm_probability / (2 * max(1, sum(len(data.windows) for data in datasets) * len(columns)))
     for data in datasets:
-        near = TorqueRows(data).equations(terms).tangent()
-        phi = near.slopes[:, fitted]
-        y = near.error + phi @ near.theta[fitted]
+        tangent = TorqueRows(data).equations(terms).tangent()
+        phi = tangent.slopes[:, fitted]
+        y = tangent.error + phi @ tangent.theta[fitted]
         if any(known):
-            y = y + near.slopes[:, known] @ (near.theta[known] - max(swings))
-        for place, w in enumerate(data.windows):
+            y = y + tangent.slopes[:, known] @ (tangent.theta[known] - max(swings))
+        for k, w in enumerate(data.windows):
             number += 1
-            rows = data.recording_of_window == place
+            rows = data.recording_of_window == k
             clusters = np.unique(data.clusters[rows], return_inverse=True)[1]
             freedom = int(clusters.max(initial=-1)) + 1 - len(names)
             is_alone = bool(w.recording.known_inertia) and not all(swings)
-            if is_alone or len(clusters) < AGREEMENT.fewest_windows or freedom < AGREEMENT.freedom:
+            if is_alone or len(clusters) < AGREEMENT.min_windows or freedom < AGREEMENT.min_freedom:
                 continue
             fit = solve(Equations(phi[rows], y[rows]), np.ones(len(clusters)), clusters)
-            if fit.condition > AGREEMENT.condition:
+            if fit.condition > AGREEMENT.max_condition:
                 continue
-            # what torque a unit of a parameter makes that the others cannot make up for [N m]
-            own = 1 / np.sqrt(np.diag(np.linalg.inv(phi[rows].T @ phi[rows] / len(clusters))))
+            # RMS torque of a unit of each parameter beyond the span of the other columns [N m]
+            torque_of_unit = 1 / np.sqrt(np.diag(np.linalg.inv(phi[rows].T @ phi[rows] / len(clusters))))
             estimates = dict(zip(names, zip(fit.theta.tolist(), fit.std.tolist(), strict=True), strict=True))
             inertia, error = estimates.get("inertia", (w.recording.known_inertia, np.inf))
-            sure = float(scipy.special.stdtrit(freedom, level))
+            z_limit = float(scipy.special.stdtrit(freedom, level))
             fits.append(
-                Own(
+                RecordingFit(
                     number,
                     w.recording.name,
                     columns,
-                    Known(fit.theta[compared], fit.covariance[np.ix_(compared, compared)], (fit.rms / own)[compared]),
-                    bool(inertia + np.max(w.samples.load.inertia) < -sure * error),
+                    ComparedParameters(
+                        fit.theta[compared],
+                        fit.covariance[np.ix_(compared, compared)],
+                        (fit.rms / torque_of_unit)[compared],
+                    ),
+                    bool(inertia + np.max(w.samples.load.inertia) < -z_limit * error),
                     fit.rms,
-                    float(np.sqrt(np.mean(near.scale[rows] ** 2))) * w.noise(abs(inertia)),
-                    sure,
+                    float(np.sqrt(np.mean(tangent.scale[rows] ** 2))) * w.noise(abs(inertia)),
+                    z_limit,
                     bool(w.recording.known_inertia),
                     w.recording.units,
                 )
@@ -287,15 +305,15 @@ def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term])
     return fits
 
 
-def pool(fits: Sequence[Own]) -> Known:
+def pool(fits: Sequence[RecordingFit]) -> ComparedParameters:
     """Combine several fits, weighted by information, and bound the bias of each parameter."""
-    told = [invert_covariance(fit.known.covariance) for fit in fits]
-    covariance = invert_covariance(np.sum(told, axis=0))
-    weighted = sum(part @ fit.known.theta for part, fit in zip(told, fits, strict=True))
-    return Known(covariance @ weighted, covariance, np.max([fit.known.bias for fit in fits], axis=0))
+    informations = [invert_covariance(fit.known.covariance) for fit in fits]
+    covariance = invert_covariance(np.sum(informations, axis=0))
+    weighted = sum(information @ fit.known.theta for information, fit in zip(informations, fits, strict=True))
+    return ComparedParameters(covariance @ weighted, covariance, np.max([fit.known.bias for fit in fits], axis=0))
 
 
-def spread(fits: Sequence[Own]) -> float:
+def spread(fits: Sequence[RecordingFit]) -> float:
     """Compute Cochran's Q, the squared distance of several fits from their common parameters in standard errors."""
     if len(fits) == 1:
         return 0.0  # exactly, so that ties are ties

@@ -12,8 +12,8 @@ from pendulum_env.physics import BASE, Column, Model
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.origin import Origin
 
-# takes the load torque out of the balance: its parameter is 0, or -2 if the sensor has the opposite sign
-# Of noise s in load l beyond the other columns it is -s^2 / (l^2 + s^2), or -(2 l^2 + s^2) / (l^2 + s^2): -1 at most
+# subtracts the load torque from the balance: its parameter is 0, or -2 if the sensor has the opposite sign
+# noise s in a load l beyond the other columns makes these -s^2 / (l^2 + s^2) and -(2 l^2 + s^2) / (l^2 + s^2)
 LOAD_TORQUE = Column("load_torque", "1", force=lambda x: -1.0 * x.load.torque)
 TURNED_ERRORS = 5.0  # standard errors by which that parameter is less than -1
 TURNED_SHARE = 0.2  # of the square of the load beyond the other columns, the least that is no noise
@@ -33,7 +33,7 @@ def find_remedies(
     """
     columns = [] if any("gravity_tilt" in group for group in ambiguous) else find_wrong_columns(model, recordings)
     if not is_complete:
-        columns = [own for own in columns if own.kind not in (Kind.ZERO_SHIFTED, Kind.ZERO_UPRIGHT)]
+        columns = [finding for finding in columns if finding.kind not in (Kind.ZERO_SHIFTED, Kind.ZERO_UPRIGHT)]
     return columns or find_driving_friction(model)
 
 
@@ -43,31 +43,31 @@ def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Fi
     Known loads on the joint also show where down is.
     """
     if _is_load_torque_turned(model, recordings):
-        options = _make_remedies(recordings, lambda origin: origin.flip_sign("load_torque"))
-        return [Finding(Kind.LOAD_TORQUE_TURNED, remedies=options)]
+        remedies = _make_remedies(recordings, lambda origin: origin.flip_sign("load_torque"))
+        return [Finding(Kind.LOAD_TORQUE_TURNED, remedies=remedies)]
     if is_significantly_negative(model, "inertia"):
-        options = _make_remedies(recordings, lambda origin: origin.flip_sign("torque"))
-        return [Finding(Kind.INERTIA_NEGATIVE, parameters=("inertia",), remedies=options)]
+        remedies = _make_remedies(recordings, lambda origin: origin.flip_sign("torque"))
+        return [Finding(Kind.INERTIA_NEGATIVE, parameters=("inertia",), remedies=remedies)]
     gravity, tilt = (model.estimates.get(name) for name in ("gravity", "gravity_tilt"))
-    carried = {0.0 if recording.load is None else recording.load.gravity for recording in recordings}
+    load_gravities = {0.0 if recording.load is None else recording.load.gravity for recording in recordings}
     if gravity is None or gravity.std == 0:  # where a user has fixed it, nothing is found
         return []
-    down = gravity.value + max(carried, key=abs)
-    if tilt is not None and compute_significant_sign(model, "gravity_tilt") and len(carried) == 1:
+    down = gravity.value + max(load_gravities, key=abs)
+    if tilt is not None and compute_significant_sign(model, "gravity_tilt") and len(load_gravities) == 1:
         # g sin(q - d) = g cos d sin q - g sin d cos q
         angle = float(np.arctan2(tilt.value, down))
         error = float(np.hypot(tilt.std * down, gravity.std * tilt.value)) / (down**2 + tilt.value**2)
         digits = int(np.clip(-np.floor(np.log10(max(np.degrees(error), 1e-9))), 0, 3))
-        options = _make_remedies(recordings, lambda origin: origin.shift_zero(angle, digits))
+        remedies = _make_remedies(recordings, lambda origin: origin.shift_zero(angle, digits))
         numbers = {"angle": Quantity(angle, error, "rad")}
-        return [Finding(Kind.ZERO_SHIFTED, numbers, ("gravity", "gravity_tilt"), remedies=options)]
+        return [Finding(Kind.ZERO_SHIFTED, numbers, ("gravity", "gravity_tilt"), remedies=remedies)]
     if is_significantly_negative(model, "gravity") and down < 0:
         if "spring.stiffness" in model.estimates:
             return [Finding(Kind.GRAVITY_BESIDE_SPRING, parameters=("gravity", "spring.stiffness"))]
         if not _can_be_upright(down, recordings):
             return []
-        options = _make_remedies(recordings, lambda origin: origin.shift_zero(np.pi, 0))
-        return [Finding(Kind.ZERO_UPRIGHT, parameters=("gravity",), remedies=options)]
+        remedies = _make_remedies(recordings, lambda origin: origin.shift_zero(np.pi, 0))
+        return [Finding(Kind.ZERO_UPRIGHT, parameters=("gravity",), remedies=remedies)]
     return []
 
 
@@ -76,7 +76,9 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> boo
 
     A load torque that other columns explain, as that of a viscous brake, shows no sign: only its noise remains.
     """
-    loaded = [one for one in recordings if one.has_varying_load and one.torque_unit == NEWTON_METRE]
+    loaded = [
+        recording for recording in recordings if recording.has_varying_load and recording.torque_unit == NEWTON_METRE
+    ]
     try:
         data = prepare(loaded) if loaded else None
     except IdentificationError:
@@ -99,11 +101,14 @@ def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
 
 
 def find_turned_torque(model: Model, recordings: Sequence[Recording]) -> Finding | None:
-    """Find torque with the opposite sign: every parameter of the base model is negative."""
+    """Find torque with the opposite sign, by the parameters of the base model.
+
+    None is positive, and three of them, the inertia among these, are significantly negative.
+    """
     known = [name for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
-    clear = sum(is_significantly_negative(model, name) for name in known)
+    n_negative = sum(is_significantly_negative(model, name) for name in known)
     if (
-        clear < 3
+        n_negative < 3
         or not is_significantly_negative(model, known[0])
         or any(model.estimates[name].value > 0 for name in known)
     ):
@@ -112,12 +117,15 @@ def find_turned_torque(model: Model, recordings: Sequence[Recording]) -> Finding
 
 
 def _make_remedies(
-    recordings: Sequence[Recording], mended: Callable[[Origin], dict[str, str] | None]
+    recordings: Sequence[Recording], correct: Callable[[Origin], dict[str, str] | None]
 ) -> tuple[Remedy, ...]:
-    """Return the columns that correct the recordings; none if their columns are unknown."""
+    """Return the columns that correct the recordings, with the recordings of each.
+
+    Recordings of unknown origin are left out. `correct` returns the columns of an origin, or None.
+    """
     found: list[tuple[dict[str, str], str]] = []
     for recording in recordings:
-        if recording.origin is not None and (columns := mended(recording.origin)) is not None:
+        if recording.origin is not None and (columns := correct(recording.origin)) is not None:
             found.append((columns, recording.name))
-    each = [columns for k, (columns, _) in enumerate(found) if columns not in [own for own, _ in found[:k]]]
-    return tuple(Remedy(columns, tuple(name for own, name in found if own == columns)) for columns in each)
+    distinct = [columns for k, (columns, _) in enumerate(found) if columns not in [other for other, _ in found[:k]]]
+    return tuple(Remedy(columns, tuple(name for other, name in found if other == columns)) for columns in distinct)

@@ -29,17 +29,17 @@ from pendulum_env.physics import Estimate, Model
 from pendulum_env.recording import NEWTON_METRE, Recording, TorqueConstant
 from pendulum_env.units import is_of_torque
 
-LEAST = 5.0  # standard errors that the constant has to be from none
+MIN_Z_SCORE = 5.0  # of the inverse torque constant, in standard errors
 
 
 def find_torque_unit(recordings: Sequence[Recording]) -> str:
     """Return the common unit of torque of recordings."""
     units = list(dict.fromkeys(recording.torque_unit for recording in recordings))
     if len(units) > 1:
-        one, other = (next(r.name for r in recordings if r.torque_unit == unit) for unit in units[:2])
+        first_name, second_name = (next(r.name for r in recordings if r.torque_unit == unit) for unit in units[:2])
         raise IdentificationError(
-            f"torque is in {units[0]} in {one} and in {units[1]} in {other}: read all recordings alike, with a gain or "
-            "with *? for the torque"
+            f"torque is in {units[0]} in {first_name} and in {units[1]} in {second_name}: read all recordings alike, "
+            "with a gain or with *? for the torque"
         )
     return units[0]
 
@@ -59,19 +59,19 @@ def add_torque_constant(
     return widen_by_constant(model, constant, fit(data), fit(data.with_torque(1 + constant.std / constant.value)))
 
 
-def widen_by_constant(model: Model, constant: TorqueConstant, here: Model, there: Model) -> Model:
-    """Add the error of the torque constant to standard errors; it changes parameters from `here` to `there`.
+def widen_by_constant(model: Model, constant: TorqueConstant, nominal: Model, changed: Model) -> Model:
+    """Add the error of the torque constant to the standard errors of a model, in squares, and set the constant.
 
-    The error of the constant and those of a fit that is given it have nothing to do with each other, since the constant
-    is fitted beside the columns of that fit: squares add up.
+    `nominal` and `changed` are fits with the constant, and with the constant plus one standard error. A nonlinear
+    parameter in a unit of torque changes by the relative error of the constant.
     """
     estimates = {}
-    for name, own in model.estimates.items():
+    for name, estimate in model.estimates.items():
         if "." in name and name not in {column.name for column in model.columns}:  # a nonlinear parameter, searched for
-            moved = own.value * constant.std / constant.value if is_of_torque(own.unit) else 0.0
+            change = estimate.value * constant.std / constant.value if is_of_torque(estimate.unit) else 0.0
         else:
-            moved = there.estimates[name].value - here.estimates[name].value
-        estimates[name] = replace(own, std=float(np.hypot(own.std, moved)))
+            change = changed.estimates[name].value - nominal.estimates[name].value
+        estimates[name] = replace(estimate, std=float(np.hypot(estimate.std, change)))
     known = Estimate(constant.value, constant.std, constant.unit)
     return replace(model, estimates=estimates, torque_constant=known)
 
@@ -92,20 +92,20 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
     fits = ChannelFits.from_recordings(recordings)
     if fits is None:
         return explain_unknown_constant(Kind.CONSTANT_TOO_SHORT, unit)
-    moved = {loads[k] for k in np.unique(fits.data.recording_of_window[fits.rows])}
-    if len(moved) < 2 and not by_load_torque:
+    moved_loads = {loads[k] for k in np.unique(fits.data.recording_of_window[fits.rows])}
+    if len(moved_loads) < 2 and not by_load_torque:
         return explain_unknown_constant(Kind.ONE_LOAD_MOVED, unit, loads=Quantity(len(set(loads))))
     is_plain = compute_driven_share(fits.data, fits.data.torque()) > DRIVEN or is_brake(fits.data)
-    share, std = (fits if is_plain else fits.with_motor_friction()).delay_fit.gain  # 1/K
-    if abs(share) <= LEAST * std:
-        return explain_unknown_constant(Kind.CONSTANT_UNCERTAIN, unit, inverse=Quantity(share, std, f"{unit}/(N m)"))
-    if share < 0:
-        turned = ("load_torque",) if by_load_torque else ()
-        negative = Quantity(1 / share, std / share**2, f"{NEWTON_METRE}/{unit}")
+    inverse, std = (fits if is_plain else fits.with_motor_friction()).delay_fit.gain  # 1/K
+    if abs(inverse) <= MIN_Z_SCORE * std:
+        return explain_unknown_constant(Kind.CONSTANT_UNCERTAIN, unit, inverse=Quantity(inverse, std, f"{unit}/(N m)"))
+    if inverse < 0:
+        parameters = ("load_torque",) if by_load_torque else ()
+        negative = Quantity(1 / inverse, std / inverse**2, f"{NEWTON_METRE}/{unit}")
         return replace(
-            explain_unknown_constant(Kind.CONSTANT_NEGATIVE, unit, torque_constant=negative), parameters=turned
+            explain_unknown_constant(Kind.CONSTANT_NEGATIVE, unit, torque_constant=negative), parameters=parameters
         )
-    return TorqueConstant(1 / share, std / share**2, unit, len(moved), by_load_torque)
+    return TorqueConstant(1 / inverse, std / inverse**2, unit, len(moved_loads), by_load_torque)
 
 
 def explain_unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Finding:
@@ -114,13 +114,16 @@ def explain_unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Find
 
 
 def find_gain_doubts(model: Model, constant: TorqueConstant, data: TorqueWindows) -> list[Finding]:
-    """Find what the torque constant of a model in N m leaves open in the data that it was fitted to."""
-    found, share = [], compute_driven_share(data, data.torque())
+    """Find open questions on the torque constant of a model in N m in the data that it was fitted to.
+
+    Gear losses are one if nearly all motion is driven or braked; back-EMF is one if the drive does not log amperes.
+    """
+    findings, share = [], compute_driven_share(data, data.torque())
     if share > DRIVEN or is_brake(data):
         kind = Kind.LOAD_BRAKES if is_brake(data) else Kind.GEAR_LOSS_UNKNOWN
         known = Quantity(constant.value, constant.std, constant.unit)
-        found.append(Finding(kind, {"share": Quantity(share), "torque_constant": known}))
+        findings.append(Finding(kind, {"share": Quantity(share), "torque_constant": known}))
     if constant.of != "A" and "viscous" in model.estimates:
-        most = model.estimates["viscous"].value / constant.value
-        found.append(Finding(Kind.BACK_EMF, {"back_emf": Quantity(most, unit=f"{constant.of} s/rad")}))
-    return found
+        back_emf = model.estimates["viscous"].value / constant.value
+        findings.append(Finding(Kind.BACK_EMF, {"back_emf": Quantity(back_emf, unit=f"{constant.of} s/rad")}))
+    return findings

@@ -7,7 +7,14 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, random_case, simulate
 from estimators import compare, identify
-from estimators.checks.homogeneity import Known, Own, find_disagreements, find_misfits, fit_each_recording, pool
+from estimators.checks.homogeneity import (
+    ComparedParameters,
+    RecordingFit,
+    find_disagreements,
+    find_misfits,
+    fit_each_recording,
+    pool,
+)
 from estimators.findings import Kind
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, effect
@@ -45,8 +52,8 @@ def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
     (own,) = fit_each_recording([prepare(recorded([PLANT]))], BASE)
     along = np.array([[1.0, 1.0], [1.0, 1.0]]) * 1e-4
 
-    def told(number: int, value: float) -> Own:
-        known = Known(np.full(2, value), along, np.zeros(2))
+    def told(number: int, value: float) -> RecordingFit:
+        known = ComparedParameters(np.full(2, value), along, np.zeros(2))
         return replace(own, number=number, columns=own.columns[:2], known=known)
 
     assert np.isfinite(pool([told(1, 1.0), told(2, 1.0)]).theta).all()
