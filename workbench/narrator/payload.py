@@ -20,7 +20,8 @@ def narrate_payload(found: Payload, body: Body) -> list[Part]:
             "as well, or the motion says too little."
         )
     left = [
-        (at, f"{old:.4g}", f"{new:.4g}", body.units(at).unit(NEWTON_METRE)) for at, (old, new) in found.torque_rms.items()
+        (at, f"{old:.4g}", f"{new:.4g}", body.units(at).unit(NEWTON_METRE))
+        for at, (old, new) in found.torque_rms.items()
     ]
     explained = TextTable(("joint", "without payload", "with it", "unit"), left, left=("unit",))
     return [

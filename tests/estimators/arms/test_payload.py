@@ -48,7 +48,7 @@ def test_a_payload_is_weighed_and_what_the_plane_hides_is_said(model, known):
         assert found.estimates[name].value == pytest.approx(value, rel=0.005, abs=3e-4), name
     assert set(found.center) == {"x", "z"} and found.exists is None  # not all ten are shown
     assert found.center["z"].value == pytest.approx(-PLACE, rel=0.005)
-    assert all(after < 0.02 < 0.5 < before for before, after in found.torque_rms.values())  # [N m]; noise is 0.02 a sample
+    assert all(after < 0.02 < 0.5 < before for before, after in found.torque_rms.values())  # [N m]; noise: 0.02
 
 
 def test_standard_errors_hold_what_is_carried(model):
