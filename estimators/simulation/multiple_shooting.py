@@ -51,22 +51,20 @@ class ShootingSettings:
 
     length: float = 0.25  # [s], of a segment
     coarse: float = 1e-3  # [s], step of the integrator,
-    fine: float = 0.25e-3  # [s], and that of the final integration: torque jumps at a contact
+    fine: float = 0.25e-3  # [s], and that of the last fit to a stiff contact
     initial_turns: int = 2  # iterations for every start, and as many for the best
     fewest: int = 2  # segments for each parameter
     most: int = 120  # segments in a fit of parameters
-    difference: float = 1e-2  # relative, of a parameter for derivatives, large enough to move contacts by a step
+    difference: float = 1e-3  # relative, of a parameter for derivatives
     shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.0)  # tried of a step of the parameters
     largest: float = 0.3  # relative change of a parameter in a step
     damping: float = 1e-4  # of a step of the parameters
     turns: int = 25  # largest number,
-    trial_turns: int = 6  # that of starts which are compared,
-    fine_turns: int = 8  # and that of the final integration
+    trial_turns: int = 6  # and that of starts which are compared
     stiffer: tuple[float, ...] = (1.0, 1.8)  # times the contact's stiffness: starts of a fit
     climbs: int = 4  # trials of a stiffer and wider play,
     climb: float = 0.9  # and ratio of errors that each has to reach
     gain: float = 0.01  # share by which an iteration has to lower the squared error
-    steep: float = 10.0  # times the usual slope: beyond it a segment nearly misses a contact, and its weight is reduced
 
 
 SHOOTING = ShootingSettings()
@@ -230,8 +228,7 @@ def estimate_link_state(segments: Segments, x: Samples, term: Term) -> Memory:
 class Slopes:
     """Errors (M,) of all segments in a row and their derivatives by relative changes of the parameters (M, P).
 
-    The part that other initial states would explain is projected out of both; segments that diverge or nearly miss a
-    contact have lower weights.
+    The part that other initial states would explain is projected out of both; segments that diverge have lower weights.
 
     Attributes:
         error: weighted.
@@ -258,12 +255,9 @@ def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
         near = shooting.errors(nearby, np.repeat(shooting.states[None], len(nearby), axis=0))
         parts.append((error, np.moveaxis((near - error) / SHOOTING.difference, 0, 2), by_state))
     free = [_project(*move) for move in parts]
-    steep = [np.linalg.norm(slopes, axis=1) for _, slopes in free]  # (B, P)
-    limit = SHOOTING.steep * np.median(np.concatenate(steep), axis=0)
-    steady = [(limit / (np.maximum(own, limit) + 1e-300)).min(axis=1) for own in steep]
     size = np.concatenate([np.sqrt(np.mean(error**2, axis=1)) for error, _, _ in parts]) + 1e-12
     weights = tuple(np.split(weigh_segments(size), np.cumsum([len(error) for error, _, _ in parts])[:-1]))
-    root = [np.sqrt(w) * s for w, s in zip(weights, steady, strict=True)]
+    root = [np.sqrt(w) for w in weights]
     counts = np.concatenate([np.full(len(error), error.shape[1]) for error, _, _ in parts])
     return Slopes(
         np.concatenate([(r[:, None] * error).ravel() for r, (error, _) in zip(root, free, strict=True)]),
@@ -308,10 +302,15 @@ def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) ->
         points = [place.point.with_values(values + share * step * size) for share in SHOOTING.shares]
         tried = [_follow(own, points, step, move) for own, move in zip(place.every, slopes.parts, strict=True)]
         costs = np.sum([w @ own.T for (_, _, own), w in zip(tried, slopes.weights, strict=True)], axis=0)
-        k, cost = choose_least(range(len(points)), costs)
+        k, _ = choose_least(range(len(points)), costs)
+        moved = [
+            refine_states(own, points[k : k + 1], states[k : k + 1], damping[k : k + 1], 1)
+            for own, (states, damping, _) in zip(place.every, tried, strict=True)
+        ]
+        cost = sum(float(w @ own[0]) for w, (_, _, own) in zip(slopes.weights, moved, strict=True))
         every = [
-            replace(own, states=states[k], damping=damped[k])
-            for own, (states, damped, _) in zip(place.every, tried, strict=True)
+            replace(own, states=states[0], damping=damped[0])
+            for own, (states, damped, _) in zip(place.every, moved, strict=True)
         ]
         if cost > near.cost * (1 - SHOOTING.gain):
             anew = [initialise_states(own, points[k]) for own in every]
@@ -335,10 +334,11 @@ def _follow(
     squares = np.sum(
         shooting.errors(repeat_points(points, tried.shape[1]), tried.reshape(-1, *stay.shape[1:])) ** 2, axis=2
     )
-    best = np.argmin(squares.reshape(*tried.shape[:2], -1), axis=1)[:, None]
+    squares = squares.reshape(*tried.shape[:2], -1)
+    best = np.argmin(squares, axis=1)[:, None]
     states = np.take_along_axis(tried, best[:, :, None], 1)[:, 0]
     factors = np.append(DAMPING, DAMPING[-1])[best[:, 0]]
-    return refine_states(shooting, points, states, np.clip(shooting.damping * factors, 1e-6, 1e3), 1)
+    return states, np.clip(shooting.damping * factors, 1e-6, 1e3), np.take_along_axis(squares, best, 1)[:, 0]
 
 
 def estimate(every: Sequence[Windows], model: Model) -> Model:
@@ -370,10 +370,8 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
                 break
             found = other
         point = found.point
-    found = fit(prepare_segments(every, point), point)
-    if multimodal:
-        found = fit([replace(one, step=SHOOTING.fine) for one in found.every], found.point, SHOOTING.fine_turns)
-    return _make_model(found)
+    step = SHOOTING.fine if multimodal else SHOOTING.coarse
+    return _make_model(fit([replace(one, step=step) for one in prepare_segments(every, point)], point))
 
 
 def add_standard_errors(every: Sequence[Windows], model: Model) -> Model:

@@ -33,6 +33,8 @@ from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Sample
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
+TOUCH = 5e-4  # [s], over which forces of a contact are means, so that it begins and ends without a jump
+
 
 class Transmission(Term):
     """Base of elastic and loose transmissions; `play` is the gap on either side [rad]."""
@@ -73,8 +75,14 @@ class Transmission(Term):
 
     def _pull(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
         """Return the acceleration of the link by the transmission [rad/s^2]."""
-        extension = twist - np.minimum(np.maximum(twist, -self.play), self.play)
-        return stiffness * extension + damping * speed * (extension != 0)
+        if not may_be_true(self.play):
+            return stiffness * twist + damping * speed
+        ahead, behind = self._extend(twist + 0.5 * TOUCH * speed), self._extend(twist - 0.5 * TOUCH * speed)
+        return stiffness * (ahead + behind) / 2.0 + damping * (ahead - behind) / TOUCH
+
+    def _extend(self, twist: ArrayLike) -> Array:
+        """Return the extension of the transmission [rad]: the twist beyond the play."""
+        return twist - np.minimum(np.maximum(twist, -self.play), self.play)
 
     def _resist(self, position: Array, velocity: Array) -> Array:
         """Return the deceleration of the link by its weight and viscous friction [rad/s^2]."""
