@@ -91,11 +91,14 @@ def compute_nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Seq
     return slopes
 
 
-def refine_nonlinear(term: Term, residuals: Residuals, edges: Sequence[NonlinearParameter] = ()) -> Term:
+def refine_nonlinear(
+    term: Term, residuals: Residuals, edges: Sequence[NonlinearParameter] = (), gain: float = 0.0
+) -> Term:
     """Find the variant of a term with locally least squared residual; parameters in `edges` stay.
 
     Gauss-Newton takes derivatives by differences, and evaluates all of an iteration, or all step lengths, in one batch.
-    Parameters with a positive lower limit move by factors.
+    Parameters with a positive lower limit move by factors. The search ends where an iteration lowers the squared
+    residual by less than a share `gain`.
 
     Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
     """
@@ -131,7 +134,7 @@ def refine_nonlinear(term: Term, residuals: Residuals, edges: Sequence[Nonlinear
         known.update(zip(tried, residuals(tried), strict=True))
         return choose_least(tried, [float(known[term] @ known[term]) for term in tried])
 
-    return gauss_newton(term, near, best, Rule(NONLINEAR.turns, (NONLINEAR.damping,), by_offset=True))
+    return gauss_newton(term, near, best, Rule(NONLINEAR.turns, (NONLINEAR.damping,), by_offset=True, of_cost=gain))
 
 
 def find_edges(term: Term, x: Samples) -> list[NonlinearParameter]:
