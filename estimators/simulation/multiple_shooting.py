@@ -22,6 +22,7 @@ from estimators.simulation.free_running import (
     count_periods,
     cut_segments,
     list_spans,
+    select,
     simulate_segments,
     start_memory,
 )
@@ -52,7 +53,10 @@ class ShootingSettings:
     length: float = 0.25  # [s], of a segment
     coarse: float = 1e-3  # [s], step of the integrator,
     fine: float = 0.25e-3  # [s], and that of the last fit to a stiff contact
-    initial_turns: int = 2  # iterations for every start, and as many for the best
+    initial_turns: int = 2  # iterations for every start of a segment,
+    more_turns: int = 4  # more of them where the best is far from the measured motion,
+    far: float = 2.0  # times the median error,
+    final_turns: int = 12  # and largest number for the best
     fewest: int = 2  # segments for each parameter
     most: int = 120  # segments in a fit of parameters
     difference: float = 1e-3  # relative, of a parameter for derivatives
@@ -64,7 +68,8 @@ class ShootingSettings:
     stiffer: tuple[float, ...] = (1.0, 1.8)  # times the contact's stiffness: starts of a fit
     climbs: int = 4  # trials of a stiffer and wider play,
     climb: float = 0.9  # and ratio of errors that each has to reach
-    gain: float = 0.01  # share by which an iteration has to lower the squared error
+    gain: float = 0.01  # share by which an iteration has to lower the squared error,
+    patience: int = 2  # and number of those that do not, after which a fit ends
 
 
 SHOOTING = ShootingSettings()
@@ -186,15 +191,34 @@ def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array
     candidates = [shooting.states, traced]
     for side in (-1, 0, 1) if gap else ():
         candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
-    start = np.full((len(candidates), traced.shape[1]), DAMPING[0])
-    states, damping, squares = refine_states(
-        shooting, [point] * len(candidates), np.array(candidates), start, SHOOTING.initial_turns
+    start, points = np.full((len(candidates), traced.shape[1]), DAMPING[0]), [point] * len(candidates)
+    fits = refine_states(shooting, points, np.array(candidates), start, SHOOTING.initial_turns)
+    size = np.sqrt(fits[2].min(axis=0))
+    far = np.flatnonzero(size > SHOOTING.far * np.median(size))
+    if len(far):
+        _refine_some(shooting, points, fits, far, SHOOTING.more_turns)
+    best, segment = np.argmin(fits[2], axis=0), np.arange(len(size))
+    fits = fits[0][best, :, segment].T[None], fits[1][None, best, segment], fits[2][None, best, segment]
+    slow = np.zeros(len(segment), dtype=int)
+    for _ in range(SHOOTING.final_turns):
+        going = np.flatnonzero(slow < SHOOTING.patience)
+        if not len(going):
+            break
+        before = fits[2][0, going]
+        _refine_some(shooting, [point], fits, going, 1)
+        slow[going] += fits[2][0, going] > before * (1 - SHOOTING.gain)
+    return replace(shooting, states=fits[0][0], damping=start[0]), fits[2][0]
+
+
+def _refine_some(
+    shooting: Shooting, points: Sequence[Point], fits: tuple[Array, Array, Array], which: Index, turns: int
+) -> None:
+    """Refine states, damping and squared errors of some segments in place."""
+    part = replace(shooting, segments=select(shooting.segments, which))
+    states, damping, squares = fits
+    states[:, :, which], damping[:, which], squares[:, which] = refine_states(
+        part, points, states[:, :, which], damping[:, which], turns
     )
-    best, segment = np.argmin(squares, axis=0), np.arange(len(start[0]))
-    states, _, squares = refine_states(
-        shooting, [point], states[best, :, segment].T[None], damping[best, segment][None], SHOOTING.initial_turns
-    )
-    return replace(shooting, states=states[0], damping=start[0]), squares[0]
 
 
 def simulate_link_motion(windows: Windows, model: Model) -> Samples:
@@ -318,7 +342,7 @@ def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) ->
             cost = sum(float(w @ own) for w, (_, own) in zip(slopes.weights, anew, strict=True))
         return Fitted(points[k], tuple(every), cost), cost
 
-    rule = Rule(turns, (SHOOTING.damping,), of_cost=SHOOTING.gain, patience=2)
+    rule = Rule(turns, (SHOOTING.damping,), of_cost=SHOOTING.gain, patience=SHOOTING.patience)
     return gauss_newton(Fitted(point, tuple(every)), near, best, rule)
 
 
