@@ -59,7 +59,7 @@ class ShootingSettings:
     final_turns: int = 12  # and largest number for the best
     fewest: int = 2  # segments for each parameter
     most: int = 120  # segments in a fit of parameters
-    difference: float = 1e-3  # relative, of a parameter for derivatives
+    difference: float = 1e-2  # relative, of a parameter for derivatives
     shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.0)  # tried of a step of the parameters
     largest: float = 0.3  # relative change of a parameter in a step
     damping: float = 1e-4  # of a step of the parameters

@@ -47,7 +47,17 @@ CALLS = {  # by operation: LLVM's functions; some call those of the C library
 }
 LIBRARY = ("rint", "exp", "log", "pow", "tan", "tanh", "atan", "fmax", "fmin")
 PI = (3.141592651605606, 1.9841871479187034e-09, 1.1442377452219664e-17)  # parts: 27 bits, 25, and the rest
-ODD = [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(12)]  # of the sine's series, to the last bit up to pi / 2
+ODD = (  # of x, x^3, x^5 and so on in the polynomial that errs least from the sine up to pi / 2, by 3e-19
+    1.0,
+    -0.16666666666666666,
+    0.008333333333333186,
+    -0.00019841269841208676,
+    2.7557319211229606e-06,
+    -2.505210689056952e-08,
+    1.605894087848656e-10,
+    -7.643026557971632e-13,
+    2.7215749422983443e-15,
+)
 ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
 Place = tuple[int | None, float]  # of an operand: the line that computes it, or a number
 Line = tuple[Any, ...]  # operation, name of what is given, and places of its operands
@@ -357,13 +367,12 @@ class _Instructions:
     def _sine(self, x: Any, shift: float) -> Any:
         """Return sin(x + shift pi) by its series about the nearest multiple of pi."""
         write, number = self.builder, self.kind
-        turns = self._call("rint", write.fadd(write.fmul(x, number(1 / math.pi)), number(shift)))
-        rest = x
+        turns, rest = self._call("rint", self._call("fmuladd", x, number(1 / math.pi), number(shift))), x
         for part in PI:
-            rest = write.fsub(rest, write.fmul(write.fsub(turns, number(shift)), number(part)))
+            rest = self._call("fmuladd", write.fsub(turns, number(shift)), number(-part), rest)
         square, series = write.fmul(rest, rest), number(ODD[-1])
         for factor in reversed(ODD[:-1]):
-            series = write.fadd(write.fmul(series, square), number(factor))
+            series = self._call("fmuladd", series, square, number(factor))
         half = write.fmul(turns, number(0.5))
         is_odd = write.fcmp_ordered("!=", half, self._call("rint", half))
         value = write.fmul(rest, series)
