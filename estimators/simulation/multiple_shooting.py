@@ -56,7 +56,7 @@ class ShootingSettings:
     initial_turns: int = 2  # iterations for every start of a segment,
     more_turns: int = 4  # more of them where the best is far from the measured motion,
     far: float = 2.0  # times the median error,
-    final_turns: int = 12  # and largest number for the best
+    final_turns: int = 6  # and largest number for the best
     fewest: int = 2  # segments for each parameter
     most: int = 120  # segments in a fit of parameters
     difference: float = 1e-2  # relative, of a parameter for derivatives
