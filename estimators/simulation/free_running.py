@@ -179,7 +179,7 @@ def simulate_segments(
     """
     memory = dict(hidden or {})
     for variants in zip(*(own for own, _ in models), strict=True):
-        if variants[0].id not in memory:
+        if variants[0].has_memory and variants[0].id not in memory:
             memory.update(start_memory(segments, variants))
 
     def each(series: Sequence[Array]) -> Array:
@@ -221,11 +221,9 @@ def _stack_models(models: Sequence[Parametrised], count: int) -> tuple[list[Term
     terms = []
     for variants in zip(*(own for own, _ in models), strict=True):
         if not variants[0].delay:
-            nonlinear = {
-                name: np.repeat([v.nonlinear_values[name] for v in variants], count)
-                for name in variants[0].nonlinear_values
-            }
-            terms.append(replace(variants[0], **nonlinear))
+            values = [variant.nonlinear_values for variant in variants]
+            nonlinear = {name: np.repeat([own[name] for own in values], count) for name in values[0]}
+            terms.append(replace(variants[0], **nonlinear) if nonlinear else variants[0])
     return terms, np.repeat(np.column_stack([theta for _, theta in models]), count, axis=1)
 
 
