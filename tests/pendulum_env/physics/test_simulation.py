@@ -242,6 +242,19 @@ def test_joint_flexibility_swings_at_the_eigenfrequency_of_two_masses():
     assert frequency == pytest.approx(resonance * np.sqrt(INERTIA / (INERTIA - link)), rel=0.01)
 
 
+def test_impacts_of_a_play_are_simulated_to_second_order():
+    play = effect("backlash")(gap=0.02, resonance=80.0, damping=15.0, gravity=35.0)
+    starts = np.linspace(-1.0, 1.0, 60)
+
+    def end(step: float) -> np.ndarray:
+        torque = np.repeat(two_tones(0.3, 1e-3), round(1e-3 / step))
+        return simulate((*BASE, play), np.array([*THETA, 0.06]), step, torque, starts, np.zeros(60)).position[-1]
+
+    steps, exact = np.array([1e-3, 5e-4, 2.5e-4]), end(1.5625e-5)
+    errors = [np.sqrt(np.mean((end(step) - exact) ** 2)) for step in steps]
+    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] > 1.7
+
+
 def test_a_stiff_transmission_is_rigid_and_presliding_friction_far_beyond_its_displacement_is_dry():
     stiff = effect("joint_flexibility")(resonance=800.0, damping=200.0, gravity=MGL / 0.06)
     for term, coefficient, torque, start in (
