@@ -14,6 +14,10 @@ g = mgl / J, f = fl / J and b = bl / J,
 
 where s is the extension of the transmission. Of a servo whose encoder is at the output, controller and log read ql and
 ql', and q is simulated: see `read_encoder`. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
+
+Behind a play, the damping c s' begins with a jump at each contact. An integrator of fixed steps would err by up to a
+step's impulse, in either direction, and its error would jump with the parameters. Forces are therefore means over a
+short time: c times the change of s over it is the impulse of the damping, wherever in a step the contact begins.
 """
 
 from __future__ import annotations
@@ -80,8 +84,8 @@ class Transmission(Term):
         ahead, behind = self._extend(twist + 0.5 * TOUCH * speed), self._extend(twist - 0.5 * TOUCH * speed)
         return stiffness * (ahead + behind) / 2.0 + damping * (ahead - behind) / TOUCH
 
-    def _extend(self, twist: ArrayLike) -> Array:
-        """Return the extension of the transmission [rad]: the twist beyond the play."""
+    def _extend(self, twist: Any) -> Any:
+        """Return the extension of the transmission [rad], which is the twist beyond the play."""
         return twist - np.minimum(np.maximum(twist, -self.play), self.play)
 
     def _resist(self, position: Array, velocity: Array) -> Array:
