@@ -192,11 +192,7 @@ class RegressionData:
         """Return the data with estimated states of the model's link; unchanged without a link, or with rollouts."""
         if not (has_link(model.terms) and self.layout.predicts_torque):
             return self
-        return self._with_link(model.terms, tuple(np.asarray(model.theta, dtype=float).tolist()))
-
-    @memoized
-    def _with_link(self, terms: Terms, theta: tuple[float, ...]) -> RegressionData:
-        term, model = find_link(terms), Model.build(terms, np.array(theta))
+        term = find_link(model.terms)
         link_states = [simulate_link_motion(windows, model) for windows in self.data.windows]
         segments = [
             replace(segment, hidden={term.id: estimate_link_state(segment, x, term)})

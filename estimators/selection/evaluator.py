@@ -89,8 +89,14 @@ class ModelEvaluator:
 
     def with_link(self, linked: Step) -> ModelEvaluator:
         """Return an evaluator of the same data with link states estimated by the model of `linked`."""
-        train, holdout = (part.with_link_states(linked.model) for part in self.parts)
+        train, holdout = self._estimate_link_states(linked.model.terms, tuple(map(float, linked.model.theta)))
         return replace(self, train=train, holdout=holdout, linked=linked, drawn=self.bootstrap)
+
+    @memoized
+    def _estimate_link_states(self, terms: Terms, theta: tuple[float, ...]) -> list[RegressionData]:
+        """Return training and held-out data with link states estimated by the model of some parameters (P,)."""
+        model = Model.build(terms, np.array(theta))
+        return [part.with_link_states(model) for part in self.parts]
 
     @memoized
     def density(self, terms: Terms) -> Array:
@@ -281,11 +287,13 @@ class ModelEvaluator:
 
         The model gets the units of the recordings; an insignificant inertia is withheld.
         """
-        parts = {"train": self.train, "holdout": self.holdout}
+        parts: Sequence[RegressionData] = self.parts
         if self.linked is None and has_link(model.terms):
-            parts = {name: part.with_link_states(model) for name, part in parts.items()}
+            parts = self._estimate_link_states(model.terms, tuple(map(float, model.theta)))
         model = make_arm_model(model).convert_units(self.train.recordings[0].units).withhold(self._unknown)
-        return Step(added, model, {name: part.errors(model) for name, part in parts.items()})
+        return Step(
+            added, model, {name: part.errors(model) for name, part in zip(("train", "holdout"), parts, strict=True)}
+        )
 
     def refit_to_motion(self, step: Step) -> Step:
         """Return the step with parameters refitted to free-running simulation, memoised by its terms.
