@@ -52,20 +52,22 @@ def select_recordings(
     Args:
         given: a recording, what `read_recording` reads (a path, a data frame, a mapping of arrays), or several.
         empty: whether there may be none.
-        body: that they are of.
-        log_format: of a model, by which files and tables are read; recordings stay as they are.
+        body: mechanism of the recordings.
+        log_format: of a model, for reading files and tables; `Recording` objects stay as they are.
     """
-    one = isinstance(given, Recording) or is_readable(given)
-    sources = (given,) if one else convert_to_tuple(given)
+    is_single = isinstance(given, Recording) or is_readable(given)
+    sources = (given,) if is_single else convert_to_tuple(given)
     format = parse_log_format(log_format or {})
-    several = [_read_input(item, "" if one else f" {k + 1}", body, format) for k, item in enumerate(sources)]
-    for item in several:
+    recordings = [_read_input(item, "" if is_single else f" {k + 1}", body, format) for k, item in enumerate(sources)]
+    for item in recordings:
         if item.names != body.joints:
-            ours, other = describe_joints(item.names), describe_joints(body.joints)
-            raise TypeError(f"{item.name}: is of {ours}, and the terms are of {other}: give BASE, or arm_base(body)")
-    if not several and not empty:
+            read_joints, term_joints = describe_joints(item.names), describe_joints(body.joints)
+            raise TypeError(
+                f"{item.name}: is of {read_joints}, and the terms are of {term_joints}: give BASE, or arm_base(body)"
+            )
+    if not recordings and not empty:
         raise ValueError("there is no recording to work on: give one or several")
-    return tuple(one if one.time[0] == 0.0 else replace(one, time=one.time - one.time[0]) for one in several)
+    return tuple(r if r.time[0] == 0.0 else replace(r, time=r.time - r.time[0]) for r in recordings)
 
 
 def _read_input(given: Any, number: str, body: Mechanism, format: Source) -> Recording:
@@ -93,15 +95,15 @@ def _read_input(given: Any, number: str, body: Mechanism, format: Source) -> Rec
 def select_terms(given: Terms | Model | None) -> tuple[Term, ...]:
     """Return terms by object, or by id with default nonlinear parameters; None for the four of the paper.
 
-    Behind the links of an arm are those at its joints, by id as in `stribeck@elbow`.
+    After the links of an arm, terms are at its joints, by id as in `stribeck@elbow`.
     """
     if given is None:
         return BASE
     if isinstance(given, Model):
         raise TypeError("a model is not a list of terms: pass model.terms")
-    several = convert_to_tuple(given)
-    body = find_body(several)
-    terms = tuple(_find_term(item, body) if isinstance(item, str) else item for item in several)
+    items = convert_to_tuple(given)
+    body = find_body(items)
+    terms = tuple(_find_term(item, body) if isinstance(item, str) else item for item in items)
     for item in terms:
         if not isinstance(item, Term):
             raise TypeError(f"{quote_value(item)} is not a term: give its id, such as 'stribeck', or Stribeck()")
@@ -112,6 +114,7 @@ def select_terms(given: Terms | Model | None) -> tuple[Term, ...]:
 
 
 def _find_term(text: str, body: Mechanism) -> Term:
+    """Return a term by its id, or by `id@joint`, with default nonlinear parameters."""
     id, _, joint = text.partition("@")
     return place_term(find_term(id)(), joint, joint in body.sliding)
 
@@ -124,14 +127,14 @@ def select_effects(
 ) -> dict[str, type[Term]]:
     """Select effects from a library, by default all known ones: only some, or all except some.
 
-    Of an arm, `stribeck` is at every joint where it makes sense, `stribeck@elbow` at that one.
+    For an arm, `stribeck` means every joint where it makes sense, `stribeck@elbow` one joint.
     """
     kinds = list_effects(body) if library is None else library
     known = {kind.id: kind for kind in place_effects(kinds.values(), body)}
-    barred, allowed = (
+    excluded, allowed = (
         {kind.id: kind for kind in find_kinds(_list_ids(ids), body, kinds)} for ids in (without, only or ())
     )
-    chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in barred}
+    chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in excluded}
     if not chosen and known:
         raise UserError("no effect is left to look for: leave out fewer, or look for more")
     return chosen
@@ -146,13 +149,20 @@ def _list_ids(given: object) -> tuple[str, ...]:
 
 
 def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> dict[str, type[Term]]:
-    """Select effects that recordings can show: without missing quantities, torque, or whole turns."""
-    if any(own.units.slides for own in recordings):
+    """Select effects that recordings can show.
+
+    Effects of whole turns need a joint that turns, effects of torque a recording with torque, others their quantity in
+    a recording, such as a temperature.
+
+    Raises:
+        IdentificationError: if effects are given, and none can be shown.
+    """
+    if any(recording.units.slides for recording in recordings):
         sliding = {id: kind for id, kind in kinds.items() if id not in OF_A_TURN}
         if kinds and not sliding:
             raise IdentificationError(f"{next(iter(kinds))} needs a joint that turns: look for other effects")
         kinds = sliding
-    if recordings and all(own.is_free for own in recordings):
+    if recordings and all(recording.is_free for recording in recordings):
         free = {id: kind for id, kind in kinds.items() if not is_torque_needed(kind)}
         if kinds and not free:
             raise IdentificationError(
@@ -160,7 +170,7 @@ def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence
                 "for other effects"
             )
         kinds = free
-    measured = {"", *(name for own in recordings for name, value in vars(own).items() if value is not None)}
+    measured = {"", *(name for recording in recordings for name, value in vars(recording).items() if value is not None)}
     shown = {id: kind for id, kind in kinds.items() if kind.needs in measured}
     if kinds and not shown:
         id, kind = next(iter(kinds.items()))
@@ -189,7 +199,7 @@ def apply_limits(
 
 
 def check_horizon(horizon: float | None, is_simulated: bool) -> None:
-    """Refuse a horizon [s] that makes no sense."""
+    """Refuse a horizon [s] that is not positive and finite, or that is given where no free run is simulated."""
     if horizon is not None and not 0 < horizon < math.inf:
         raise UserError(f"the horizon cannot be {horizon:g} s: give a number above zero")
     if horizon is not None and not is_simulated:

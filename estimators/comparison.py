@@ -27,18 +27,21 @@ from pendulum_env.recording import Recording
 SHOWN = 6  # regions where a model fails, shared by the joints
 
 
-def compute_distance(name: str, prepared: RegressionData, model: Model, loop_error: Array) -> Distance:
-    """Compute errors of a model with inertia on prepared data; those of positions in the loop (R,) [rad] are known."""
-    steady, unstable = prepared.with_steady_segments(model)
-    return Distance(name, steady.errors(model).with_loop(loop_error), prepared.floors, unstable)
+def compute_distance(name: str, data: RegressionData, model: Model, loop_error: Array) -> Distance:
+    """Compute the errors of a model with inertia on data.
+
+    `loop_error` has the errors of positions in the loop (R,) [rad]; without a controller it is empty.
+    """
+    steady, unstable = data.with_steady_segments(model)
+    return Distance(name, steady.errors(model).with_loop(loop_error), data.floors, unstable)
 
 
 @refuse_unknown_arguments
 def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float | None = None) -> Comparison:
     """Compare a model with recordings, as it is: torque residual and free-running simulation.
 
-    Where a current was logged, the model's own torque constant turns it into torque, or else their known loads do.
-    Of an arm, the errors are those of the torque of each joint, all recordings together.
+    A logged current is converted by the torque constant of the model, or else of the known loads. The errors of an arm
+    are those of the torque of each joint, for all recordings together.
 
     Args:
         model: or a result that has one.
@@ -61,23 +64,24 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
         model = model.convert_units(recordings[0].units)
     select_visible_effects({term.id: type(term) for term in model.terms if term.needs}, recordings)
     joints = model.terms if isinstance(model.body, Body) else ()
-    alone = [] if joints else [_prepare_recording(recording, model, horizon) for recording in recordings]
-    together = RegressionData.join(alone) if alone else RegressionData.from_arm(recordings, joints)
-    data = FitData(recordings, recordings, terms=joints, horizon=horizon).with_parts((together, together))
+    separate = [] if joints else [_prepare_recording(recording, model, horizon) for recording in recordings]
+    joined = RegressionData.join(separate) if separate else RegressionData.from_arm(recordings, joints)
+    data = FitData(recordings, recordings, terms=joints, horizon=horizon).with_parts((joined, joined))
     loop = data.simulate_in_loop(model)
-    joint = compute_distance("all", together, model, loop.error)
-    left = together.residual(model.terms, model.theta)
-    fits = fit_each_recording([together.data], model.terms) if alone and not joint.errors.is_in_loop else []
-    has_torque = any(own.has_logged_torque for own in recordings)
-    most = max(1, SHOWN // len(joint.floors))
+    joint = compute_distance("all", joined, model, loop.error)
+    residual = joined.residual(model.terms, model.theta)
+    fits = fit_each_recording([joined.data], model.terms) if separate and not joint.errors.is_in_loop else []
+    has_torque = any(recording.has_logged_torque for recording in recordings)
+    n_regions = max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,
         tuple(
-            compute_distance(part.names[0], part, model, loop.select_recording(k).error) for k, part in enumerate(alone)
+            compute_distance(part.names[0], part, model, loop.select_recording(k).error)
+            for k, part in enumerate(separate)
         ),
         joint,
-        tuple(compute_profiles(together.samples, left, joint.noise_floor, units=together.units()) if alone else ()),
-        tuple(find_failures(together, left, most)) if has_torque else (),
+        tuple(compute_profiles(joined.samples, residual, joint.noise_floor, units=joined.units()) if separate else ()),
+        tuple(find_failures(joined, residual, n_regions)) if has_torque else (),
         (*find_disagreements_with_model(model, fits), *find_misfits(fits)),
         recordings[0].torque_constant,
         data,
@@ -86,5 +90,6 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
 
 
 def _prepare_recording(recording: Recording, model: Model, horizon: float | None) -> RegressionData:
+    """Prepare a recording with the horizon [s] of free runs, and with contacts at the stops of a model."""
     data = RegressionData.from_recordings([recording])
     return (data if horizon is None else data.with_horizon(horizon)).with_contacts(model)

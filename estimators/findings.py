@@ -156,11 +156,11 @@ class Finding:
         kind: of the finding.
         numbers: by name, see `Kind`; units are those of torque in N m.
         parameters: names of the parameters concerned.
-        effects: ids of effects or terms concerned; of two that look the same, the effect and the term of the model.
-        recordings: names of the recordings concerned; empty where all are.
+        effects: ids of effects or terms concerned; of an indistinguishable pair, the effect and the term of the model.
+        recordings: names of the recordings concerned; empty for all.
         joints: of an arm, names of the joints concerned.
         pairs: effects in question, each with the term of the model that it may be mistaken for, or none.
-        remedies: columns that read recordings rightly.
+        remedies: columns that read recordings correctly.
     """
 
     kind: Kind
@@ -192,5 +192,7 @@ class Finding:
             "recordings": [*self.recordings],
             "joints": [*self.joints],
             "pairs": [[*pair] for pair in self.pairs],
-            "remedies": [{"columns": {**own.columns}, "recordings": [*own.recordings]} for own in self.remedies],
+            "remedies": [
+                {"columns": {**remedy.columns}, "recordings": [*remedy.recordings]} for remedy in self.remedies
+            ],
         }

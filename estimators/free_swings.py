@@ -29,12 +29,14 @@ NONE = Load(0.0, 0.0)
 
 
 def scale_swing(recording: Recording, inertia: float, torque_unit: str) -> Recording:
-    """Scale a free swing by an inertia in a unit of torque, without noise of torques; return others as they are."""
+    """Return a free swing with a known inertia, zero torque, and a unit of torque; return other recordings as they are.
+
+    Its load torque and torque constant are removed.
+    """
     if not recording.is_free:
         return recording
-    still, unit = np.zeros(len(recording)), torque_unit
-    silent = replace(recording, torque=still, load_torque=None)
-    return replace(silent, torque_unit=unit, torque_constant=None, known_inertia=inertia)
+    without_torque = replace(recording, torque=np.zeros(len(recording)), load_torque=None)
+    return replace(without_torque, torque_unit=torque_unit, torque_constant=None, known_inertia=inertia)
 
 
 def find_known_values(terms: Sequence[Term]) -> dict[str, float]:
@@ -49,7 +51,11 @@ def find_scaling_values(model: Model, fixed: Mapping[str, float] | None) -> dict
 
 
 def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) -> float | None:
-    """Return the inertia [kg m^2] of free swings: known, or by another known parameter of the base; None if none is."""
+    """Return the inertia [kg m^2] of free swings: known, or by another known parameter of the base; None without one.
+
+    Raises:
+        IdentificationError: if known loads differ, or the known parameter contradicts the motion.
+    """
     if (inertia := known.get("inertia")) is not None:
         return inertia
     names = join_words([recording.name for recording in recordings])
@@ -121,22 +127,22 @@ def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Reco
     if name is None or not all(recording.known_inertia for recording in recordings):
         return model
     load, names = recordings[0].load or NONE, list(model.estimates)
-    own = [*model.estimates.values()]
+    old_estimates = [*model.estimates.values()]
     offset = np.array([{"inertia": load.inertia, "gravity": load.gravity}.get(key, 0.0) for key in names])
-    total, k = np.array([estimate.value for estimate in own]) + offset, names.index(name)
+    with_load, k = np.array([estimate.value for estimate in old_estimates]) + offset, names.index(name)
     linear = {column.name for column in model.columns if is_of_torque(column.unit)}
     is_scaled = np.array([key in linear for key in names])
-    factor = (known[name] + offset[k]) / total[k]
+    factor = (known[name] + offset[k]) / with_load[k]
     jacobian = np.diag(np.where(is_scaled, factor, 1.0))
-    jacobian[:, k] -= np.where(is_scaled, factor * total / total[k], 0.0)
+    jacobian[:, k] -= np.where(is_scaled, factor * with_load / with_load[k], 0.0)
     covariance = jacobian @ model.assumed_covariance @ jacobian.T
     covariance[k], covariance[:, k] = 0.0, 0.0
-    values = np.where(is_scaled, factor * total - offset, total)
+    values = np.where(is_scaled, factor * with_load - offset, with_load)
     values[k] = known[name]
     errors = np.sqrt(np.diag(covariance))
     estimates = {
         key: replace(estimate, value=float(value), std=float(error))
-        for key, estimate, value, error in zip(names, own, values, errors, strict=True)
+        for key, estimate, value, error in zip(names, old_estimates, values, errors, strict=True)
     }
     original = {term.id: term for term in terms if term.id in ("inertia", name)}
     restored = tuple(original.get(term.id, term) for term in model.terms)
@@ -144,11 +150,11 @@ def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Reco
 
 
 def remove_unit_inertia(model: Model) -> Model:
-    """Return a model without the limit of an inertia of 1, which its unit of torque tells."""
+    """Return a model in units per inertia without the limit of its inertia to 1; return other models as they are."""
     if model.torque_unit != PER_INERTIA:
         return model
-    bare = {term: getattr(type(term), "bare", (type(term),))[0]() for term in model.terms if term.id == "inertia"}
-    return replace(model, terms=tuple(bare.get(term, term) for term in model.terms))
+    unlimited = {term: getattr(type(term), "bare", (type(term),))[0]() for term in model.terms if term.id == "inertia"}
+    return replace(model, terms=tuple(unlimited.get(term, term) for term in model.terms))
 
 
 def is_torque_needed(kind: type[Term]) -> bool:

@@ -1,4 +1,4 @@
-"""Methods that answer each question once."""
+"""Methods whose results are computed once."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ Answer = TypeVar("Answer")
 
 
 def memoized(method: Callable[Concatenate[Owner, Asked], Answer]) -> Callable[Concatenate[Owner, Asked], Answer]:
-    """Keep every answer of a method with its object, by positional arguments; lists count as tuples."""
+    """Store each answer of a method with its object, by positional arguments; a list counts as a tuple.
+
+    Keyword arguments are passed on, and not part of the key.
+    """
 
     @wraps(method)
-    def asked(self: Owner, /, *args: Asked.args, **named: Asked.kwargs) -> Answer:
+    def call_once(self: Owner, /, *args: Asked.args, **keywords: Asked.kwargs) -> Answer:
         answers: dict[tuple[object, ...], Answer] = self.__dict__.setdefault("_kept", {})
-        key = (method.__name__, *(tuple(one) if isinstance(one, list) else one for one in args))
+        key = (method.__name__, *(tuple(argument) if isinstance(argument, list) else argument for argument in args))
         if key not in answers:
-            answers[key] = method(self, *args, **named)
+            answers[key] = method(self, *args, **keywords)
         return answers[key]
 
-    return asked
+    return call_once

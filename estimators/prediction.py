@@ -63,7 +63,7 @@ class Prediction:
 
     @property
     def columns(self) -> dict[str, Array]:
-        """Time and all quantities, (N,) each, by name; of an arm `torque_elbow` for each joint."""
+        """Return time and all quantities by name, (N,) each; an arm has one per joint, such as `torque_elbow`."""
         named = {"time": self.time}
         for quantity in QUANTITIES:
             for at, values in zip(self.units, getattr(self, quantity).reshape(len(self.time), -1).T, strict=True):
@@ -71,32 +71,37 @@ class Prediction:
         return named
 
     def __repr__(self) -> str:
-        shares = (f"{np.mean(np.isfinite(own)):.0%}" for own in (self.residual, self.simulated_position))
+        shares = (f"{np.mean(np.isfinite(values)):.0%}" for values in (self.residual, self.simulated_position))
         return "<Prediction of {}: {} samples, torque of {} and position of {} predicted>".format(
             self.name, len(self.time), *shares
         )
 
 
 def predict_recordings(model: Model, data: FitData | None) -> tuple[Prediction, ...]:
-    """Predict the recordings that a result is of: those that were fitted, then those that were held out."""
+    """Predict the recordings of a result: fitted ones, then held-out ones.
+
+    Raises:
+        IdentificationError: if the result has no data.
+    """
     if data is None:
         raise IdentificationError("the result has no data: compare its model with the recordings")
-    found, loop = [_make_empty_prediction(model, recording) for recording in data.every], data.simulate_in_loop(model)
+    predictions = [_make_empty_prediction(model, recording) for recording in data.every]
+    loop = data.simulate_in_loop(model)
     if data.is_comparison:
-        found = [replace(own, is_held_out=None) for own in found]
+        predictions = [replace(prediction, is_held_out=None) for prediction in predictions]
     with suppress(*[IdentificationError] * bool(loop)):  # a servo may move too little for a regression of its torque
-        fitted, unseen = data.parts
-        _predict(model, fitted, found[: len(data.recordings)], False)
+        fitted, held_out = data.parts
+        _predict(model, fitted, predictions[: len(data.recordings)], False)
         if not data.is_comparison:
-            _predict(model, unseen, found[len(data.recordings) if data.holdout else 0 :], True)
+            _predict(model, held_out, predictions[len(data.recordings) if data.holdout else 0 :], True)
     if loop:
         for k, recording in enumerate(data.every):
-            found[k].simulated_position[:] = loop.select_recording(k).interpolate(recording)
-    return tuple(found)
+            predictions[k].simulated_position[:] = loop.select_recording(k).interpolate(recording)
+    return tuple(predictions)
 
 
 def _make_empty_prediction(model: Model, recording: Recording) -> Prediction:
-    """Make a prediction without values."""
+    """Make a prediction with NaN for torques and simulated positions; no sample is counted or held out."""
     shape = recording.position.shape
     torque, predicted, simulated = (np.full(shape, np.nan) for _ in range(3))
     units = {at: model.body.units(at, recording.units) for at in recording.names}
@@ -105,29 +110,37 @@ def _make_empty_prediction(model: Model, recording: Recording) -> Prediction:
     return Prediction(recording.name, time, position, torque, predicted, simulated, counted, held_out, units)
 
 
-def _predict(model: Model, prepared: RegressionData, found: Sequence[Prediction], is_held_out: bool) -> None:
-    """Fill in predictions of recordings, or of a part of each."""
-    prepared = prepared.with_link_states(model)
-    data = prepared.data
+def _predict(model: Model, data_part: RegressionData, predictions: Sequence[Prediction], is_held_out: bool) -> None:
+    """Fill in the predictions of recordings, or of a part of each, from windows about every sample.
+
+    The windows of the fit replace those about their samples, which are counted. Simulated positions need a known
+    inertia.
+    """
+    data_part = data_part.with_link_states(model)
+    data = data_part.data
     runs = [number if w.run is None else w.run for number, w in enumerate(data.windows)]
-    for run, own in enumerate(found):
+    for run, prediction in enumerate(predictions):
         windows = [w for k, w in zip(runs, data.windows, strict=True) if k == run]
         if all(w.is_clear.any() for w in windows):
-            link_states = {id: [each[run]] for id, each in data.link_states.items()}
+            link_states = {id: [states[run]] for id, states in data.link_states.items()}
             dense = _make_windows_at_samples(model, windows, link_states)
-            _write(own, dense.windows, dense.applied_torque(), TorqueRows(dense).residual(model.terms, model.theta))
+            _write_torque(
+                prediction, dense.windows, dense.applied_torque(), TorqueRows(dense).residual(model.terms, model.theta)
+            )
     ends = np.cumsum([len(w.centers) for w in data.windows])[:-1]
-    coarse = (np.split(each, ends) for each in (data.applied_torque(), prepared.residual(model.terms, model.theta)))
+    coarse = (
+        np.split(values, ends) for values in (data.applied_torque(), data_part.residual(model.terms, model.theta))
+    )
     for run, w, torque, residual in zip(runs, data.windows, *coarse, strict=True):
-        own = found[run]
-        _write(own, [w], torque, residual)
-        begin, joint = _place(own, w)
-        _split_by_joint(own.is_counted)[begin + w.centers, joint] = True
-        if own.is_held_out is not None:
-            own.is_held_out[begin + w.first : begin + w.stop] |= is_held_out
-    simulated = prepared.segments if model.has_known_inertia else ()
-    for own, segments in zip(found, simulated, strict=False):
-        _simulate(model, segments, own.simulated_position)
+        prediction = predictions[run]
+        _write_torque(prediction, [w], torque, residual)
+        begin, joint = _locate_windows(prediction, w)
+        _split_by_joint(prediction.is_counted)[begin + w.centers, joint] = True
+        if prediction.is_held_out is not None:
+            prediction.is_held_out[begin + w.first : begin + w.stop] |= is_held_out
+    simulated = data_part.segments if model.has_known_inertia else ()
+    for prediction, segments in zip(predictions, simulated, strict=False):
+        _simulate(model, segments, prediction.simulated_position)
 
 
 def _make_windows_at_samples(
@@ -144,19 +157,19 @@ def _split_by_joint(values: Array) -> Array:
     return values.reshape(len(values), -1)
 
 
-def _place(own: Prediction, w: Windows) -> tuple[int, int]:
-    """Sample of a recording at which windows of a part of it begin to count, and the number of their joint."""
-    return int(np.searchsorted(own.time, w.recording.time[0])), list(own.units).index(w.at)
+def _locate_windows(prediction: Prediction, w: Windows) -> tuple[int, int]:
+    """Return the sample of a recording at which the samples of windows begin, and the index of their joint."""
+    return int(np.searchsorted(prediction.time, w.recording.time[0])), list(prediction.units).index(w.at)
 
 
-def _write(own: Prediction, windows: Sequence[Windows], torque: Array, residual: Array) -> None:
-    """Fill in the torque and what is left of it (R,) in the windows of one recording."""
-    done = 0
+def _write_torque(prediction: Prediction, windows: Sequence[Windows], torque: Array, residual: Array) -> None:
+    """Fill in torque and predicted torque at the centres of windows of one recording, from torque and residual (R,)."""
+    n_rows = 0
     for w in windows:
-        rows = slice(done, done := done + len(w.centers))
-        begin, joint = _place(own, w)
-        _split_by_joint(own.torque)[begin + w.centers, joint] = torque[rows]
-        _split_by_joint(own.predicted_torque)[begin + w.centers, joint] = torque[rows] - residual[rows]
+        rows = slice(n_rows, n_rows := n_rows + len(w.centers))
+        begin, joint = _locate_windows(prediction, w)
+        _split_by_joint(prediction.torque)[begin + w.centers, joint] = torque[rows]
+        _split_by_joint(prediction.predicted_torque)[begin + w.centers, joint] = torque[rows] - residual[rows]
 
 
 def _simulate(model: Model, segments: Segments, position: Array) -> None:

@@ -2,27 +2,28 @@
 
 from collections.abc import Callable
 
-Progress = Callable[[str, float], None]  # what is being done, share of the work that is done
+Progress = Callable[[str, float], None]  # text of the current work, share of the work that is done
 
-ROUND = 0.5  # of what is left, that one round of a loop of unknown length covers
+ROUND = 0.5  # share of the remaining bar that a round covers
 
 
-def no_progress(what: str, share: float) -> None:
-    """Show nothing."""
+def no_progress(text: str, share: float) -> None:
+    """Ignore the progress."""
 
 
 def forward(progress: Progress) -> Progress:
-    """Make progress monotonic for an unknown number of rounds, each reported from 0 to 1.
+    """Return progress that only increases, for an unknown number of rounds, each reported from 0 to 1.
 
-    Each round is given a part of what is left, so that the bar always moves on and ends only when the work does.
+    A share below the last one begins a new round. Each round covers `ROUND` of the remaining bar; a share of 1 reports
+    1.
     """
-    begun, within = 0.0, 0.0
+    done, last_share = 0.0, 0.0
 
-    def onward(what: str, share: float) -> None:
-        nonlocal begun, within
-        if share < within:
-            begun += ROUND * (1.0 - begun) * within
-        within = share
-        progress(what, 1.0 if share >= 1.0 else begun + ROUND * (1.0 - begun) * share)
+    def report(text: str, share: float) -> None:
+        nonlocal done, last_share
+        if share < last_share:
+            done += ROUND * (1.0 - done) * last_share
+        last_share = share
+        progress(text, 1.0 if share >= 1.0 else done + ROUND * (1.0 - done) * share)
 
-    return onward
+    return report

@@ -57,16 +57,16 @@ class Comparison:
     """Comparison of a model with recordings.
 
     Attributes:
-        model: as it came; nothing is fitted.
-        distances: one a recording; empty of an arm.
-        joint: all recordings together.
-        profiles: residual torque over position, velocity, torque, time and frequency, all recordings together; empty of
-            an arm.
-        regions: where it stands out of the noise, the most telling first, of an arm joint by joint.
-        disagreements: recordings that show another plant than the model is of, or than the others.
-        torque_constant: by which a current was turned into torque, if one was.
-        data: that it was made of, all compared alike.
-        horizon: length of the windows of free run [s]; None of an arm.
+        model: the given one; nothing is fitted.
+        distances: errors on each recording; empty for an arm.
+        joint: errors on all recordings together.
+        profiles: residual torque over position, velocity, torque, time and frequency, all recordings together; empty
+            for an arm.
+        regions: where the residual exceeds the noise, the most significant first; for an arm, joint by joint.
+        disagreements: recordings of another plant than the model or the other recordings.
+        torque_constant: ratio of torque and current, if a current was converted.
+        data: the compared recordings.
+        horizon: length of the windows of free run [s]; None for an arm.
     """
 
     model: Model
@@ -97,7 +97,7 @@ class Comparison:
     @property
     def is_torque_logged(self) -> bool:
         """Return whether a recording has measured torque instead of the command of a controller."""
-        return self.data is None or any(own.has_logged_torque for own in self.data.recordings)
+        return self.data is None or any(recording.has_logged_torque for recording in self.data.recordings)
 
     @property
     def headline(self) -> str:
@@ -136,12 +136,15 @@ def make_result_json(
     regions: Sequence[Region],
     disagreements: Sequence[Disagreement],
 ) -> JSON:
-    """Return what the files of `compare` and `diagnose` share, as a plain dictionary for JSON."""
-    every = {at: model.units(at) for at in model.body.joints}
+    """Return the entries that the files of `compare` and `diagnose` share, as a dictionary for JSON."""
+    units_of_joints = {at: model.units(at) for at in model.body.joints}
     return {
         "torque_unit": model.torque_unit,
         "torque_constant": constant.json() if constant is not None else None,
-        "units": {at: {name: units.unit(AXES[name]) for name in ("position", "torque")} for at, units in every.items()},
+        "units": {
+            at: {name: units.unit(AXES[name]) for name in ("position", "torque")}
+            for at, units in units_of_joints.items()
+        },
         "model": model.json(),
         "regions": [region.json() for region in regions],
         "disagreements": [disagreement.json() for disagreement in disagreements],
@@ -149,5 +152,5 @@ def make_result_json(
 
 
 def make_floors_json(floors: Mapping[str, float]) -> JSON:
-    """Return noise floors as a plain dictionary for JSON; null stands for that of several joints together."""
+    """Return noise floors as a dictionary for JSON; the common floor of several joints is null."""
     return {"torque_rms": get_single(floors) if len(floors) == 1 else None, "joints": dict(floors)}

@@ -29,26 +29,29 @@ from pendulum_env.physics.transmission import Backlash, JointFlexibility
 Grid = Callable[[type[Any], Samples, Array], Iterable[Term]]
 
 VARIANTS = 36  # of a grid over the bounds of all nonlinear parameters
-MOST_ORDERS = 400  # whole numbers that are tried of one parameter
-COARSE = 60  # orders of cogging up to which all are tried,
-FINEST, STARTS = 400, 3  # and beyond, up to twice the ratio of usual gears, so many of them are tried
-WAVES = 3  # periods of the longest of several waves over the angle
-WARMER = 1.0  # [K], by which the temperature has to change
-PEAKS = 8  # highest ones of a periodogram, from which a search starts
-ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces of tables that are tried
+MOST_ORDERS = 400  # largest number of trial values of a single integer parameter
+COARSE = 60  # cogging: all orders up to this one are tried
+FINEST, STARTS = 400, 3  # cogging: highest order, twice the ratio of usual gears; number of trial orders above COARSE
+WAVES = 3  # cogging: least number of periods of the longest of several waves within the motion
+WARMER = 1.0  # [K], least change of the temperature
+PEAKS = 8  # number of highest peaks of a periodogram from which a search starts
+ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # trial numbers of pieces of tables
 
 
 def make_grid_over_bounds(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """Spread variants over the bounds of the nonlinear parameters; an instant lies within the motion."""
-    sought = [
+    """Spread about `VARIANTS` variants over the bounds of the nonlinear parameters; an instant lies within the motion.
+
+    Parameters with a nominal value, or that follow another one, keep their default. Variants with a fault are left out.
+    """
+    searched = [
         parameter for parameter in kind.nonlinear_parameters if parameter.nominal is None and not parameter.follows
     ]
-    count = max(2, int(VARIANTS ** (1.0 / max(len(sought), 1))))
+    count = max(2, int(VARIANTS ** (1.0 / max(len(searched), 1))))
     axes = [
-        _spread(parameter, count if len(sought) > 1 or not parameter.integer else MOST_ORDERS, x)
-        for parameter in sought
+        _spread(parameter, count if len(searched) > 1 or not parameter.integer else MOST_ORDERS, x)
+        for parameter in searched
     ]
-    names = [parameter.name for parameter in sought]
+    names = [parameter.name for parameter in searched]
     variants = [kind(), *(kind(**dict(zip(names, values, strict=True))) for values in product(*axes))]
     return list(dict.fromkeys(variant for variant in variants if not variant.fault))
 
@@ -134,6 +137,7 @@ def is_possible(term: Term, x: Samples) -> bool:
 
 
 def _find_peak(x: Samples) -> float:
+    """Return the 99th percentile of the absolute torque [N m]."""
     return float(np.percentile(np.abs(x.torque), 99))
 
 
@@ -149,6 +153,7 @@ def _is_saturation(term: TorqueSaturation, x: Samples) -> bool:
 
 
 def _list_stribeck_velocities(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    """List ten Stribeck velocities up to half of the 95th percentile of the speed, or 0.1 rad/s if that is larger."""
     fast = float(np.percentile(np.abs(x.velocity), 95))
     return [kind(float(vs)) for vs in np.geomspace(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
 
@@ -160,11 +165,11 @@ def _is_stribeck(term: Stribeck, x: Samples) -> bool:
 
 def _list_cogging_orders(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     """List all low orders, and the strongest of the high orders of strain-wave gears."""
-    bins = 8 * FINEST  # of a turn, so fine that each wave lies within several
-    turn = np.floor(np.asarray(x.position) / (2 * np.pi) * bins).astype(int) % bins
-    power = np.abs(np.fft.rfft(np.bincount(turn, residual, bins)))[COARSE + 1 : FINEST + 1]
-    fine = COARSE + 1 + np.argsort(power)[::-1][:STARTS]
-    return [kind(float(order)) for order in (*range(2, COARSE + 1), *fine.tolist())]
+    n_bins = 8 * FINEST  # of a turn, so fine that each wave lies within several
+    bin_of_sample = np.floor(np.asarray(x.position) / (2 * np.pi) * n_bins).astype(int) % n_bins
+    power = np.abs(np.fft.rfft(np.bincount(bin_of_sample, residual, n_bins)))[COARSE + 1 : FINEST + 1]
+    high_orders = COARSE + 1 + np.argsort(power)[::-1][:STARTS]
+    return [kind(float(order)) for order in (*range(2, COARSE + 1), *high_orders.tolist())]
 
 
 def _is_cogging(term: Cogging, x: Samples) -> bool:
@@ -196,16 +201,19 @@ def _is_stop(term: HardStop, x: Samples) -> bool:
 
 
 def _list_warm_up_times(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    """List eight warm-up times, from a twentieth to one and a half of the last time."""
     span = float(np.max(x.time))
     return [kind(float(warm_up)) for warm_up in np.geomspace(span / 20, span * 1.5, 8)]
 
 
 def _list_instants(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    """List instants in steps of 2 % of the motion, without the first and last 4 %."""
     start, stop = float(np.min(x.time)), float(np.max(x.time))
     return [kind(float(moment)) for moment in start + (stop - start) * np.arange(0.04, 0.97, 0.02)]
 
 
 def _list_frequencies(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    """List the frequencies of the highest peaks of the periodogram of the residual."""
     omega, power = _compute_periodogram(x, residual)
     peaks = np.flatnonzero((power[1:-1] >= power[2:]) & (power[1:-1] >= power[:-2])) + 1
     highest = peaks[np.argsort(power[peaks])[::-1][:PEAKS]]
@@ -246,6 +254,7 @@ def _list_gaps(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
 
 
 def _list_table_angles(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    """List tables over the reached angles, and over a turn if the joint made one."""
     extents = []
     for pieces in ANGLES:
         share = kind.outside / pieces
@@ -263,6 +272,7 @@ def _list_table_speeds(kind: type[Any], x: Samples, residual: Array) -> list[Ter
 
 
 def _list_table_times(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    """List a table of pieces of about `length` seconds, 2 to `most` of them."""
     first, last = float(np.min(x.time)), float(np.max(x.time))
     pieces = min(max(2, round((last - first) / kind.length)), kind.most)
     return [kind.with_extent(Extent(first, last, int(pieces)))()]

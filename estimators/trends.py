@@ -8,7 +8,7 @@ import scipy
 from pendulum_env._typing import Array, Index
 
 FEWEST = 4  # estimates that show a trend: a line or a step leaves two degrees of freedom
-BESIDE = 2  # estimates on either side of a jump: one alone may be an outlier
+N_BESIDE = 2  # least estimates on either side of a jump: one alone may be an outlier
 CONFIDENCE = 0.95  # of the interval of a drift
 
 
@@ -28,7 +28,7 @@ class Trend:
     Attributes:
         drift: slope per unit of time, NaN for fewer than four estimates.
         interval: its 95 % confidence interval.
-        jump: the step that explains the estimates better than any line, None if a line does.
+        jump: the step that explains the estimates better than a line; None if a line is better.
         p_value: probability of a line or step as clear as this one if nothing changes, at most.
     """
 
@@ -63,16 +63,18 @@ def fit_trend(time: Array, value: Array, std: Array) -> Trend:
     t, x, variance = time[order], value[order], std[order] ** 2
     drift, _, low, high = map(float, scipy.stats.theilslopes(x, t, CONFIDENCE))
     steps = 1 + np.flatnonzero(np.diff(t) > 0)
-    steps = steps[(steps >= BESIDE) & (steps <= len(t) - BESIDE)]
+    steps = steps[(steps >= N_BESIDE) & (steps <= len(t) - N_BESIDE)]
     fits = _fit_changes(t, x, 1 / (variance + estimate_scatter_variance(x, variance)), steps)
-    least = _fit_changes(t, x, 1 / variance, steps)  # scatter by standard errors alone
+    white_fits = _fit_changes(t, x, 1 / variance, steps)  # scatter by standard errors alone
     best, freedom = int(np.argmax(fits.gains)), len(t) - 2
     remaining = max(1e-300, fits.chi_square - float(fits.gains[best])) / freedom
-    p_value = max(scipy.stats.chi2.sf(least.gains[best], 1), scipy.stats.f.sf(fits.gains[best] / remaining, 1, freedom))
+    p_value = max(
+        scipy.stats.chi2.sf(white_fits.gains[best], 1), scipy.stats.f.sf(fits.gains[best] / remaining, 1, freedom)
+    )
     if not best:
         p_value = 1.0 if low <= 0 <= high else p_value
         return Trend(drift, (low, high), None, min(1.0, len(fits.gains) * float(p_value)))
-    error = np.sqrt(max(remaining / fits.moments[best], 1 / least.moments[best]))
+    error = np.sqrt(max(remaining / fits.moments[best], 1 / white_fits.moments[best]))
     jump = Jump(int(order[steps[best - 1]]), float(fits.changes[best]), float(error))
     return Trend(drift, (low, high), jump, min(1.0, len(fits.gains) * float(p_value)))
 
@@ -84,8 +86,8 @@ def estimate_scatter_variance(value: Array, variance: Array) -> float:
         w = 1 / (variance + s2)
         return float(w @ (value - np.average(value, weights=w)) ** 2) - (len(value) - 1)
 
-    most = float(np.sum((value - value.mean()) ** 2))  # chi-square is below 1 there
-    return float(scipy.optimize.brentq(excess, 0.0, most, xtol=1e-9 * most)) if excess(0.0) > 0 else 0.0
+    upper = float(np.sum((value - value.mean()) ** 2))  # chi-square is below 1 there
+    return float(scipy.optimize.brentq(excess, 0.0, upper, xtol=1e-9 * upper)) if excess(0.0) > 0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +101,9 @@ class _Changes:
 
 
 def _fit_changes(t: Array, x: Array, w: Array, steps: Index) -> _Changes:
-    """Fit a line and steps to values by least squares with weights."""
-    x, away = x - np.average(x, weights=w), t - np.average(t, weights=w)
-    before, total = np.cumsum(w)[steps - 1], w.sum()
-    moments = np.r_[w @ away**2, before * (total - before) / total]
-    changes = np.r_[w @ (away * x), -np.cumsum(w * x)[steps - 1]] / moments
+    """Fit a line, and a step before each index of `steps` (S,), to x (N,) at times t with weights w."""
+    x, deviation = x - np.average(x, weights=w), t - np.average(t, weights=w)
+    weight_before, total = np.cumsum(w)[steps - 1], w.sum()
+    moments = np.r_[w @ deviation**2, weight_before * (total - weight_before) / total]
+    changes = np.r_[w @ (deviation * x), -np.cumsum(w * x)[steps - 1]] / moments
     return _Changes(changes, moments, changes**2 * moments, float(w @ x**2))
