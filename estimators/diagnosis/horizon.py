@@ -57,7 +57,7 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     except KeyboardInterrupt:
         is_interrupted = True
     errors_of, clusters = _rows(data[0], seconds, last.model, point)
-    error, slopes = output_error.slopes_of(errors_of, point)
+    error, slopes = output_error.compute_slopes(errors_of, point)
     model = output_error.make_model_with_covariance(
         point, compute_robust_covariance(slopes, error, clusters)
     ).convert_units(data[0].recordings[0].units)
@@ -89,7 +89,7 @@ def _rows(data: RegressionData, seconds: float, model: Model, point: Point) -> t
     segments = _steady(data.with_horizon(seconds, covers=True), model).segments
     weights = np.sqrt(data.equations(point.terms).weights)
     error, owner = output_error.compute_errors(segments, [point], from_measured=True)
-    trust = np.sqrt(output_error.weigh_segments(output_error.sizes_of(error, owner)))[owner]
+    trust = np.sqrt(output_error.weigh_segments(output_error.compute_rms_by_segment(error, owner)))[owner]
 
     def parts_of(points: Sequence[Point]) -> tuple[Array, Array]:
         motion = output_error.compute_errors(segments, points, from_measured=True)[0]

@@ -37,23 +37,23 @@ def present(trial: Trial, step: Step) -> Step:
         return step
     theta = {column.name: value for column, value in zip(step.model.columns, step.model.theta, strict=True)}
     viscous = next((column for column in step.model.columns if column.name == "viscous"), None)
-    both = theta.get("viscous", 0.0) + theta.pop(BackEmf.id)
-    if viscous is None or viscous.is_known or not viscous.is_allowed(both):
+    total = theta.get("viscous", 0.0) + theta.pop(BackEmf.id)
+    if viscous is None or viscous.is_known or not viscous.is_allowed(total):
         return step
-    rest = tuple(term for term in step.model.terms if term.id != BackEmf.id)
-    start = Point.from_parameters(rest, np.array(list((theta | {"viscous": both}).values())))
+    other_terms = tuple(term for term in step.model.terms if term.id != BackEmf.id)
+    start = Point.from_parameters(other_terms, np.array(list((theta | {"viscous": total}).values())))
     refine_rows(trial.evaluator)[0].begin_at(start)
     return fit_step(trial.evaluator, step.added, start.terms)
 
 
 def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
-    """Include back-EMF in the base model if a voltage drives the motor and friction depends on the load.
+    """Return the data with back-EMF as a treatment, if a voltage drives the motor and friction depends on the load.
 
-    Otherwise back-EMF is viscous friction, unless the motor is ever off: then the base model has it already.
+    Otherwise return None: back-EMF is viscous friction, or the base model has it because the motor is ever off.
     """
-    is_pressed = LoadDependentFriction.id in list_ids(terms) and BackEmf.id not in list_ids(terms)
+    is_distinguishable = LoadDependentFriction.id in list_ids(terms) and BackEmf.id not in list_ids(terms)
     finding = Finding(Kind.BACK_EMF_INCLUDED, effects=(BackEmf.id,))
-    return data.with_treatment(finding) if is_pressed and select_voltage_drives(data.recordings) else None
+    return data.with_treatment(finding) if is_distinguishable and select_voltage_drives(data.recordings) else None
 
 
 def has_gear_friction(step: Step) -> bool:

@@ -20,15 +20,19 @@ from pendulum_env.servo.torque import compute_asked_torque
 
 
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
-    """Add findings on the drive and on the reading of the goals."""
+    """Add findings on the drive and on the reading of the goals, and the noise floors of the rollouts.
+
+    Candidates that the refit dropped get the reason `LONG_STEPS`. An unexplained residual forbids a next experiment.
+    """
     data = trial.data
     dropped = list_ids(trial.found.terms) - list_ids(trial.final.terms)
     doubts = (data.doubt, find_speed_rate(found.model, data.recordings), find_torque_scale(data.recordings))
-    readings = [one for one in data.treatments if one.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
+    readings = [treatment for treatment in data.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
     return replace(
         found,
         candidates=tuple(
-            replace(own, reason=Finding(Kind.LONG_STEPS)) if own.effect in dropped else own for own in found.candidates
+            replace(candidate, reason=Finding(Kind.LONG_STEPS)) if candidate.effect in dropped else candidate
+            for candidate in found.candidates
         ),
         floors=refine_rows(trial.evaluator)[0].rollouts.encoder,
         findings=(
@@ -41,44 +45,56 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
 
 
 def find_speed_rate(model: Model, recordings: Sequence[Recording]) -> Finding | None:
-    """Return a finding where a controller may see the speed so late that this passes for inertia."""
-    drives = [own.drive for own in recordings if own.drive is not None and own.drive.rate is None]
+    """Return a finding if a controller of unknown rate may act so late that its gain imitates inertia.
+
+    The imitated inertia is half the speed gain over `LOOP.seldom` [Hz]; it counts above one standard error.
+    """
+    drives = [
+        recording.drive for recording in recordings if recording.drive is not None and recording.drive.rate is None
+    ]
     gains = [(drive.kp if drive.acts_on_speed else drive.kd) * (drive.gain or 1.0) for drive in drives]
-    off = max(gains, default=0.0) / (2 * LOOP.seldom)
-    if off <= model.estimates["inertia"].std:
+    imitated_inertia = max(gains, default=0.0) / (2 * LOOP.seldom)
+    if imitated_inertia <= model.estimates["inertia"].std:
         return None
-    inertia = Quantity(off, unit=model.estimates["inertia"].unit)
+    inertia = Quantity(imitated_inertia, unit=model.estimates["inertia"].unit)
     return Finding(Kind.SPEED_RATE_UNKNOWN, {"rate": Quantity(LOOP.seldom, unit="Hz"), "inertia": inertia})
 
 
 def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
-    """Return a finding where the logged torque is not the torque that the drive asks for, but a multiple of it."""
-    recorded = [own for own in recordings if own.has_logged_torque and own.drive and own.torque_unit == own.drive.unit]
+    """Return a finding if the logged torque is `LOOP.scale` or more off the torque that the drive requests, by a factor."""
+    recorded = [
+        recording
+        for recording in recordings
+        if recording.has_logged_torque and recording.drive and recording.torque_unit == recording.drive.unit
+    ]
     if not recorded:
         return None
-    logged, asked = (
-        np.concatenate(every)
-        for every in zip(*((own.torque, compute_asked_torque(own)) for own in recorded), strict=True)
+    logged, requested = (
+        np.concatenate(series)
+        for series in zip(*((recording.torque, compute_asked_torque(recording)) for recording in recorded), strict=True)
     )
-    share = float(logged @ asked / max(asked @ asked, np.finfo(float).tiny))
-    if abs(share - 1.0) < LOOP.scale:
+    factor = float(logged @ requested / max(requested @ requested, np.finfo(float).tiny))
+    if abs(factor - 1.0) < LOOP.scale:
         return None
-    return Finding(Kind.TORQUE_SCALED, {"factor": Quantity(share)})
+    return Finding(Kind.TORQUE_SCALED, {"factor": Quantity(factor)})
 
 
 def find_regions(trial: Trial) -> Sequence[Region]:
-    """Find the residual of the motion under the final model, and the recording with the largest share."""
+    """Find the residual of the motion under the final model: one region, with the recording of the largest error.
+
+    The result is empty if the residual is noise.
+    """
     evaluator, last, train = trial.evaluator, trial.final.steps[-1], refine_rows(trial.evaluator)[0]
     data = train.rollouts
     residual = train.residual(last.model.terms, np.asarray(last.model.theta))
     if evaluator.residuals.is_noise_in(evaluator.train, residual):
         return []
-    sizes = np.array([np.mean(np.abs(residual[data.recording_of == k])) for k in range(len(data.recordings))])
-    worst = int(np.argmax(sizes))
+    mean_errors = np.array([np.mean(np.abs(residual[data.recording_of == k])) for k in range(len(data.recordings))])
+    worst = int(np.argmax(mean_errors))
     error, floor = float(np.mean(np.abs(residual))), data.encoder[""]
     unit = last.model.units().unit("rad")
     numbers = {"error": Quantity(error, unit=unit), "times": Quantity(error / floor)}
-    if len(sizes) > 1:
-        numbers["worst"] = Quantity(sizes[worst], unit=unit)
+    if len(mean_errors) > 1:
+        numbers["worst"] = Quantity(mean_errors[worst], unit=unit)
     cause = Finding(Kind.SERVO_OFF, numbers, recordings=(data.recordings[worst].name,))
     return [make_region_everywhere(cause, evaluator.train.samples, error, floor)]

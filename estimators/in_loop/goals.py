@@ -48,63 +48,78 @@ class Reading:
 
 
 def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part = WHOLE) -> Finding | None:
-    """Decide whether goals are held or run on; None if every drive says it."""
-    if all(own.drive is None or own.drive.goal for own in recordings):
+    """Decide whether goals are held or run on; return None if every drive declares it.
+
+    The finding has the gain over the likeliest fit under the other reading [nat], and the effects of that fit with
+    their sizes [s]. It names the recordings without a declaration, unless all lack one.
+    """
+    if all(recording.drive is None or recording.drive.goal for recording in recordings):
         return None
     torque = RegressionData.from_recordings(recordings, part=part).torque
-    late = [() if effect.id in list_ids(base) else (effect(),) for effect in LATE]
-    found: list[Reading] = []
+    added_effects = [() if effect.id in list_ids(base) else (effect(),) for effect in LATE]
+    readings: list[Reading] = []
     for is_held in (True, False):
         rows = RolloutRows(Rollouts(tuple(recordings), FINE, is_held, part), torque)
-        alone = rows.fit(base, exactly=True).terms
+        base_terms = rows.fit(base, exactly=True).terms
         blocks, _, of_block = rows.rollouts.blocks(BLOCK)
-        for more in dict.fromkeys([(), *late]):
-            terms = rows.with_nonlinear((*alone, *more)) if more else alone
+        for added in dict.fromkeys([(), *added_effects]):
+            terms = rows.with_nonlinear((*base_terms, *added)) if added else base_terms
             density = densities(rows.rollouts, rows.near(terms).error)
-            found.append(Reading(is_held, terms, np.bincount(blocks, density).astype(float)))
+            readings.append(Reading(is_held, terms, np.bincount(blocks, density).astype(float)))
     bootstrap = Bootstrap(of_block, np.random.default_rng(0))
-    best = max(found, key=lambda one: one.density.sum())
-    gains = [bootstrap.gain(best.density, one.density) for one in found]
-    tied = [one for one, gain in zip(found, gains, strict=True) if one is best or gain.total <= TIE * gain.error]
-    chosen = min(tied, key=lambda one: (len(one.terms), -one.density.sum()))
-    others = [one for one in found if one.is_held != chosen.is_held]
-    other = max(others, key=lambda one: one.density.sum())
+    best = max(readings, key=lambda reading: reading.density.sum())
+    gains = [bootstrap.gain(best.density, reading.density) for reading in readings]
+    tied = [
+        reading
+        for reading, gain in zip(readings, gains, strict=True)
+        if reading is best or gain.total <= TIE * gain.error
+    ]
+    chosen = min(tied, key=lambda reading: (len(reading.terms), -reading.density.sum()))
+    others = [reading for reading in readings if reading.is_held != chosen.is_held]
+    other = max(others, key=lambda reading: reading.density.sum())
     gain = bootstrap.gain(chosen.density, other.density)
     numbers = {"gain": Quantity(gain.total, gain.error)}
     for term in other.terms[len(base) :]:
         numbers |= {name: Quantity(float(value), unit="s") for name, value in term.nonlinear_values.items()}
     effects = tuple(term.id for term in other.terms[len(base) :])
-    unsaid = tuple(own.name for own in recordings if own.drive is None or not own.drive.goal)
-    names = unsaid if len(unsaid) < len(recordings) else ()
+    undeclared = tuple(
+        recording.name for recording in recordings if recording.drive is None or not recording.drive.goal
+    )
+    names = undeclared if len(undeclared) < len(recordings) else ()
     return Finding(Kind.GOALS_HELD if chosen.is_held else Kind.GOALS_RUN_ON, numbers, effects=effects, recordings=names)
 
 
 def change_reading(recordings: Sequence[Recording], reading: Finding) -> tuple[Recording, ...] | None:
-    """Return the recordings with goals read the other way; None if drives or the base model decide the reading."""
+    """Return the recordings with goals read the other way; None if drives or the base model decide the reading.
+
+    The base model decides if the gain is above `TIE` standard errors.
+    """
     gain = reading.numbers.get("gain")
     if gain is None or reading.recordings or abs(gain.value) > TIE * (gain.std or 0.0):
         return None
-    unsaid = [replace(own, drive=own.drive and replace(own.drive, goal=None)) for own in recordings]
-    return with_goals(unsaid, reading.kind is Kind.GOALS_RUN_ON)
+    undeclared = [
+        replace(recording, drive=recording.drive and replace(recording.drive, goal=None)) for recording in recordings
+    ]
+    return with_goals(undeclared, reading.kind is Kind.GOALS_RUN_ON)
 
 
 def with_goals(recordings: Sequence[Recording], is_held: bool) -> tuple[Recording, ...]:
-    """Return the recordings with goals that are held or run on, where their drives do not say it."""
+    """Return the recordings with held goals, or goals that run on; goals that a drive declares stay as they are."""
     return tuple(
-        replace(own, drive=replace(own.drive, goal=own.drive.goal or ("held" if is_held else "ramp")))
-        if own.drive is not None
-        else own
-        for own in recordings
+        replace(recording, drive=replace(recording.drive, goal=recording.drive.goal or ("held" if is_held else "ramp")))
+        if recording.drive is not None
+        else recording
+        for recording in recordings
     )
 
 
 def make_base(recordings: Sequence[Recording], base: Sequence[Term] = BASE) -> tuple[Term, ...]:
-    """Return the base model of servos: a horn is put on by hand, so the angle at which it hangs is fitted as well.
+    """Return the base model of servos, with a tilt of gravity, since a horn is mounted by hand.
 
-    Back-EMF can be distinguished from viscous friction where a motor that a voltage drives was off for a while.
+    Back-EMF is added if a motor driven by a voltage is off for a while: only then it differs from viscous friction.
     """
-    more = [GravityTilt(), *([BackEmf()] if has_unpowered_motor(recordings) else [])]
-    return (*base, *(term for term in more if term.id not in list_ids(base)))
+    added = [GravityTilt(), *([BackEmf()] if has_unpowered_motor(recordings) else [])]
+    return (*base, *(term for term in added if term.id not in list_ids(base)))
 
 
 def decide_goals(recordings: Sequence[Recording], model: Model) -> tuple[Recording, ...]:
@@ -130,4 +145,8 @@ def has_unpowered_motor(recordings: Sequence[Recording]) -> bool:
 
 def select_voltage_drives(recordings: Sequence[Recording]) -> list[Recording]:
     """Return the recordings whose drive gives the motor a voltage, not a torque."""
-    return [own for own in recordings if own.drive is not None and own.drive.output in ("duty", "voltage")]
+    return [
+        recording
+        for recording in recordings
+        if recording.drive is not None and recording.drive.output in ("duty", "voltage")
+    ]

@@ -21,7 +21,7 @@ from pendulum_env.units import is_of_torque
 
 
 def refit(found: SearchResult, start: Model | None = None) -> SearchResult:
-    """Refit all steps with shorter steps of the integrator."""
+    """Refit all steps of a search with shorter steps of the integrator; `start` is not used."""
     return replace(found, steps=[refit_step(found.evaluator, step) for step in found.steps])
 
 
@@ -33,91 +33,101 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     """
     found = refit(trial.found)
     last = found.steps[-1]
-    train, unseen = refine_rows(found.evaluator)
-    evaluator, steps = replace(found.evaluator, train=train.data, holdout=unseen.data), found.steps
+    train, held_out = refine_rows(found.evaluator)
+    evaluator, steps = replace(found.evaluator, train=train.data, holdout=held_out.data), found.steps
     fitted = {list_ids(step.model.terms): step.model.terms for step in steps}
-    terms, named = found.terms, [step.added for step in steps[1:]]
+    terms, added_effects = found.terms, [step.added for step in steps[1:]]
 
     def without(*left_out: str | None) -> Terms:
         return tuple(term for term in terms if term.id not in left_out)
 
     def find_idle() -> list[str | None]:
-        sizeless = {term.id for term in last.model.terms if term.columns and not has_size(last.model, term)}
-        return [id for id in named if id in sizeless or not evaluator.is_significant(terms, without(id))]
+        without_size = {term.id for term in last.model.terms if term.columns and not has_size(last.model, term)}
+        return [id for id in added_effects if id in without_size or not evaluator.is_significant(terms, without(id))]
 
     while idle := find_idle():
-        named.remove(idle[-1])
-        rest = without(idle[-1])
-        terms = fitted.get(list_ids(rest)) or train.with_nonlinear(rest)
-        last = fit_step(found.evaluator, named[-1] if named else None, terms)
-    if len(named) == len(steps) - 1:
+        added_effects.remove(idle[-1])
+        remaining = without(idle[-1])
+        terms = fitted.get(list_ids(remaining)) or train.with_nonlinear(remaining)
+        last = fit_step(found.evaluator, added_effects[-1] if added_effects else None, terms)
+    if len(added_effects) == len(steps) - 1:
         return found, ()
-    earlier = [fit_step(found.evaluator, id, without(*named[k + 1 :])) for k, id in enumerate(named[:-1])]
-    return replace(found, steps=[steps[0], *earlier, *([last] if named else [])]), ()
+    earlier = [
+        fit_step(found.evaluator, id, without(*added_effects[k + 1 :])) for k, id in enumerate(added_effects[:-1])
+    ]
+    return replace(found, steps=[steps[0], *earlier, *([last] if added_effects else [])]), ()
 
 
 def has_size(model: Model, term: Term) -> bool:
-    """Return whether the linear parameters of a term differ from zero together by more than 3 standard errors."""
+    """Return whether the linear parameters of a term together differ from zero by more than 3 standard errors."""
     names = list(model.estimates)
-    place = [names.index(column.name) for column in term.columns]
-    values = np.array([model.estimates[names[k]].value for k in place])
-    covariance = model.assumed_covariance[np.ix_(place, place)]
+    indices = [names.index(column.name) for column in term.columns]
+    values = np.array([model.estimates[names[k]].value for k in indices])
+    covariance = model.assumed_covariance[np.ix_(indices, indices)]
     return bool(values @ np.linalg.pinv(covariance) @ values > SIGNIFICANT**2)
 
 
 def refine_rows(evaluator: ModelEvaluator) -> tuple[RolloutRows, RolloutRows]:
     """Return the rows of fitted and held-out rollouts with shorter steps of the integrator."""
-    train, unseen = (part.rollouts for part in evaluator.parts)
-    assert isinstance(train, RolloutRows) and isinstance(unseen, RolloutRows)
-    return train.fine, unseen.fine
+    train, held_out = (part.rollouts for part in evaluator.parts)
+    assert isinstance(train, RolloutRows) and isinstance(held_out, RolloutRows)
+    return train.fine, held_out.fine
 
 
 def refit_step(evaluator: ModelEvaluator, step: Step) -> Step:
-    """Refit a step with shorter steps of the integrator, from where it was."""
+    """Refit a step with shorter steps of the integrator, from its parameters."""
     start = Point.from_parameters(step.model.terms, np.asarray(step.model.theta))  # where nonlinear parameters follow
     refine_rows(evaluator)[0].begin_at(start)
     return fit_step(evaluator, step.added, start.terms)
 
 
 def fit_step(evaluator: ModelEvaluator, added: str | None, terms: Sequence[Term]) -> Step:
-    """Fit a step with shorter steps of the integrator."""
-    train, unseen = refine_rows(evaluator)
+    """Fit terms with shorter steps of the integrator; return the step with its errors on fitted and held-out rollouts.
+
+    A parameter with many local minima is fitted by its profile.
+    """
+    train, held_out = refine_rows(evaluator)
     terms = train.fit(terms).terms
     profile = train.scan(terms)
     terms = terms if profile is None else profile.point.terms
     model = widen_errors(fit_terms(train.data, terms)[0], train, profile)
     model = _convert_to_torque_unit(model, train.rollouts.recordings[0])
-    return Step(added, model, {"train": train.data.errors(model), "holdout": unseen.data.errors(model)})
+    return Step(added, model, {"train": train.data.errors(model), "holdout": held_out.data.errors(model)})
 
 
 def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
-    """Return a model in the unit of the torque, with its constant, whose error scales all parameters."""
+    """Return a model in the unit of the torque; with a torque constant, its error widens all standard errors."""
     constant = recording.torque_constant
     if constant is None:
         return model.convert_units(recording.units)
-    larger = 1.0 + constant.std / constant.value
-    there = {
-        name: replace(own, value=larger * own.value) if is_of_torque(own.unit) else own
-        for name, own in model.estimates.items()
+    factor = 1.0 + constant.std / constant.value
+    changed = {
+        name: replace(estimate, value=factor * estimate.value) if is_of_torque(estimate.unit) else estimate
+        for name, estimate in model.estimates.items()
     }
-    return widen_by_constant(model, constant, model, replace(model, estimates=there))
+    return widen_by_constant(model, constant, model, replace(model, estimates=changed))
 
 
 def widen_errors(model: Model, rows: RolloutRows, profile: Profile | None = None) -> Model:
-    """Widen the standard errors of a model by a profile and by the error of the clock of a log, a share of a sample."""
+    """Widen the standard errors of a model by a profile and by the error of the clock, a share of a sample.
+
+    The change of the parameters with delayed goals and controllers is added to their covariance.
+    """
     point = Point.from_model(model)
     near, rollouts = rows.near(model.terms), rows.rollouts
     by_nonlinear, nonlinear = rows.nonlinear_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_nonlinear])
-    late = np.column_stack([other.position_errors([point])[:, 0] for other in rollouts.mistimed])
+    delayed_errors = np.column_stack([delayed.position_errors([point])[:, 0] for delayed in rollouts.mistimed])
     weights = near.weights[:, None]
-    moved = np.linalg.lstsq(weights * slopes, -weights * (late - rollouts.position_errors([point])), rcond=None)[0]
+    changes = np.linalg.lstsq(
+        weights * slopes, -weights * (delayed_errors - rollouts.position_errors([point])), rcond=None
+    )[0]
     names = [*(column.name for column in model.columns), *nonlinear]
-    place = [list(model.estimates).index(name) for name in names]
-    covariance = model.assumed_covariance[np.ix_(place, place)]
+    indices = [list(model.estimates).index(name) for name in names]
+    covariance = model.assumed_covariance[np.ix_(indices, indices)]
     if profile is not None:
         covariance = widen_by_profile(names, covariance, profile)
-    covariance += moved @ moved.T
+    covariance += changes @ changes.T
     wider = {
         name: replace(model.estimates[name], std=float(std))
         for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True)

@@ -17,9 +17,18 @@ def choose_parts(holdout: Sequence[Recording]) -> tuple[Part, Part]:
 
 
 def split_rollouts(recordings: Sequence[Recording], holdout: Sequence[Recording]) -> tuple[RolloutRows, RolloutRows]:
-    """Return the rows of fitted and of held-out rollouts; raises IdentificationError if there is too little motion."""
-    first, last = choose_parts(holdout)
-    unseen = tuple(holdout or recordings)
-    windows = TorqueRows(prepare(recordings, part=first))
-    train = RolloutRows(Rollouts(tuple(recordings), shares=first), windows)
-    return train, RolloutRows(Rollouts(unseen, shares=last), TorqueRows(cut_all(unseen, part=last)), guide=train)
+    """Return the rows of fitted and of held-out rollouts.
+
+    Without held-out recordings, the ends of the fitted ones are held out. The held-out rows use parameters of the
+    fitted rows.
+
+    Raises:
+        IdentificationError: if there is too little motion.
+    """
+    fitted_part, held_out_part = choose_parts(holdout)
+    held_out = tuple(holdout or recordings)
+    windows = TorqueRows(prepare(recordings, part=fitted_part))
+    train = RolloutRows(Rollouts(tuple(recordings), shares=fitted_part), windows)
+    return train, RolloutRows(
+        Rollouts(held_out, shares=held_out_part), TorqueRows(cut_all(held_out, part=held_out_part)), guide=train
+    )

@@ -22,10 +22,10 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.simulation import TorqueBalance
 
-INTEGRATED = 3e-6  # [rad], error of the simulation itself
+INTEGRATION_ERROR = 3e-6  # [rad], of a simulated position
 PERTURBATION = np.array([1e-4, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives of the acceleration
-TURNING = 1e4  # times the variance where the joint turns or sticks, at an unknown time within the sample
-STIFFEST = 0.3  # change of the velocity error within a step, limit of linearisation
+REVERSAL_FACTOR = 1e4  # of the process noise if the joint turns or sticks, at an unknown time within the interval
+STIFFEST = 0.3  # largest relative change of the velocity error within an interval
 
 
 @dataclass(frozen=True)
@@ -44,44 +44,49 @@ class Innovations:
 
     @classmethod
     def from_segments(cls, segments: Segments, terms: Sequence[Term], theta: Array, every: int) -> Innovations:
-        """Make the filter of the error after each `every` samples, of a model with linear parameters theta (P,)."""
+        """Make the filter of the error after each `every` samples, for terms with linear parameters theta (P,).
+
+        The initial state of a segment has no error; it is fitted. Process noise is that of the recorded torque.
+        """
         recording = segments.windows.recording
         index = segments.first + every * np.arange((len(segments.position) - 1) // every + 1)[:, None]  # (N + 1, B)
         interval = every / recording.rate
         transition, inertia, turns = _linearise_motion(segments, index, terms, theta, interval)
         # torque noise is independent between periods: over the interval its mean acts on the velocity
-        perturbed = (segments.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / every
-        perturbed *= np.where(turns, TURNING, 1.0)
-        moved = interval**2 * (1 / 3 - 1 / (12 * every**2))  # held over each period, not white in between
-        process = perturbed[:, :, None, None] * np.array([[moved, interval / 2], [interval / 2, 1.0]])
-        measured = max(estimate_encoder_noise(recording.position), INTEGRATED) ** 2
+        velocity_variance = (segments.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / every
+        velocity_variance *= np.where(turns, REVERSAL_FACTOR, 1.0)
+        position_ratio = interval**2 * (1 / 3 - 1 / (12 * every**2))  # held over each period, not white in between
+        process = velocity_variance[:, :, None, None] * np.array([[position_ratio, interval / 2], [interval / 2, 1.0]])
+        position_variance = max(estimate_encoder_noise(recording.position), INTEGRATION_ERROR) ** 2
         gain, spread = np.empty(transition.shape[:3]), np.empty(transition.shape[:2])
         covariance = np.zeros((index.shape[1], 2, 2))  # the initial state is fitted
         for k, step in enumerate(transition):
             covariance = step @ covariance @ np.swapaxes(step, 1, 2) + process[k]
-            variance = covariance[:, 0, 0] + measured
+            variance = covariance[:, 0, 0] + position_variance
             gain[k], spread[k] = covariance[:, :, 0] / variance[:, None], np.sqrt(variance)
             covariance = covariance - gain[k][:, :, None] * covariance[:, :1, :]
         return cls(transition, gain, spread)
 
     def whiten(self, errors: Array) -> Array:
-        """Return innovations of V errors of each segment (B, N, V), in standard deviations."""
+        """Return the innovations of V errors of each segment (B, N, V) [rad], in standard deviations."""
         expected = np.zeros((len(errors), 2, errors.shape[2]))
-        new = np.empty_like(errors)
+        innovations = np.empty_like(errors)
         for k, step in enumerate(self.transition):
             expected = step @ expected
-            surprise = errors[:, k] - expected[:, 0]
-            new[:, k] = surprise / self.spread[k][:, None]
-            expected = expected + self.gain[k][:, :, None] * surprise[:, None]
-        return new
+            innovation = errors[:, k] - expected[:, 0]
+            innovations[:, k] = innovation / self.spread[k][:, None]
+            expected = expected + self.gain[k][:, :, None] * innovation[:, None]
+        return innovations
 
 
 def _linearise_motion(
     segments: Segments, index: Index, terms: Sequence[Term], theta: Array, interval: float
 ) -> tuple[Array, Array, Mask]:
-    """Return the transition of an error of position and velocity over each of N intervals (N, B, 2, 2).
+    """Linearise the errors of position and velocity along the measured motion at instants `index` (N + 1, B).
 
-    Also the inertia (N + 1, B), and whether the joint turns in an interval or did in the one before (N, B).
+    Returns:
+        Transition over each interval (N, B, 2, 2), inertia (N + 1, B), and whether the joint turns in an interval or
+        did in the one before (N, B).
     """
     balance, measured = TorqueBalance(terms, theta, bool(segments.windows.samples.load)), segments.windows.samples
     memory = {
@@ -95,7 +100,7 @@ def _linearise_motion(
     x = Samples(time, position, velocity, torque, memory, measured.load.select(index))
     direction = np.sign(velocity)
 
-    def full(values: object) -> Array:
+    def broadcast(values: object) -> Array:
         return np.broadcast_to(np.asarray(values, dtype=float), index.shape)
 
     def acceleration(x: Samples) -> Array:
@@ -103,8 +108,8 @@ def _linearise_motion(
 
     def slope(name: str, perturbation: float) -> Array:
         value = getattr(x, name)
-        up, down = (acceleration(replace(x, **{name: value + side})) for side in (perturbation, -perturbation))
-        values = full((up - down) / (2 * perturbation))
+        up, down = (acceleration(replace(x, **{name: value + change})) for change in (perturbation, -perturbation))
+        values = broadcast((up - down) / (2 * perturbation))
         return 0.5 * (values[1:] + values[:-1])
 
     rates = np.zeros((len(index) - 1, index.shape[1], 2, 2))
@@ -114,9 +119,9 @@ def _linearise_motion(
     step = rates * interval
     transition = np.eye(2) + step + 0.5 * step @ step
     # Friction reverses with the joint: a late reversal leaves with less acceleration than it entered with.
-    net, dry = np.abs(full(balance.net(x))), np.maximum(full(balance.dry(x)), 0.0)
-    kept = np.clip((net - dry) / (net + dry + 1e-12), 0.0, 1.0)
+    net, dry = np.abs(broadcast(balance.net(x))), np.maximum(broadcast(balance.dry(x)), 0.0)
+    passed_share = np.clip((net - dry) / (net + dry + 1e-12), 0.0, 1.0)
     turns = direction[1:] != direction[:-1]
-    transition[:, :, 1] *= np.where(turns, kept[1:], 1.0)[:, :, None]
+    transition[:, :, 1] *= np.where(turns, passed_share[1:], 1.0)[:, :, None]
     turns[1:] |= turns[:-1]
-    return transition, full(balance.mass(x)), turns
+    return transition, broadcast(balance.mass(x)), turns

@@ -33,9 +33,9 @@ class OutputErrorSettings:
 
     shares: tuple[float, ...] = (1.0, 0.5, 0.2, 0.05)  # tried of a Gauss-Newton step
     damping: float = 1e-6  # of this step
-    difference: float = 1e-3  # relative, of a parameter for derivatives
-    leap: float = 0.5  # largest step of a parameter from zero, in its own unit
-    smallest: float = 1e-3  # size against which a parameter near zero moves, in its own unit
+    difference: float = 1e-3  # relative change of a parameter for derivatives
+    leap: float = 0.5  # largest step of a parameter from zero, in the unit of the parameter
+    smallest: float = 1e-3  # least size to which changes of a parameter are relative, in the unit of the parameter
     grain: float = 0.004  # [s] between the positions that are compared
 
 
@@ -51,7 +51,7 @@ class Point:
 
     @property
     def values(self) -> Array:
-        """All free parameters: the linear ones, then the continuous nonlinear parameters."""
+        """Return all free parameters (P + S,): the linear ones, then the continuous nonlinear parameters."""
         nonlinear = [
             term.nonlinear_values[parameter.name]
             for term in self.terms
@@ -61,13 +61,13 @@ class Point:
 
     @property
     def linear_values(self) -> dict[str, float]:
-        """Linear parameters by name."""
+        """Return the linear parameters by name."""
         names = (column.name for term in self.terms for column in term.columns)
         return dict(zip(names, self.theta.tolist(), strict=True))
 
     @property
     def named_values(self) -> dict[str, float]:
-        """All free parameters by name."""
+        """Return all free parameters by name."""
         names = (
             term.get_full_name(parameter.name) for term in self.terms for parameter in list_continuous_parameters(term)
         )
@@ -87,12 +87,12 @@ class Point:
 
     def with_values(self, values: Array) -> Point:
         """Return the point with other values (P + S,), clipped to their bounds."""
-        rest = list(values[len(self.theta) :])
+        nonlinear = list(values[len(self.theta) :])
         linear, terms = Point(self.terms, values[: len(self.theta)]).linear_values, []
         for term in self.terms:
-            sought = list_continuous_parameters(term)
-            own, rest = np.array(rest[: len(sought)]), rest[len(sought) :]
-            term = set_values(term, sought, own) if sought else term
+            parameters = list_continuous_parameters(term)
+            term_values, nonlinear = np.array(nonlinear[: len(parameters)]), nonlinear[len(parameters) :]
+            term = set_values(term, parameters, term_values) if parameters else term
             following = {
                 parameter.name: linear.get(parameter.follows, 0.0)
                 for parameter in term.nonlinear_parameters
@@ -109,18 +109,18 @@ Filters = Sequence[Innovations]  # of each recording's segments; none for unfilt
 def compute_errors(
     segments: Sequence[Segments], points: Sequence[Point], filters: Filters = (), from_measured: bool = False
 ) -> tuple[Array, Index]:
-    """Return position errors of V points (M, V) without the part of the initial state, and their segments (M,).
+    """Return position errors of V points (M, V) of all segments in a row, and the segment of each row (M,).
 
     The part of each segment's error in the span of its two initial-state sensitivities is projected out, unless the
     motion starts `from_measured` states. Filters turn the errors [rad] into innovations, in standard deviations.
     """
-    everyone = [(point.terms, point.theta) for point in (*points, points[0], points[0])]
-    perturbations = np.zeros((len(everyone), 2))
+    models = [(point.terms, point.theta) for point in (*points, points[0], points[0])]
+    perturbations = np.zeros((len(models), 2))
     perturbations[-2:] = np.diag(PERTURBATION)
-    paths = simulate_all(segments, everyone, perturbations)
-    each: Sequence[Innovations | None] = filters or [None] * len(paths)
+    paths = simulate_all(segments, models, perturbations)
+    filters_or_none: Sequence[Innovations | None] = filters or [None] * len(paths)
     # (B, N, V) each
-    parts = [_compute_errors(*parts, from_measured) for parts in zip(segments, paths, each, strict=True)]
+    parts = [_compute_errors(*parts, from_measured) for parts in zip(segments, paths, filters_or_none, strict=True)]
     counts = np.concatenate([np.full(len(part), part.shape[1]) for part in parts])
     return np.concatenate([part.reshape(-1, len(points)) for part in parts]), np.repeat(np.arange(len(counts)), counts)
 
@@ -140,7 +140,7 @@ def _compute_errors(segments: Segments, path: Array, filter: Innovations | None,
 
 
 def choose_grain(segments: Segments) -> int:
-    """Return the samples from one compared position to the next."""
+    """Return the number of samples from one compared position to the next, at least 1."""
     return max(1, round(OUTPUT_ERROR.grain * segments.windows.recording.rate))
 
 
@@ -151,23 +151,23 @@ def make_innovations(segments: Sequence[Segments], point: Point) -> list[Innovat
 
 def compute_segment_rms(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Array:
     """Return the root mean square error of each segment, of all recordings in a row [rad]."""
-    return sizes_of(*compute_errors(segments, [point], filters))
+    return compute_rms_by_segment(*compute_errors(segments, [point], filters))
 
 
-def sizes_of(error: Array, which: Index) -> Array:
-    """Return the root mean square of the errors (M, 1) of each segment, by the segment of each error (M,)."""
+def compute_rms_by_segment(error: Array, which: Index) -> Array:
+    """Return the RMS of the errors (M, 1) of each segment, plus 1e-12; `which` is the segment of each error (M,)."""
     return np.asarray(np.sqrt(np.bincount(which, error[:, 0] ** 2) / np.bincount(which)) + 1e-12)
 
 
 def weigh_segments(sizes: Array) -> Array:
-    """Return the weight of each segment (B,) from its error, small for one that diverges at the top."""
+    """Return weights of segments (B,) from their RMS errors: 1 / (1 + (error / 3 medians)^2)."""
     return np.asarray(1 / (1 + (sizes / (3 * float(np.median(sizes)))) ** 2))
 
 
 ErrorsOf = Callable[[Sequence[Point]], Array]  # weighted errors (M, V) of V points
 
 
-def slopes_of(errors_of: ErrorsOf, point: Point) -> tuple[Array, Array]:
+def compute_slopes(errors_of: ErrorsOf, point: Point) -> tuple[Array, Array]:
     """Return errors (M,) at a point, and their slopes by relative changes of the parameters (M, P + S)."""
     values = point.values
     size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
@@ -178,8 +178,11 @@ def slopes_of(errors_of: ErrorsOf, point: Point) -> tuple[Array, Array]:
     return error[:, 0], (error[:, 1:] - error[:, :1]) / OUTPUT_ERROR.difference
 
 
-def _trusted(segments: Sequence[Segments], point: Point, filters: Filters) -> ErrorsOf:
-    """Return the errors of the segments with free initial states, weighted by their size at a point."""
+def _weigh_errors(segments: Sequence[Segments], point: Point, filters: Filters) -> ErrorsOf:
+    """Return a function that computes the errors of the segments for points, with free initial states.
+
+    Errors are weighted by the segment's error at `point`, see `weigh_segments`.
+    """
     weights = np.sqrt(weigh_segments(compute_segment_rms(segments, point, filters)))
 
     def errors_of(points: Sequence[Point]) -> Array:
@@ -191,14 +194,14 @@ def _trusted(segments: Sequence[Segments], point: Point, filters: Filters) -> Er
 
 def fit(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Filters = ()) -> Point:
     """Fit the linear and the continuous nonlinear parameters to the segments, from a point."""
-    return minimise(_trusted(segments, start, filters), start, turns)
+    return minimise(_weigh_errors(segments, start, filters), start, turns)
 
 
 def minimise(errors_of: ErrorsOf, start: Point, turns: int = 12) -> Point:
     """Minimise the sum of squared errors by Gauss-Newton from a point, in at most `turns` iterations."""
 
     def near(point: Point) -> Near[Point]:
-        error, slopes = slopes_of(errors_of, point)
+        error, slopes = compute_slopes(errors_of, point)
         return Near(point, float(error @ error), error, slopes)
 
     def best(near: Near[Point], steps: list[Array]) -> tuple[Point, float]:
@@ -230,12 +233,12 @@ def compute_rms(
     Args:
         segments: of each recording.
         point: terms and parameters.
-        weights: of the segments (B,); all alike if not given.
+        weights: of the segments (B,); equal by default.
         filters: of their errors.
     """
     error, which = compute_errors(segments, [point], filters)
-    each = None if weights is None else weights[which]
-    return float(np.sqrt(np.average(error[:, 0] ** 2, weights=each)))
+    row_weights = None if weights is None else weights[which]
+    return float(np.sqrt(np.average(error[:, 0] ** 2, weights=row_weights)))
 
 
 def compute_torque_noise_rms(segments: Sequence[Segments], point: Point) -> float:
@@ -253,7 +256,7 @@ def compute_torque_noise_rms(segments: Sequence[Segments], point: Point) -> floa
 
 
 def compute_noise_rms(segments: Sequence[Segments], point: Point) -> float:
-    """Return the root mean square position error due to noise of torque and initial state [rad]."""
+    """Return the RMS change of the simulated positions by noise of torque and initial velocity [rad]."""
     rng = np.random.default_rng(0)
     perturbed = [
         replace(
@@ -265,13 +268,15 @@ def compute_noise_rms(segments: Sequence[Segments], point: Point) -> float:
     ]
     model = [(point.terms, point.theta)]
     pairs = zip(simulate_all(perturbed, model), simulate_all(segments, model), strict=True)
-    return float(np.sqrt(np.mean(np.concatenate([(one - other)[1:].ravel() for one, other in pairs]) ** 2)))
+    changes = np.concatenate([(noisy - exact)[1:].ravel() for noisy, exact in pairs])
+    return float(np.sqrt(np.mean(changes**2)))
 
 
 def redraw_torque(segment: Segments, rng: np.random.Generator) -> Array:
     """Draw the held torque of another log of the same motion (N, B) [N m].
 
-    Beside its white noise, a torque that was moved in time by parts of a sample changed somewhere within the sample.
+    White noise is added. If torque was moved in time by parts of a sample, the noise of each sample includes that of a
+    change at a random time within it.
     """
     std: float | Array = segment.windows.raw_torque_noise
     if segment.windows.recording.is_moved:
@@ -282,13 +287,16 @@ def redraw_torque(segment: Segments, rng: np.random.Generator) -> Array:
 
 def make_model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Model:
     """Return the model at a point, with standard errors from the spread of the segments (jackknife's sandwich)."""
-    error, slopes = slopes_of(_trusted(segments, point, filters), point)
+    error, slopes = compute_slopes(_weigh_errors(segments, point, filters), point)
     _, which = compute_errors(segments, [point], filters)
     return make_model_with_covariance(point, compute_robust_covariance(slopes, error, which))
 
 
 def make_model_with_covariance(point: Point, relative: Array) -> Model:
-    """Return the model at a point, given the covariance of its parameters relative to them (P + S, P + S)."""
+    """Return the model at a point with standard errors.
+
+    `relative` is the covariance of the parameters relative to their size (P + S, P + S).
+    """
     std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), OUTPUT_ERROR.smallest)
     names = [
         term.get_full_name(parameter.name) for term in point.terms for parameter in list_continuous_parameters(term)
