@@ -192,7 +192,5 @@ class Finding:
             "recordings": [*self.recordings],
             "joints": [*self.joints],
             "pairs": [[*pair] for pair in self.pairs],
-            "remedies": [
-                {"columns": {**remedy.columns}, "recordings": [*remedy.recordings]} for remedy in self.remedies
-            ],
+            "remedies": [{"columns": {**r.columns}, "recordings": [*r.recordings]} for r in self.remedies],
         }

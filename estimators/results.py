@@ -137,13 +137,12 @@ def make_result_json(
     disagreements: Sequence[Disagreement],
 ) -> JSON:
     """Return the entries that the files of `compare` and `diagnose` share, as a dictionary for JSON."""
-    units_of_joints = {at: model.units(at) for at in model.body.joints}
+    joint_units = {at: model.units(at) for at in model.body.joints}
     return {
         "torque_unit": model.torque_unit,
         "torque_constant": constant.json() if constant is not None else None,
         "units": {
-            at: {name: units.unit(AXES[name]) for name in ("position", "torque")}
-            for at, units in units_of_joints.items()
+            at: {name: units.unit(AXES[name]) for name in ("position", "torque")} for at, units in joint_units.items()
         },
         "model": model.json(),
         "regions": [region.json() for region in regions],

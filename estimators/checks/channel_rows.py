@@ -58,11 +58,7 @@ def make_channel_rows(recordings: Sequence[Recording], beside: Sequence[Term]) -
     data = _make_arm_windows(recordings, beside) if is_arm else _make_pendulum_windows(recordings)
     rows = _find_clear_windows(data)
     joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
-    laws = [
-        (rows_of_joint, joint_data.columns([law])[0][0])
-        for rows_of_joint, joint_data in joints
-        for law in _smooth_laws(joint_data)
-    ]
+    laws = [(place, joint.columns([law])[0][0]) for place, joint in joints for law in _smooth_laws(joint)]
     of_torque = list_torque_dependent(beside)
     known = [term for term in beside if not term.fixed and term not in of_torque]
     column_parts = [*laws, *((data.locate_rows(term.at), data.columns([term])[0][0]) for term in known)]

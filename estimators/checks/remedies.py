@@ -76,9 +76,7 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> boo
 
     A load torque that other columns explain, as that of a viscous brake, shows no sign: only its noise remains.
     """
-    loaded = [
-        recording for recording in recordings if recording.has_varying_load and recording.torque_unit == NEWTON_METRE
-    ]
+    loaded = [r for r in recordings if r.has_varying_load and r.torque_unit == NEWTON_METRE]
     try:
         data = prepare(loaded) if loaded else None
     except IdentificationError:

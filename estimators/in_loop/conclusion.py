@@ -49,9 +49,7 @@ def find_speed_rate(model: Model, recordings: Sequence[Recording]) -> Finding | 
 
     The imitated inertia is half the speed gain over `LOOP.seldom` [Hz]; it counts above one standard error.
     """
-    drives = [
-        recording.drive for recording in recordings if recording.drive is not None and recording.drive.rate is None
-    ]
+    drives = [r.drive for r in recordings if r.drive is not None and r.drive.rate is None]
     gains = [(drive.kp if drive.acts_on_speed else drive.kd) * (drive.gain or 1.0) for drive in drives]
     imitated_inertia = max(gains, default=0.0) / (2 * LOOP.seldom)
     if imitated_inertia <= model.estimates["inertia"].std:
@@ -61,17 +59,12 @@ def find_speed_rate(model: Model, recordings: Sequence[Recording]) -> Finding | 
 
 
 def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
-    """Return a finding if the logged torque is `LOOP.scale` or more off the torque that the drive requests, by a factor."""
-    recorded = [
-        recording
-        for recording in recordings
-        if recording.has_logged_torque and recording.drive and recording.torque_unit == recording.drive.unit
-    ]
+    """Return a finding if the logged torque is that requested by the drive times a factor off 1 by `LOOP.scale`."""
+    recorded = [r for r in recordings if r.has_logged_torque and r.drive and r.torque_unit == r.drive.unit]
     if not recorded:
         return None
     logged, requested = (
-        np.concatenate(series)
-        for series in zip(*((recording.torque, compute_asked_torque(recording)) for recording in recorded), strict=True)
+        np.concatenate(series) for series in zip(*((r.torque, compute_asked_torque(r)) for r in recorded), strict=True)
     )
     factor = float(logged @ requested / max(requested @ requested, np.finfo(float).tiny))
     if abs(factor - 1.0) < LOOP.scale:

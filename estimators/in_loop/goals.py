@@ -53,7 +53,7 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
     The finding has the gain over the likeliest fit under the other reading [nat], and the effects of that fit with
     their sizes [s]. It names the recordings without a declaration, unless all lack one.
     """
-    if all(recording.drive is None or recording.drive.goal for recording in recordings):
+    if all(r.drive is None or r.drive.goal for r in recordings):
         return None
     torque = RegressionData.from_recordings(recordings, part=part).torque
     added_effects = [() if effect.id in list_ids(base) else (effect(),) for effect in LATE]
@@ -82,9 +82,7 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
     for term in other.terms[len(base) :]:
         numbers |= {name: Quantity(float(value), unit="s") for name, value in term.nonlinear_values.items()}
     effects = tuple(term.id for term in other.terms[len(base) :])
-    undeclared = tuple(
-        recording.name for recording in recordings if recording.drive is None or not recording.drive.goal
-    )
+    undeclared = tuple(r.name for r in recordings if r.drive is None or not r.drive.goal)
     names = undeclared if len(undeclared) < len(recordings) else ()
     return Finding(Kind.GOALS_HELD if chosen.is_held else Kind.GOALS_RUN_ON, numbers, effects=effects, recordings=names)
 
@@ -97,19 +95,17 @@ def change_reading(recordings: Sequence[Recording], reading: Finding) -> tuple[R
     gain = reading.numbers.get("gain")
     if gain is None or reading.recordings or abs(gain.value) > TIE * (gain.std or 0.0):
         return None
-    undeclared = [
-        replace(recording, drive=recording.drive and replace(recording.drive, goal=None)) for recording in recordings
-    ]
+    undeclared = [replace(r, drive=r.drive and replace(r.drive, goal=None)) for r in recordings]
     return with_goals(undeclared, reading.kind is Kind.GOALS_RUN_ON)
 
 
 def with_goals(recordings: Sequence[Recording], is_held: bool) -> tuple[Recording, ...]:
     """Return the recordings with held goals, or goals that run on; goals that a drive declares stay as they are."""
     return tuple(
-        replace(recording, drive=replace(recording.drive, goal=recording.drive.goal or ("held" if is_held else "ramp")))
-        if recording.drive is not None
-        else recording
-        for recording in recordings
+        replace(r, drive=replace(r.drive, goal=r.drive.goal or ("held" if is_held else "ramp")))
+        if r.drive is not None
+        else r
+        for r in recordings
     )
 
 
@@ -145,8 +141,4 @@ def has_unpowered_motor(recordings: Sequence[Recording]) -> bool:
 
 def select_voltage_drives(recordings: Sequence[Recording]) -> list[Recording]:
     """Return the recordings whose drive gives the motor a voltage, not a torque."""
-    return [
-        recording
-        for recording in recordings
-        if recording.drive is not None and recording.drive.output in ("duty", "voltage")
-    ]
+    return [r for r in recordings if r.drive is not None and r.drive.output in ("duty", "voltage")]

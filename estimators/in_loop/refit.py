@@ -36,26 +36,24 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     train, held_out = refine_rows(found.evaluator)
     evaluator, steps = replace(found.evaluator, train=train.data, holdout=held_out.data), found.steps
     fitted = {list_ids(step.model.terms): step.model.terms for step in steps}
-    terms, added_effects = found.terms, [step.added for step in steps[1:]]
+    terms, effects = found.terms, [step.added for step in steps[1:]]
 
     def without(*left_out: str | None) -> Terms:
         return tuple(term for term in terms if term.id not in left_out)
 
     def find_idle() -> list[str | None]:
         without_size = {term.id for term in last.model.terms if term.columns and not has_size(last.model, term)}
-        return [id for id in added_effects if id in without_size or not evaluator.is_significant(terms, without(id))]
+        return [id for id in effects if id in without_size or not evaluator.is_significant(terms, without(id))]
 
     while idle := find_idle():
-        added_effects.remove(idle[-1])
+        effects.remove(idle[-1])
         remaining = without(idle[-1])
         terms = fitted.get(list_ids(remaining)) or train.with_nonlinear(remaining)
-        last = fit_step(found.evaluator, added_effects[-1] if added_effects else None, terms)
-    if len(added_effects) == len(steps) - 1:
+        last = fit_step(found.evaluator, effects[-1] if effects else None, terms)
+    if len(effects) == len(steps) - 1:
         return found, ()
-    earlier = [
-        fit_step(found.evaluator, id, without(*added_effects[k + 1 :])) for k, id in enumerate(added_effects[:-1])
-    ]
-    return replace(found, steps=[steps[0], *earlier, *([last] if added_effects else [])]), ()
+    earlier = [fit_step(found.evaluator, id, without(*effects[k + 1 :])) for k, id in enumerate(effects[:-1])]
+    return replace(found, steps=[steps[0], *earlier, *([last] if effects else [])]), ()
 
 
 def has_size(model: Model, term: Term) -> bool:

@@ -25,10 +25,8 @@ def split_rollouts(recordings: Sequence[Recording], holdout: Sequence[Recording]
     Raises:
         IdentificationError: if there is too little motion.
     """
-    fitted_part, held_out_part = choose_parts(holdout)
+    fit, test = choose_parts(holdout)
     held_out = tuple(holdout or recordings)
-    windows = TorqueRows(prepare(recordings, part=fitted_part))
-    train = RolloutRows(Rollouts(tuple(recordings), shares=fitted_part), windows)
-    return train, RolloutRows(
-        Rollouts(held_out, shares=held_out_part), TorqueRows(cut_all(held_out, part=held_out_part)), guide=train
-    )
+    windows = TorqueRows(prepare(recordings, part=fit))
+    train = RolloutRows(Rollouts(tuple(recordings), shares=fit), windows)
+    return train, RolloutRows(Rollouts(held_out, shares=test), TorqueRows(cut_all(held_out, part=test)), guide=train)

@@ -83,9 +83,7 @@ class JointFilters:
 
     def reset(self, which: Mask) -> None:
         """Restart filters (B,) from a regression."""
-        self.filters = [
-            None if is_reset else joint_filter for joint_filter, is_reset in zip(self.filters, which, strict=True)
-        ]
+        self.filters = [None if is_reset else old for old, is_reset in zip(self.filters, which, strict=True)]
 
     def take(self, time: Array, position: Array, torque: Array, restarted: Mask, regression: Estimates) -> None:
         """Update with a sample of every pendulum, and start filters where the last regression is accurate enough.

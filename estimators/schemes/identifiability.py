@@ -98,8 +98,8 @@ def find_unidentifiable(
     )
     if not torque.any() and "inertia" in model.estimates:  # a free swing: what accelerates the inertia
         torque = model.estimates["inertia"].value * acceleration
-    withheld_names = {name for doubt in doubts for name in doubt.withheld}
-    found = [name for name in find_undetermined_links(model, position, velocity, torque) if name not in withheld_names]
+    withheld = {name for doubt in doubts for name in doubt.withheld}
+    found = [name for name in find_undetermined_links(model, position, velocity, torque) if name not in withheld]
     undetermined = ((name, model.estimates[name]) for name in found)
     return tuple(
         Finding(Kind.UNIDENTIFIABLE, {name: Quantity(estimate.value, estimate.std, estimate.unit)}, (name,))
@@ -117,10 +117,9 @@ def withhold_estimates(
         doubts = _find_dependent_terms(segments, terms)
         motions = [stack_series(joints, "position", "velocity", "held") for joints in measured]
         series_of_joints = [np.concatenate(series) for series in zip(*motions, strict=True)]
-        withheld_names = {name for doubt in doubts for name in doubt.withheld}
+        withheld = {name for doubt in doubts for name in doubt.withheld}
         unknown = {
-            id: {*find_undetermined_links(result.model, *series_of_joints)} - withheld_names
-            for id, result in results.items()
+            id: {*find_undetermined_links(result.model, *series_of_joints)} - withheld for id, result in results.items()
         }
         if shared := set.intersection(*unknown.values()):
             doubts = (*doubts, Finding(Kind.UNIDENTIFIABLE, parameters=tuple(sorted(shared))))
@@ -131,9 +130,9 @@ def withhold_estimates(
         unknown = {id: {name for doubt in findings for name in doubt.withheld} for id, findings in found.items()}
         shared = set.intersection(*unknown.values())
         doubts = (*doubts, *(doubt for doubt in next(iter(found.values())) if shared.issuperset(doubt.withheld)))
-    withheld_names = {name for doubt in doubts for name in doubt.withheld}
+    withheld = {name for doubt in doubts for name in doubt.withheld}
     return {
-        id: replace(result, model=result.model.withhold(withheld_names | unknown[id])) for id, result in results.items()
+        id: replace(result, model=result.model.withhold(withheld | unknown[id])) for id, result in results.items()
     }, doubts
 
 

@@ -122,9 +122,6 @@ def _calibrate(
             for id, result in results.items()
         }
     factor = 1 + constant.std / constant.value
-    changed_recordings = [
-        replace(recording, torque=factor * recording.torque) if recording.torque_constant else recording
-        for recording in recordings
-    ]
+    changed_recordings = [replace(r, torque=factor * r.torque) if r.torque_constant else r for r in recordings]
     changed = fit_schemes(schemes, measure_segments(changed_recordings, swing_terms), swing_terms, changed_recordings)
     return {id: result.with_constant_error(constant, changed[id].model) for id, result in results.items()}
