@@ -27,7 +27,7 @@ class NearestSettings:
 
     prior_std: float = 1.0  # standard deviation of the scaled factors about the file: factors of e, shares of the size
     added_trace: float = 1e-9  # share of its trace added to a pseudo-inertia, so that a thin rod has a Cholesky factor
-    max_evaluations: int = 150  # the search is slow where no body has the base parameters
+    max_steps: int = 150  # the search is slow where no body has the base parameters
     max_distance: float = 3.0  # standard errors between base parameters and those of a possible body
     min_std: float = 1e-6  # least standard error relative to a base parameter: no file is more exact
 
@@ -81,7 +81,7 @@ def nearest_body(model: Model) -> Nearest:
         return np.vstack([base / std[:, None], np.eye(len(x)) / NEAREST.prior_std])
 
     solution = scipy.optimize.least_squares(
-        misfit, np.zeros(len(start)), slope, x_scale="jac", max_nfev=NEAREST.max_evaluations
+        misfit, np.zeros(len(start)), slope, x_scale="jac", max_nfev=NEAREST.max_steps
     )
     values = _compute_standard(start + scale * solution.x, n_links)
     parameters = {
@@ -117,7 +117,7 @@ def nearest_link(standard: Array, columns: Array) -> Array:
             start,
             lambda x: triangle @ _differentiate_standard(x, 1),
             x_scale="jac",
-            max_nfev=NEAREST.max_evaluations,
+            max_nfev=NEAREST.max_steps,
         )
     return _compute_standard(solution.x, 1)
 

@@ -327,11 +327,7 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     """
     recordings = [recordings] if isinstance(recordings, Recording) else recordings
     try:
-        fits = (
-            ChannelFits.from_recordings(recordings, beside)
-            if any(recording.torque.any() for recording in recordings)
-            else None
-        )
+        fits = ChannelFits.from_recordings(recordings, beside) if any(r.torque.any() for r in recordings) else None
     except IdentificationError:
         fits = None
     if fits is None:

@@ -67,16 +67,12 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
             density = densities(rows.rollouts, rows.near(terms).error)
             readings.append(Reading(is_held, terms, np.bincount(blocks, density).astype(float)))
     bootstrap = Bootstrap(of_block, np.random.default_rng(0))
-    best = max(readings, key=lambda reading: reading.density.sum())
-    gains = [bootstrap.gain(best.density, reading.density) for reading in readings]
-    tied = [
-        reading
-        for reading, gain in zip(readings, gains, strict=True)
-        if reading is best or gain.total <= TIE * gain.error
-    ]
-    chosen = min(tied, key=lambda reading: (len(reading.terms), -reading.density.sum()))
-    others = [reading for reading in readings if reading.is_held != chosen.is_held]
-    other = max(others, key=lambda reading: reading.density.sum())
+    best = max(readings, key=lambda r: r.density.sum())
+    gains = [bootstrap.gain(best.density, r.density) for r in readings]
+    tied = [r for r, gain in zip(readings, gains, strict=True) if r is best or gain.total <= TIE * gain.error]
+    chosen = min(tied, key=lambda r: (len(r.terms), -r.density.sum()))
+    others = [r for r in readings if r.is_held != chosen.is_held]
+    other = max(others, key=lambda r: r.density.sum())
     gain = bootstrap.gain(chosen.density, other.density)
     numbers = {"gain": Quantity(gain.total, gain.error)}
     for term in other.terms[len(base) :]:
