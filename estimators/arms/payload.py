@@ -97,9 +97,8 @@ def find_payload(
     """Identify the body that an arm carries in some recordings.
 
     Args:
-        model: of the arm without it. Its friction is fitted anew. Its other parameters are, too, if there are
-            recordings without the payload, and taken as they are otherwise: the standard errors then count the noise of
-            the recordings that carry alone.
+        model: of the arm without it. Its friction is refitted; its other parameters are refitted only if there are
+            recordings without the payload. Otherwise, their standard errors are left out of those of the payload.
         carrying: recordings with the payload.
         without: recordings without it.
         joint: in front of the link that carries it, the last one by default.
@@ -308,8 +307,9 @@ def _compute_center(values: Array, covariance: Array) -> dict[str, Estimate]:
 
 
 def _is_possible(values: Array, covariance: Array) -> bool:
-    """Return whether the pseudo-inertia is positive, within two standard errors of its least eigenvalue.
+    """Return whether a body may have the parameters (10,): its pseudo-inertia is positive.
 
+    The least eigenvalue may be negative by two standard errors.
     Source: Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3(1), 2018.
     """
     eigenvalues, vectors = np.linalg.eigh(pseudo_inertia(values))

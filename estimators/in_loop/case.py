@@ -39,11 +39,11 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
 def with_goal_reading(data: FitData, base: Sequence[Term]) -> FitData:
     """Return the data with goals that are held or run on between rows, decided once, by the base model."""
     reading = read_goals(data.recordings, base, choose_parts(data.holdout)[0])
-    if reading is None and all(own.drive is None or own.drive.goal for own in data.holdout):
+    if reading is None and all(r.drive is None or r.drive.goal for r in data.holdout):
         return data
-    if reading is not None and any(own.drive is not None and own.drive.goal for own in data.holdout):
-        unsaid = [own.name for own in data.recordings if own.drive is None or not own.drive.goal]
-        reading = replace(reading, recordings=tuple(unsaid))  # a reading of some recordings is not reversed
+    if reading is not None and any(r.drive is not None and r.drive.goal for r in data.holdout):
+        undeclared = [r.name for r in data.recordings if r.drive is None or not r.drive.goal]
+        reading = replace(reading, recordings=tuple(undeclared))  # a reading of some recordings is not reversed
     is_held = reading is None or reading.kind is Kind.GOALS_HELD
     data = replace(data, recordings=with_goals(data.recordings, is_held), holdout=with_goals(data.holdout, is_held))
     return data if reading is None else data.with_treatment(reading)

@@ -103,7 +103,10 @@ class Linear:
 
 
 def compute_parameter_sizes(point: Point, typical: Array) -> Array:
-    """Return the size of each free parameter, relative to which it is moved (P + S,)."""
+    """Return the size of each free parameter, to which its changes are relative (P + S,).
+
+    It is the absolute value; of a linear parameter at least its typical size (P,).
+    """
     values = np.abs(point.values)
     count = len(point.theta)
     values[:count] = np.maximum(values[:count], typical)
@@ -120,22 +123,23 @@ def linearise_errors(
 ) -> Linear:
     """Linearise the errors around a point by linear parameters, and by nonlinear parameters if they are free.
 
-    Where the likelihood has many local minima, the slopes are those of secants that reach to either side.
+    `typical` is the size of each linear parameter that matters (P,). If the likelihood has many local minima, the
+    slopes of nonlinear fits are those of secants of relative length `secant` to either side.
     """
     values, size = point.values, compute_parameter_sizes(point, typical)
     count = len(values) if nonlinear else len(point.theta)
     low, high = (end[:count] for end in find_bounds(point))
-    here, is_moved = values[:count], np.eye(count, len(values), dtype=bool)
+    current, is_moved = values[:count], np.eye(count, len(values), dtype=bool)
     steps = LOOP.difference * size[:count]
-    steps = np.where(here + steps > high, -steps, steps)  # into the bounds
-    ends = [here + steps]
+    steps = np.where(current + steps > high, -steps, steps)  # into the bounds
+    ends = [current + steps]
     if nonlinear and has_local_minima(point.terms):
-        ends = [np.clip(here + sign * secant * size[:count], low, high) for sign in (1, -1)]
+        ends = [np.clip(current + sign * secant * size[:count], low, high) for sign in (1, -1)]
         steps = np.maximum(ends[0] - ends[1], 1e-300)  # none of a known parameter
     nearby = [
-        _bind_terms(point.with_values(np.where(own, value, values)))
+        _bind_terms(point.with_values(np.where(is_changed, value, values)))
         for end in ends
-        for own, value in zip(is_moved, end, strict=True)
+        for is_changed, value in zip(is_moved, end, strict=True)
     ]
     errors = rollouts.position_errors([point, *nearby])
     below = errors[:, :1] if len(ends) == 1 else errors[:, count + 1 :]
@@ -148,9 +152,9 @@ def linearise_errors(
 
 def find_bounds(point: Point) -> tuple[Array, Array]:
     """Return the bounds of each free parameter, (P + S,) each."""
-    sought = [parameter for term in point.terms for parameter in list_continuous_parameters(term)]
-    least, most = list_bounds(point.terms)
-    return np.r_[least, [parameter.low for parameter in sought]], np.r_[most, [parameter.high for parameter in sought]]
+    free = [p for term in point.terms for p in list_continuous_parameters(term)]
+    lower, upper = list_bounds(point.terms)
+    return np.r_[lower, [p.low for p in free]], np.r_[upper, [p.high for p in free]]
 
 
 def fit(
@@ -173,8 +177,8 @@ def fit(
         share: of the gain so far; a turn that gains less is the last.
         secants: over many local minima, relative lengths one after the other.
     """
-    is_rough = nonlinear and has_local_minima(point.terms)
-    for secant in secants if is_rough else secants[-1:]:
+    has_minima = nonlinear and has_local_minima(point.terms)
+    for secant in secants if has_minima else secants[-1:]:
         found = _fit_by_secants(rollouts, point, typical, nonlinear, share, secant)
         point = found.point
     return found
@@ -183,8 +187,11 @@ def fit(
 def _fit_by_secants(
     rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool, share: float, secant: float
 ) -> Linear:
-    """Fit the parameters near a point, with secants of one length over many local minima."""
-    made: list[Near[Linear]] = []
+    """Fit the parameters near a point, with secants of one length over many local minima.
+
+    If a Gauss-Newton step gains too little, up to `LOOP.polls` polls try steps of single parameters.
+    """
+    points_near: list[Near[Linear]] = []
     point = _bind_terms(point)
 
     def near(point: Point) -> Near[Linear]:
@@ -194,23 +201,22 @@ def _fit_by_secants(
         cost = -float(compute_likelihood(rollouts, local.error[:, None])[0])
         slopes = local.weights[:, None] * local.slopes * size[:count]
         at_least, at_most = (values <= low)[:count], (values >= high)[:count]
-        made.append(Near(local, cost, local.weights * local.error, slopes, at_least, at_most))
-        return made[-1]
+        points_near.append(Near(local, cost, local.weights * local.error, slopes, at_least, at_most))
+        return points_near[-1]
 
     polls = iter(range(0 if share or (nonlinear and has_local_minima(point.terms)) else LOOP.polls))
 
     def best(near: Near[Linear], steps: list[Array]) -> tuple[Point, float]:
-        moved = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps]
-        found = _choose_likeliest_step(rollouts, near, moved, typical)
-        if found[1] > near.cost - rule.enough(made[0].cost, near.cost) and next(polls, None) is not None:
-            found = min(
-                found, _choose_likeliest_step(rollouts, near, _make_steps(near.slopes), typical), key=lambda one: one[1]
-            )
+        limited_steps = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps]
+        found = _choose_likeliest_step(rollouts, near, limited_steps, typical)
+        if found[1] > near.cost - rule.enough(points_near[0].cost, near.cost) and next(polls, None) is not None:
+            polled = _choose_likeliest_step(rollouts, near, _make_steps(near.slopes), typical)
+            found = min(found, polled, key=lambda candidate: candidate[1])
         return found
 
     rule = Rule(LOOP.turns, LOOP.dampings, least=LOOP.enough, of_fall=share)
     found = gauss_newton(point, near, best, rule)
-    last = made[-1].known
+    last = points_near[-1].known
     return last if last.point is found else linearise_errors(rollouts, found, typical, nonlinear, secant)
 
 
@@ -219,26 +225,30 @@ def _choose_likeliest_step(
 ) -> tuple[Point, float]:
     """Return the likeliest of the points at some steps (S,), in sizes of parameters, and its negative density."""
     point = near.known.point
-    values, size, rest = point.values, compute_parameter_sizes(point, typical), len(point.values) - near.slopes.shape[1]
-    tried = [_bind_terms(point.with_values(values + np.pad(step, (0, rest)) * size)) for step in steps]
-    found, gain = choose_likeliest_point(rollouts, tried)
-    return found, -gain
+    values, size = point.values, compute_parameter_sizes(point, typical)
+    n_fixed = len(values) - near.slopes.shape[1]
+    points = [_bind_terms(point.with_values(values + np.pad(step, (0, n_fixed)) * size)) for step in steps]
+    best, gain = choose_likeliest_point(rollouts, points)
+    return best, -gain
 
 
 def _bind_terms(point: Point) -> Point:
-    """Return the point with nonlinear parameters within the bounds that linear ones set them."""
+    """Return the point with nonlinear parameters within bounds that depend on the linear ones."""
     return replace(point, terms=tuple(term.bind(point.linear_values) for term in point.terms))
 
 
 def choose_likeliest_point(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
-    """Return the likeliest of some points, and its log density [nat]."""
-    found = compute_likelihood(rollouts, rollouts.position_errors(points))
-    return points[int(np.argmax(found))], float(found.max())
+    """Return the likeliest of some points, and its log density without a constant [nat]."""
+    likelihoods = compute_likelihood(rollouts, rollouts.position_errors(points))
+    return points[int(np.argmax(likelihoods))], float(likelihoods.max())
 
 
 def _make_steps(slopes: Array) -> list[Array]:
-    """Return steps (S,) of each parameter, and along the directions of least information, past a kink of the errors."""
+    """Return steps (S,) in sizes of the parameters, of each parameter and along directions of least information.
+
+    They reach past a kink of the errors, to either side by the shares `LOOP.poll`.
+    """
     count = slopes.shape[1]
     directions = np.vstack([np.eye(count), np.linalg.eigh(slopes.T @ slopes)[1].T[: count // 2]])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
-    return [sign * share * own for own in directions for share in LOOP.poll for sign in (1, -1)]
+    return [sign * share * direction for direction in directions for share in LOOP.poll for sign in (1, -1)]

@@ -87,7 +87,10 @@ class RolloutRows:
         return self.with_steps(FINE, self.guide and self.guide.fine)
 
     def near(self, terms: Terms) -> Linear:
-        """Return the errors around the fit of the terms."""
+        """Return the errors around the fit of the terms, memoised.
+
+        Held-out rows are linearised at the fit of their guide.
+        """
         key = tuple(terms)
         if key not in self._linear:
             if self.guide is not None:
@@ -109,7 +112,7 @@ class RolloutRows:
         return bool(gain < LOOP.hopeless)
 
     def _keep(self, terms: Key, found: Linear) -> None:
-        """Keep a fit by the requested terms, and by the fitted terms, in which some parameters follow others."""
+        """Store a fit by `terms`, and by its own terms, in which nonlinear parameters may follow linear ones."""
         self._linear[terms] = self._linear[found.point.terms] = found
 
     def begin_at(self, point: Point, terms: Key | None = None) -> None:
@@ -155,18 +158,18 @@ class RolloutRows:
         fitted with longer secants, and the best of these fits to the end. A link that explains next to nothing from the
         likeliest of all starts is fitted from no other.
         """
-        near, name = self.near(terms).point, find_hints(type(variants[0])).profiled
+        point, name = self.near(terms).point, find_hints(type(variants[0])).profiled
         if not name:
             return min((self.trial((*terms, own)) for own in variants), key=lambda trial: trial.fitted_rms)
-        theta = near.linear_values
+        theta = point.linear_values
         inertia, weight = theta.get("inertia", 0.0), abs(theta.get("gravity", 0.0))
         points: dict[tuple[Term, float], Point] = {}  # variants that differ by their weight alone are the same
         for variant, factor, share in product(variants, LOOP.stiffnesses, LOOP.shares):
-            sought = [own for own in variant.nonlinear_parameters if own.name in ("resonance", "gravity")]
-            hung = {"resonance": factor * variant.nonlinear_values["resonance"]}
-            hung["gravity"] = weight / max(share * inertia, 1e-9)
-            term = set_values(variant, sought, [hung[own.name] for own in sought])
-            points[term, share] = Point.from_parameters((*near.terms, term), np.append(near.theta, share * inertia))
+            parameters = [own for own in variant.nonlinear_parameters if own.name in ("resonance", "gravity")]
+            link_values = {"resonance": factor * variant.nonlinear_values["resonance"]}
+            link_values["gravity"] = weight / max(share * inertia, 1e-9)
+            term = set_values(variant, parameters, [link_values[own.name] for own in parameters])
+            points[term, share] = Point.from_parameters((*point.terms, term), np.append(point.theta, share * inertia))
         tried, typical = [*points.values()], self.typical(next(iter(points.values())).terms)
         likelihood = compute_likelihood(self.rollouts, self.rollouts.position_errors(tried))
         starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
@@ -177,33 +180,40 @@ class RolloutRows:
             begun = [_release_link_friction(start, share) for share in LOOP.link_friction]
             return [fit(self.rollouts, own, typical, nonlinear=True, secants=LOOP.secants[:1]) for own in begun]
 
-        def size(one: Linear) -> float:
-            return scale_of(self.rollouts, one.error)
+        def size(linear: Linear) -> float:
+            return scale_of(self.rollouts, linear.error)
 
         first, *others = [*starts.values()][: LOOP.starts]
         found = min(fit_roughly(first), key=size)
         if size(found) ** 2 < (1.0 - LOOP.promising) * size(self.near(terms)) ** 2:
-            best = min([found, *(one for start in others for one in fit_roughly(start))], key=size)
+            best = min([found, *(linear for start in others for linear in fit_roughly(start))], key=size)
             found = fit(self.rollouts, best.point, typical, nonlinear=True, share=0.0)
         self._keep(found.point.terms, found)
         return self.trial(found.point.terms)
 
     def typical(self, terms: Terms) -> Array:
-        """Return a typical size of each linear parameter (P,)."""
+        """Return the size of each linear parameter that matters (P,), see `LOOP.typical`."""
         return np.concatenate([np.empty(0), *(self._typical_of(term) for term in terms)])
 
     @memoized
     def _typical_of(self, term: Term) -> Array:
+        """Return the size of each linear parameter of a term that matters (P,), by the recorded torque.
+
+        Its torque is `LOOP.typical` of the RMS torque.
+        """
         if self.guide is not None:
             return self.guide._typical_of(term)
         rms = np.sqrt(np.mean(self.torque.data.torque() ** 2))
-        own = np.sqrt(np.mean(self.torque.data.columns([term])[0][0] ** 2, axis=0))
+        column_rms = np.sqrt(np.mean(self.torque.data.columns([term])[0][0] ** 2, axis=0))
         (x,) = self.torque.data.trace([term])  # windows omit slow motion, in which friction may be largest
         peaks = [np.max(np.abs(column.force(x) + column.dry(x) * np.sign(x.velocity))) for column in term.columns]
-        return np.asarray(LOOP.typical * rms / np.maximum(np.maximum(own, peaks), 1e-9))
+        return np.asarray(LOOP.typical * rms / np.maximum(np.maximum(column_rms, peaks), 1e-9))
 
     def _begin(self, terms: Key) -> Point:
-        """Return the start of a fit: the likeliest of the fits of similar models and of linear fits."""
+        """Return the start of a fit: the likeliest of starts from the most similar fitted model, and from a linear fit.
+
+        Parameters that the similar model lacks are 0, or their typical size times 1 or 3.
+        """
         known = {term.id for term in terms}
         parents = sorted(
             self._linear, key=lambda other: (len(known ^ {term.id for term in other}), -len(set(other) & set(terms)))
@@ -254,20 +264,20 @@ class RolloutRows:
 
         Later fits of the terms and a variant begin at its linear fit.
         """
-        near, terms = self.near(terms), tuple(terms)
+        linear, terms = self.near(terms), tuple(terms)
         key = terms, variants[0].id
-        slopes = near.slopes[:, : (_free := len(near.point.theta))]
+        slopes = linear.slopes[:, : len(linear.point.theta)]
         others = slice(None), Columns(slopes, np.zeros(len(slopes)), np.zeros_like(slopes))
         found = []
-        for variant, own in zip(variants, self._columns(variants, near.point), strict=True):
-            start = np.append(near.point.theta, np.zeros(len(variant.columns)))
-            least, most = (end - start for end in list_bounds((*near.point.terms, variant)))
-            balance = Balance.from_target(-near.error, near.weights).with_columns(
-                [others, (slice(None), own)], least, most
+        for variant, columns in zip(variants, self._columns(variants, linear.point), strict=True):
+            start = np.append(linear.point.theta, np.zeros(len(variant.columns)))
+            least, most = (end - start for end in list_bounds((*linear.point.terms, variant)))
+            balance = Balance.from_target(-linear.error, linear.weights).with_columns(
+                [others, (slice(None), columns)], least, most
             )
             step = balance.solve()
             theta = start + step
-            self.begin_at(Point.from_parameters((*near.point.terms, variant), theta), (*terms, variant))
+            self.begin_at(Point.from_parameters((*linear.point.terms, variant), theta), (*terms, variant))
             found.append(scale_of(self.rollouts, -balance.error(step)))
         self._least_errors[key] = min([*found, self._least_errors.get(key, np.inf)])
         return found
@@ -297,10 +307,12 @@ class RolloutRows:
         errors = np.column_stack([base, self.rollouts.position_errors(points[1:])])
         found = []
         for variant, (first, last) in zip(variants, slices, strict=True):
-            own, size = errors[:, first:last], self._typical_of(variant)
-            fixed = own[:, :1] - base if self._acts_without_size(variant) else np.zeros_like(base)
-            linear = own[:, len(own[0]) - len(size) :] - base - fixed if len(size) else np.empty((len(own), 0))
-            found.append(Columns(linear / size, fixed[:, 0], np.zeros((len(own), len(size)))))
+            shifted, size = errors[:, first:last], self._typical_of(variant)
+            fixed = shifted[:, :1] - base if self._acts_without_size(variant) else np.zeros_like(base)
+            linear = (
+                shifted[:, len(shifted[0]) - len(size) :] - base - fixed if len(size) else np.empty((len(shifted), 0))
+            )
+            found.append(Columns(linear / size, fixed[:, 0], np.zeros((len(shifted), len(size)))))
         return found
 
     def _acts_without_size(self, variant: Term) -> bool:
@@ -309,6 +321,7 @@ class RolloutRows:
 
     @staticmethod
     def _without(point: Point, place: int) -> Array:
+        """Return theta of a point without the parameters of the term at an index."""
         first = sum(len(term.columns) for term in point.terms[:place])
         return np.delete(point.theta, np.s_[first : first + len(point.terms[place].columns)])
 
@@ -325,10 +338,13 @@ class RolloutRows:
 
 
 def _release_link_friction(point: Point, share: float) -> Point:
-    """Return a point whose last term, a link, has a share of the dry and the viscous friction, if it may have any."""
+    """Return a point whose last term, a link, has a share of the dry and the viscous friction of the joint.
+
+    Only parameters that the link has are set.
+    """
     link, joint = point.terms[-1], point.linear_values
-    of = {"friction": "coulomb", "viscous": "viscous"}
-    sought = [own for own in link.nonlinear_parameters if own.name in of]
+    joint_names = {"friction": "coulomb", "viscous": "viscous"}
+    parameters = [parameter for parameter in link.nonlinear_parameters if parameter.name in joint_names]
     of_inertia = share / max(point.theta[-1], 1e-9)
-    released = set_values(link, sought, [of_inertia * joint.get(of[own.name], 0.0) for own in sought])
-    return replace(point, terms=(*point.terms[:-1], released))
+    term = set_values(link, parameters, [of_inertia * joint.get(joint_names[p.name], 0.0) for p in parameters])
+    return replace(point, terms=(*point.terms[:-1], term))

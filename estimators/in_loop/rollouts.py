@@ -21,11 +21,11 @@ from pendulum_env.servo.drive import LONGEST
 from pendulum_env.servo.loop import Servos, follow
 from pendulum_env.servo.torque import get_bus_voltage
 
-GRAIN = 0.02  # [s] between the positions that are compared,
-STEPS, FINE = 11, 20  # of the integrator while models are searched for, and in the end
+GRAIN = 0.02  # [s] between compared positions
+STEPS, FINE = 11, 20  # of the integrator in a grain, during a search and for the final fit
 CONTACT = 2  # times as many, where a link hangs on a contact: it is stiffer than the joint
-FINEST = 1e-6  # [rad], below which a step of an encoder is a number's rounding
-JITTER = 0.03  # of a sample, by which a clock is off
+FINEST = 1e-6  # [rad], least step of an encoder; smaller ones are rounding
+JITTER = 0.03  # error of a clock in samples
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Rollouts:
     Attributes:
         recordings: of servos.
         steps: of the integrator from one position that is compared to the next.
-        shares: of each recording from which on, and up to which, positions are compared; all of it is simulated.
-        is_held: whether goals are held from sample to sample, or interpolated, where the drive does not say it.
+        shares: begin and end of the compared part of each recording; the whole recording is simulated.
+        is_held: whether goals are held from sample to sample or interpolated, unless the drive declares it.
     """
 
     recordings: tuple[Recording, ...]
@@ -50,7 +50,7 @@ class Rollouts:
 
     @cached_property
     def servos(self) -> Servos:
-        """All rollouts in a batch, shorter ones padded with their last sample."""
+        """Return all rollouts in a batch; shorter ones are padded with their last sample."""
         parts = [part for _, part in self._segments]
         step = GRAIN / self.steps
         begins = np.arange(self.steps * max(len(at) for at in self._times)) * step + 1e-6  # [s], against rounding
@@ -99,19 +99,19 @@ class Rollouts:
 
     @cached_property
     def _times(self) -> list[Array]:
-        """Times of compared positions, from the start of each rollout [s]."""
+        """Return the times of compared positions, from the start of each rollout [s]."""
         lengths = [(part.time[-1] - part.time[0]) / GRAIN for _, part in self._segments]
         return [GRAIN * np.arange(1.0, int(length + 1e-6) + 1) for length in lengths]
 
     @cached_property
     def _compared(self) -> list[Mask]:
-        """Mask of the times within the compared share of each recording."""
-        found = []
+        """Return masks of the times of each rollout within the compared share of its recording."""
+        masks = []
         for times, (k, part) in zip(self._times, self._segments, strict=True):
             whole = self.recordings[k]
             share = (part.time[0] - whole.time[0] + times) / (whole.time[-1] - whole.time[0] + GRAIN)
-            found.append((share >= self.shares[0]) & (share < self.shares[1]))
-        return found
+            masks.append((share >= self.shares[0]) & (share < self.shares[1]))
+        return masks
 
     @cached_property
     def position(self) -> Array:
@@ -126,27 +126,30 @@ class Rollouts:
 
     @cached_property
     def recording_of(self) -> Index:
-        """Recording of each compared position (R,)."""
+        """Return the index of the recording of each compared position (R,)."""
         return np.repeat([k for k, _ in self._segments], [int(own.sum()) for own in self._compared])
 
     @cached_property
     def resolution(self) -> float:
-        """Standard deviation of the quantisation by the finest encoder [rad]."""
+        """Return the standard deviation of the quantisation by the finest encoder [rad]."""
         steps = [np.abs(np.diff(recording.position)) for recording in self.recordings]
         least = min(float(own[own > FINEST].min(initial=np.inf)) for own in steps)
         return least / np.sqrt(12.0) if np.isfinite(least) else FINEST
 
     @property
     def encoder(self) -> dict[str, float]:
-        """Mean absolute error due to the encoder alone, by the joint's name [rad]."""
+        """Return the mean absolute error due to the encoder alone, by the name of the joint [rad]."""
         noise = np.mean([estimate_encoder_noise(recording.position) for recording in self.recordings])
         return {"": float(np.sqrt(2 / np.pi) * noise)}
 
     @cached_property
     def mistimed(self) -> tuple[Self, Self]:
-        """Rollouts with goals, and with controllers, as late as the jitter of a clock may make them."""
+        """Return the rollouts with delayed goals, and those with delayed controllers.
 
-        def late(recording: Recording, goal: float, drive: float) -> Recording:
+        The delay is `JITTER` samples. A controller at the longest delay is advanced instead.
+        """
+
+        def delay_recording(recording: Recording, goal: float, drive: float) -> Recording:
             assert recording.reference is not None and recording.drive is not None  # there is no rollout without
             reference = np.interp(recording.time - goal, recording.time, recording.reference)
             delay = recording.drive.delay
@@ -154,8 +157,8 @@ class Rollouts:
             return replace(recording, reference=reference, drive=delayed)
 
         jitter = [JITTER / recording.rate for recording in self.recordings]
-        goals = tuple(late(own, by, 0.0) for own, by in zip(self.recordings, jitter, strict=True))
-        drives = tuple(late(own, 0.0, by) for own, by in zip(self.recordings, jitter, strict=True))
+        goals = tuple(delay_recording(r, seconds, 0.0) for r, seconds in zip(self.recordings, jitter, strict=True))
+        drives = tuple(delay_recording(r, 0.0, seconds) for r, seconds in zip(self.recordings, jitter, strict=True))
         return replace(self, recordings=goals), replace(self, recordings=drives)
 
     def position_errors(self, points: Sequence[Point]) -> Array:
@@ -165,14 +168,14 @@ class Rollouts:
             nonlinear = {
                 name: np.array([v.nonlinear_values[name] for v in variants]) for name in variants[0].nonlinear_values
             }
-            same = {
+            merged = {
                 name: values[0] if np.all(values == values[0]) else values[:, None]
                 for name, values in nonlinear.items()
             }
-            terms.append(type(variants[0])(**same))
-        own = self._in_contact if has_link(points[0].terms) else self
+            terms.append(type(variants[0])(**merged))
+        rollouts = self._in_contact if has_link(points[0].terms) else self
         theta = np.column_stack([point.theta for point in points])
-        return self.compare_paths(follow(terms, theta, own.servos, own.steps))
+        return self.compare_paths(follow(terms, theta, rollouts.servos, rollouts.steps))
 
     @cached_property
     def _in_contact(self) -> Self:
@@ -205,23 +208,23 @@ class Rollouts:
         return block.ravel(), self.recording_of, known[:, 0]
 
     def structure(self, residual: Array) -> ResidualStructure:
-        """Return the size of a residual (R,) [rad]; its errors last, so that correlated neighbours tell nothing.
+        """Return the size of a residual (R,) [rad], the geometric mean of the RMS over recordings.
 
-        The size is the geometric mean over recordings. A servo that sticks elsewhere than its model is off for seconds,
-        and one such recording says little of others.
+        Correlated neighbours are no sign of a missing effect: a servo that sticks elsewhere than its model is off for
+        seconds. One such recording says little of others.
         """
         squares = np.bincount(self.recording_of, residual**2) / np.bincount(self.recording_of)
-        size = float(np.exp(0.5 * np.mean(np.log(np.maximum(squares, 1e-300)))))
-        return ResidualStructure(size, 0.0, size)
+        rms = float(np.exp(0.5 * np.mean(np.log(np.maximum(squares, 1e-300)))))
+        return ResidualStructure(rms, 0.0, rms)
 
     @cached_property
     def precision(self) -> float:
-        """Error of the simulation itself [rad]."""
+        """Return the error of the simulation itself [rad]."""
         return 1e-4 * float(np.std(self.position))  # share of the motion
 
     @cached_property
     def noise(self) -> float:
-        """Error due to encoder and clock alone [rad]."""
+        """Return the error due to encoder and clock alone [rad]."""
         late = [JITTER * float(np.std(np.gradient(r.position, r.time))) / r.rate for r in self.recordings]
         return max(self.precision, float(np.hypot(self.resolution, np.mean(late))))
 
@@ -232,8 +235,8 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
     Raises:
         RecordingError: if only some of them are, or they cannot be simulated at once.
     """
-    known = next((own.drive for own in recordings if own.drive is not None), None)
-    if known is None:
+    first_drive = next((r.drive for r in recordings if r.drive is not None), None)
+    if first_drive is None:
         return False
     for recording in recordings:
         name, drive = recording.name, recording.drive
@@ -244,9 +247,9 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
                 f"{name}: torque is 0 throughout, but a drive moves the joint: read_recording({{'time': ..., "
                 "'position': ..., 'reference': ...}, drive=...) computes the torque that the drive asks for"
             )
-        if drive.acts_on_speed != known.acts_on_speed:
+        if drive.acts_on_speed != first_drive.acts_on_speed:
             raise RecordingError(f"{name}: controls another quantity than the others: take those apart")
-        if drive.encoder != known.encoder:
+        if drive.encoder != first_drive.encoder:
             raise RecordingError(f"{name}: has its encoder at another shaft than the others: take those apart")
         if recording.torque_unit != drive.unit:
             raise RecordingError(
@@ -277,22 +280,25 @@ class LoopMotion:
 
     @property
     def simulated(self) -> Array:
-        """Simulated position (R,) [rad]."""
+        """Return the simulated position (R,) [rad]."""
         return self.measured + self.error
 
     def select_recording(self, number: int) -> LoopMotion:
         """Return the motion of one recording."""
-        own = self.recording_of == number
-        return LoopMotion(self.time[own], self.measured[own], self.error[own], self.recording_of[own])
+        rows = self.recording_of == number
+        return LoopMotion(self.time[rows], self.measured[rows], self.error[rows], self.recording_of[rows])
 
     def interpolate(self, recording: Recording) -> Array:
-        """Return the simulated position at the samples (N,) of the recording that this motion is of [rad]."""
+        """Return the simulated position at the samples (N,) of the recording of this motion [rad].
+
+        It is NaN after the last simulated position.
+        """
         path = []
-        for part in recording.segments:
-            time = part.time - recording.time[0]
-            within = (self.time > time[0]) & (self.time <= time[-1])
-            known = np.r_[time[0], self.time[within]], np.r_[part.position[0], self.simulated[within]]
-            path.append(np.interp(time, *known, right=np.nan))
+        for segment in recording.segments:
+            time = segment.time - recording.time[0]
+            is_inside = (self.time > time[0]) & (self.time <= time[-1])
+            points = np.r_[time[0], self.time[is_inside]], np.r_[segment.position[0], self.simulated[is_inside]]
+            path.append(np.interp(time, *points, right=np.nan))
         return np.concatenate(path)
 
 
@@ -307,14 +313,14 @@ def simulate_in_loop(model: Model, recordings: Sequence[Recording]) -> LoopMotio
 
 def _estimate_initial_velocity(recording: Recording) -> float:
     """Return the velocity at the first sample [rad/s]; zero if it is not significant, as most logs begin at rest."""
-    beginning = 0.08  # [s], that tells the speed at the start, where it is a cubic for so long,
-    shortest = 6  # samples that do at least
-    few = min(len(recording), max(shortest, round(beginning * recording.rate)))
+    beginning = 0.08  # [s], time to which a cubic is fitted at first
+    shortest = 6  # least number of samples of the cubic
+    length = min(len(recording), max(shortest, round(beginning * recording.rate)))
     noise = estimate_encoder_noise(recording.position)
     while True:
-        powers = np.vander(recording.time[:few] - recording.time[0], min(4, few), increasing=True)
-        cubic = np.linalg.lstsq(powers, recording.position[:few])[0]
-        if few <= shortest or np.std(powers @ cubic - recording.position[:few]) < 1.2 * noise:
+        powers = np.vander(recording.time[:length] - recording.time[0], min(4, length), increasing=True)
+        cubic = np.linalg.lstsq(powers, recording.position[:length])[0]
+        if length <= shortest or np.std(powers @ cubic - recording.position[:length]) < 1.2 * noise:
             std = noise * float(np.linalg.norm(np.linalg.pinv(powers)[1]))
             return float(cubic[1]) if abs(cubic[1]) > SIGNIFICANT * std else 0.0
-        few = max(shortest, few // 2)  # a servo that was told to go at once is no cubic for long
+        length = max(shortest, length // 2)  # a servo that starts at once follows a cubic only briefly

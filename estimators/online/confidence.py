@@ -76,7 +76,8 @@ class ClusterCovariance:
     def close(self, squares: Recursion) -> None:
         """Close the current cluster, and compute the scores of all clusters at the current estimates.
 
-        A cluster without equations is dropped. At `max_clusters`, neighbours are merged, or the oldest is dropped.
+        A cluster without equations is dropped; others lower the weight of the earlier clusters by forgetting. At
+        `max_clusters`, neighbours are merged, or the oldest is dropped.
         """
         if not self._n_used.any():
             self._n_rows = 0

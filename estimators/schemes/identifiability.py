@@ -110,7 +110,11 @@ def find_unidentifiable(
 def withhold_estimates(
     results: Mapping[str, Identified], segments: Segments, terms: Sequence[Term], units: JointUnits = TURNING
 ) -> tuple[dict[str, Identified], tuple[Finding, ...]]:
-    """Remove estimates that recordings do not determine, and return findings on those that no scheme determines."""
+    """Remove estimates that recordings do not determine, and return findings on those that no scheme determines.
+
+    A finding on the recordings withholds its parameters from all schemes. A large standard error withholds an estimate
+    from its scheme alone.
+    """
     measured = [joints for group in segments for joints in group]
     body = terms[0].mechanism
     if isinstance(body, Body):

@@ -92,9 +92,9 @@ def list_spans(windows: Windows) -> list[tuple[int, int]]:
 
 
 def count_periods(windows: Windows, seconds: float) -> int:
-    """Return the periods in a segment of some length [s], at most those of the usual segment."""
-    usual = int(np.median([end - begin for begin, end in list_spans(windows)])) - 1
-    return min(max(1, round(seconds * windows.recording.rate)), usual)
+    """Return the periods in a segment of some length [s]: at least 1, at most those of the median stretch."""
+    median_length = int(np.median([end - begin for begin, end in list_spans(windows)])) - 1
+    return min(max(1, round(seconds * windows.recording.rate)), median_length)
 
 
 def refuse_long_horizon(w: Windows, seconds: float) -> None:
@@ -142,17 +142,17 @@ def simulate_all(
         perturbations: added to the initial position [rad] and velocity [rad/s], for each model (V, 2).
     """
     perturbations = np.zeros((len(models), 2)) if perturbations is None else perturbations
-    alike: dict[tuple[int, int], list[int]] = {}
+    groups: dict[tuple[int, int], list[int]] = {}
     for k, segment in enumerate(segments):
-        alike.setdefault((len(segment.torque), count_substeps(1.0 / segment.windows.recording.rate)), []).append(k)
+        groups.setdefault((len(segment.torque), count_substeps(1.0 / segment.windows.recording.rate)), []).append(k)
     results: dict[int, Array] = {}
-    for numbers in alike.values():
-        together = [segments[k] for k in numbers]
-        counts = [len(segment.first) for segment in together]
+    for numbers in groups.values():
+        group = [segments[k] for k in numbers]
+        counts = [len(segment.first) for segment in group]
         perturbed = np.repeat(perturbations.T, sum(counts), axis=1)  # (2, V B)
-        position = np.tile(np.concatenate([own.position[0] for own in together]), len(models)) + perturbed[0]
-        velocity = np.tile(np.concatenate([own.velocity for own in together]), len(models)) + perturbed[1]
-        path = simulate_segments(together, models, position, velocity).position
+        position = np.tile(np.concatenate([segment.position[0] for segment in group]), len(models)) + perturbed[0]
+        velocity = np.tile(np.concatenate([segment.velocity for segment in group]), len(models)) + perturbed[1]
+        path = simulate_segments(group, models, position, velocity).position
         parts = np.split(path.reshape(len(path), len(models), -1), np.cumsum(counts)[:-1], axis=2)
         results.update(zip(numbers, parts, strict=True))
     return [results[k] for k in range(len(segments))]
@@ -219,10 +219,10 @@ def _stack_models(models: Sequence[Parametrised], count: int) -> tuple[list[Term
     Terms that delay the command are left out: `Segments.command` does that.
     """
     terms = []
-    for variants in zip(*(own for own, _ in models), strict=True):
+    for variants in zip(*(terms_of_model for terms_of_model, _ in models), strict=True):
         if not variants[0].delay:
             values = [variant.nonlinear_values for variant in variants]
-            nonlinear = {name: np.repeat([own[name] for own in values], count) for name in values[0]}
+            nonlinear = {name: np.repeat([value[name] for value in values], count) for name in values[0]}
             terms.append(replace(variants[0], **nonlinear) if nonlinear else variants[0])
     return terms, np.repeat(np.column_stack([theta for _, theta in models]), count, axis=1)
 
@@ -248,7 +248,7 @@ def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict
 
 
 def compute_position_rms(segments: Sequence[Segments], terms: Sequence[Term], theta: Array) -> float:
-    """Return the root mean square of the position error over all segments [rad]."""
+    """Return the RMS of the position error over all segments [rad]."""
     paths = simulate_all(segments, [(terms, theta)])
     errors = [(path[:, 0] - segment.position)[1:].ravel() for path, segment in zip(paths, segments, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))

@@ -270,6 +270,7 @@ class Slopes:
 
 
 def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
+    """Linearise the errors of all segments around a point and their present states."""
     values = point.values
     size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
     nearby = [point.with_values(values + SHOOTING.difference * size * direction) for direction in np.eye(len(values))]
@@ -295,9 +296,9 @@ def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
 def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array, Array]:
     """Project the part of the states (B, N, S) out of errors (B, N) and slopes (B, N, P)."""
     frames, _ = np.linalg.qr(by_state / (np.linalg.norm(by_state, axis=1, keepdims=True) + 1e-300))
-    both = np.concatenate([error[:, :, None], by_parameter], axis=2)
-    both = both - frames @ (np.swapaxes(frames, 1, 2) @ both)
-    return both[:, :, 0], both[:, :, 1:]
+    columns = np.concatenate([error[:, :, None], by_parameter], axis=2)
+    columns = columns - frames @ (np.swapaxes(frames, 1, 2) @ columns)
+    return columns[:, :, 0], columns[:, :, 1:]
 
 
 @dataclass(frozen=True)
@@ -407,15 +408,19 @@ def add_standard_errors(every: Sequence[Windows], model: Model) -> Model:
 def prepare_segments(every: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:
     """Return segments of recordings with the best initial states for a point, one in `share` of those of a fit."""
     first = [list_adjacent_segments(windows) for windows in every]
-    step = share * -(-sum(len(one) for one in first) // SHOOTING.most)
-    return tuple(initialise_states(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True))
+    step = share * -(-sum(len(starts) for starts in first) // SHOOTING.most)
+    return tuple(
+        initialise_states(cut(w, point, starts[::step]), point)[0] for w, starts in zip(every, first, strict=True)
+    )
 
 
 def _are_few(every: Sequence[Windows], point: Point) -> bool:
+    """Return whether the recordings have too few segments for the parameters."""
     return sum(len(list_adjacent_segments(windows)) for windows in every) < SHOOTING.fewest * len(point.values)
 
 
 def _make_model(place: Fitted) -> Model:
+    """Return the fitted model with standard errors from the spread of the segments."""
     slopes = _linearise(place.every, place.point)
     return make_model_with_covariance(
         place.point, compute_robust_covariance(slopes.by_parameter, slopes.error, slopes.segment)
@@ -423,21 +428,24 @@ def _make_model(place: Fitted) -> Model:
 
 
 def change_point(point: Point, factors: Mapping[str, float]) -> Point:
-    """Return the point with nonlinear parameters of the link's term changed by factors."""
+    """Return the point with nonlinear parameters of the link multiplied by factors, by name."""
 
-    def other(term: Term) -> Term:
-        sought = [parameter for parameter in term.nonlinear_parameters if parameter.name in factors]
+    def change_term(term: Term) -> Term:
+        parameters = [parameter for parameter in term.nonlinear_parameters if parameter.name in factors]
         return (
-            set_values(term, sought, [factors[s.name] * term.nonlinear_values[s.name] for s in sought])
+            set_values(term, parameters, [factors[s.name] * term.nonlinear_values[s.name] for s in parameters])
             if term.link
             else term
         )
 
-    return replace(point, terms=tuple(other(term) for term in point.terms))
+    return replace(point, terms=tuple(change_term(term) for term in point.terms))
 
 
 def add_link_gravity(point: Point) -> Point:
-    """Return the point with the gravity of the link."""
+    """Return the point with gravity set to that of the link: gravity per inertia times the inertia of the link.
+
+    A point without these parameters is returned as it is.
+    """
     names = [column.name for term in point.terms for column in term.columns]
     term = find_link(point.terms)
     if "gravity" not in names or "gravity" not in term.nonlinear_values or term.id not in names:
