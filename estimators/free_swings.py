@@ -121,7 +121,7 @@ def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Reco
     """Scale a model of `make_swing_terms` to the known parameter of the original terms; return other models unchanged.
 
     Motion without torque determines all parameters theta, with the known load o, up to a factor: (theta + o) (c + o_c)
-    / (theta_c + o_c) - o if c is the known value of theta_c.
+    / (theta_c + o_c) - o if c is the known value of theta_c. The known parameter gets a standard error of zero.
     """
     name = _find_scaling_parameter(known := find_known_values(terms))
     if name is None or not all(recording.known_inertia for recording in recordings):

@@ -254,7 +254,10 @@ def _list_gaps(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
 
 
 def _list_table_angles(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """List tables over the reached angles, and over a turn if the joint made one."""
+    """List tables over the reached angles, and over a turn if the joint made one.
+
+    A share `outside` of a piece of the samples lies beyond each end of a table.
+    """
     extents = []
     for pieces in ANGLES:
         share = kind.outside / pieces

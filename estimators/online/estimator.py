@@ -181,7 +181,10 @@ class OnlineEstimator:
         self._stream = make_stream(self.terms, self._regression_schemes, smoothing, 1.0 / self.rate, self.batch)
 
     def _estimate_noise(self, buffer: SampleBuffer, time: Array, position: Array, torque: Array) -> Estimates:
-        """Add a sample to the buffer; once the encoder noise is known, take all samples of the buffer."""
+        """Add a sample to the buffer; once the encoder noise is known, take all samples of the buffer.
+
+        Until then, the estimates have index -1, and no equation is used.
+        """
         for equations in self._stream.take(time, position, torque):  # the stream checks the sample
             regressor = None if equations.regressor is None else np.zeros_like(equations.regressor)
             self._estimates = self._make_estimates(

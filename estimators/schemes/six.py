@@ -294,7 +294,12 @@ PAPER: tuple[Scheme, ...] = (
 
 
 def select_schemes(given: str | Sequence[str | Regressor]) -> tuple[Regressor, ...]:
-    """Return schemes by object or id; "all" for the six."""
+    """Return schemes by object or id; "all" for the six.
+
+    Raises:
+        TypeError: if an object is no scheme.
+        ValueError: if an id is unknown or used twice, or there is no scheme.
+    """
     if isinstance(given, str) and given == "all":
         return SCHEMES
     chosen = tuple(scheme(item) if isinstance(item, str) else item for item in convert_to_tuple(given))

@@ -408,10 +408,8 @@ def add_standard_errors(every: Sequence[Windows], model: Model) -> Model:
 def prepare_segments(every: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:
     """Return segments of recordings with the best initial states for a point, one in `share` of those of a fit."""
     first = [list_adjacent_segments(windows) for windows in every]
-    step = share * -(-sum(len(starts) for starts in first) // SHOOTING.most)
-    return tuple(
-        initialise_states(cut(w, point, starts[::step]), point)[0] for w, starts in zip(every, first, strict=True)
-    )
+    step = share * -(-sum(len(k) for k in first) // SHOOTING.most)
+    return tuple(initialise_states(cut(w, point, k[::step]), point)[0] for w, k in zip(every, first, strict=True))
 
 
 def _are_few(every: Sequence[Windows], point: Point) -> bool:
