@@ -53,48 +53,50 @@ class Rollouts:
         """Return all rollouts in a batch; shorter ones are padded with their last sample."""
         parts = [part for _, part in self._segments]
         step = GRAIN / self.steps
-        begins = np.arange(self.steps * max(len(at) for at in self._times)) * step + 1e-6  # [s], against rounding
+        step_times = np.arange(self.steps * max(len(at) for at in self._times)) * step + 1e-6  # [s], against rounding
 
-        def held(values: Sequence[Array]) -> Array:
+        def hold(values: Sequence[Array]) -> Array:
             """Return series held from sample to sample, at the begin of each step (N, B)."""
-            places = [np.minimum((begins * part.rate).astype(np.intp), len(part) - 1) for part in parts]
-            return np.array([own[at] for own, at in zip(values, places, strict=True)]).T
+            places = [np.minimum((step_times * part.rate).astype(np.intp), len(part) - 1) for part in parts]
+            return np.array([series[at] for series, at in zip(values, places, strict=True)]).T
 
-        def mean_of_held(values: Sequence[Array]) -> Array:
+        def average_held(values: Sequence[Array]) -> Array:
             """Return means over each step of series held from sample to sample (N, B); a step may span two samples."""
-            edges, found = np.append(begins, begins[-1] + step), []
-            for own, part in zip(values, parts, strict=True):
-                integral = np.append(0.0, np.cumsum(own)) / part.rate
-                until = np.minimum(edges * part.rate, len(own))
-                path = np.interp(until, np.arange(len(own) + 1), integral) + (edges - until / part.rate) * own[-1]
-                found.append(np.diff(path) / step)
-            return np.array(found).T
+            edges, means = np.append(step_times, step_times[-1] + step), []
+            for series, part in zip(values, parts, strict=True):
+                integral = np.append(0.0, np.cumsum(series)) / part.rate
+                until = np.minimum(edges * part.rate, len(series))
+                path = np.interp(until, np.arange(len(series) + 1), integral) + (edges - until / part.rate) * series[-1]
+                means.append(np.diff(path) / step)
+            return np.array(means).T
 
-        def between(values: Sequence[Array]) -> Array:
+        def interpolate(values: Sequence[Array]) -> Array:
             """Return series interpolated between samples, at the begin of each step (N, B)."""
             pairs = zip(values, parts, strict=True)
-            return np.array([np.interp(begins, np.arange(len(part)) / part.rate, own) for own, part in pairs]).T
+            return np.array(
+                [np.interp(step_times, np.arange(len(part)) / part.rate, series) for series, part in pairs]
+            ).T
 
         drives = tuple(part.drive for part in parts if part.drive is not None)
         goals = [part.reference for part in parts if part.reference is not None]
-        ramps = [not self.is_held if own.goal is None else own.goal == "ramp" for own in drives]
+        ramps = [not self.is_held if drive.goal is None else drive.goal == "ramp" for drive in drives]
         loads = [get_known_load(part) for part in parts]
-        hung = KnownLoad(
-            np.array([own.inertia for own in loads], dtype=float),
-            np.array([own.gravity for own in loads], dtype=float),
-            between([np.broadcast_to(own.torque, len(part)) for own, part in zip(loads, parts, strict=True)]),
+        known_load = KnownLoad(
+            np.array([load.inertia for load in loads], dtype=float),
+            np.array([load.gravity for load in loads], dtype=float),
+            interpolate([np.broadcast_to(load.torque, len(part)) for load, part in zip(loads, parts, strict=True)]),
         )
         return Servos(
             drives,
             step,
-            np.where(ramps, between(goals), mean_of_held(goals)),
-            held([get_bus_voltage(part) for part in parts]),
-            held([part.powered for part in parts]),
+            np.where(ramps, interpolate(goals), average_held(goals)),
+            hold([get_bus_voltage(part) for part in parts]),
+            hold([part.powered for part in parts]),
             np.array([part.position[0] for part in parts]),
             np.array([_estimate_initial_velocity(part) for part in parts]),
             np.array([part.time[0] for part in parts]),
-            hung if any(loads) else KnownLoad(),
-            between([get_temperature(part) for part in parts]),
+            known_load if any(loads) else KnownLoad(),
+            interpolate([get_temperature(part) for part in parts]),
         )
 
     @cached_property
@@ -119,21 +121,21 @@ class Rollouts:
         parts = zip(self._times, self._compared, self._segments, strict=True)
         return np.concatenate(
             [
-                scipy.interpolate.CubicSpline(part.time, part.position)(part.time[0] + times[own])
-                for times, own, (_, part) in parts
+                scipy.interpolate.CubicSpline(part.time, part.position)(part.time[0] + times[mask])
+                for times, mask, (_, part) in parts
             ]
         )
 
     @cached_property
     def recording_of(self) -> Index:
         """Return the index of the recording of each compared position (R,)."""
-        return np.repeat([k for k, _ in self._segments], [int(own.sum()) for own in self._compared])
+        return np.repeat([k for k, _ in self._segments], [int(mask.sum()) for mask in self._compared])
 
     @cached_property
     def resolution(self) -> float:
         """Return the standard deviation of the quantisation by the finest encoder [rad]."""
         steps = [np.abs(np.diff(recording.position)) for recording in self.recordings]
-        least = min(float(own[own > FINEST].min(initial=np.inf)) for own in steps)
+        least = min(float(changes[changes > FINEST].min(initial=np.inf)) for changes in steps)
         return least / np.sqrt(12.0) if np.isfinite(least) else FINEST
 
     @property
@@ -183,9 +185,14 @@ class Rollouts:
         return replace(self, steps=CONTACT * self.steps)
 
     def compare_paths(self, paths: Array) -> Array:
-        """Return simulated positions (N + 1, V, B), a grain apart from the start, minus measured ones (R, V) [rad]."""
-        simulated = np.concatenate([paths[1 : len(own) + 1, :, lane][own] for lane, own in enumerate(self._compared)])
-        farthest = 2.0  # [rad], error that a larger one counts as
+        """Return simulated positions (N + 1, V, B), a grain apart from the start, minus measured ones (R, V) [rad].
+
+        Errors are clipped to 2 rad; a simulation that diverged has this error.
+        """
+        simulated = np.concatenate(
+            [paths[1 : len(mask) + 1, :, lane][mask] for lane, mask in enumerate(self._compared)]
+        )
+        farthest = 2.0  # [rad], largest error
         return np.clip(np.nan_to_num(simulated, nan=np.inf) - self.position[:, None], -farthest, farthest)
 
     @cached_property
@@ -193,7 +200,7 @@ class Rollouts:
         """Times of the compared positions, from the start of each recording (R,) [s]."""
         parts = zip(self._times, self._compared, self._segments, strict=True)
         return np.concatenate(
-            [part.time[0] + times[own] - self.recordings[k].time[0] for times, own, (k, part) in parts]
+            [part.time[0] + times[mask] - self.recordings[k].time[0] for times, mask, (k, part) in parts]
         )
 
     @cached_property

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.online.stream import Clock, Stream, StreamEquations
 from estimators.schemes.balance import adapt_to_arms, apply_scheme, compute_balances
-from estimators.schemes.six import GUARD, Scheme
+from estimators.schemes.six import GUARD_TIME, Scheme
 from estimators.signals.measurements import Smoothing, measure
 from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.joints import Links, find_links
@@ -39,7 +39,7 @@ class ArmStream:
         self.joints = find_links(terms).joints
         self._clock = Clock(1.0 / period)
         # samples after the current one that decide whether it is clear of stick
-        self._lookahead = smoothing.reach + max(smoothing.reach + 1, round(GUARD / period)) + 2
+        self._lookahead = smoothing.reach + max(smoothing.reach + 1, round(GUARD_TIME / period)) + 2
         self._chunk, self._transient = max(1, round(CHUNK / period)), round(MEMORY / period)
         self._capacity = self._chunk + 2 * self._lookahead + self._transient
         self.delay = self._lookahead + self._chunk

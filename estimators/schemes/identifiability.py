@@ -10,7 +10,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.balance import Segments, make_regressions, stack, stack_series
 from estimators.schemes.fitting import Identified, join_names
-from estimators.schemes.six import GUARD, scheme
+from estimators.schemes.six import GUARD_TIME, scheme
 from estimators.signals.measurements import Measurements, measure_segments
 from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.body import Body
@@ -42,12 +42,12 @@ def find_undetermined(
 ) -> tuple[Finding, ...]:
     """Find the parameters of the terms that recordings together do not determine.
 
-    Samples within `GUARD` [s] of stick or a reversal are left out. Checks: motion, effective torque, both directions,
+    Samples within `GUARD_TIME` of stick or a reversal are left out. Checks: motion, effective torque, both directions,
     large angles, columns that are zero or dependent. For a free swing, known parameters are left out. `units` are those
     at the joint.
     """
     names = [column.name for term in terms for column in term.columns]
-    clear = [m.find_clear(GUARD) for m in measurements]
+    clear = [m.find_clear(GUARD_TIME) for m in measurements]
     velocity = np.concatenate([m.velocity[is_clear] for m, is_clear in zip(measurements, clear, strict=True)])
     if not len(velocity):
         return (Finding(Kind.NO_MOTION, parameters=tuple(names)),)

@@ -36,7 +36,7 @@ from pendulum_env.physics import LOAD, Column, Term
 from pendulum_env.reading import quote_value
 
 CUTOFF = 200.0  # lambda [rad/s], the paper's 31.83 Hz
-GUARD = 0.02  # [s] on either side of stick and reversals
+GUARD_TIME = 0.02  # [s] on either side of stick and reversals
 
 View = Callable[[Measurements, Column], Array]
 
@@ -221,7 +221,7 @@ class Scheme:
     balance: str
     view: str
     operator: LowPass | Integral | None = None
-    guard: float | None = GUARD
+    guard: float | None = GUARD_TIME
     borrows: str | None = None
 
     @property

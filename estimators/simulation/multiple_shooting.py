@@ -138,12 +138,17 @@ def compute_state_slopes(shooting: Shooting, points: Sequence[Point], states: Ar
 
 
 def compute_state_steps(error: Array, slopes: Array, damping: Array) -> Array:
-    """Return Levenberg-Marquardt steps of states (F, S, B) from errors (B, N), for F factors on the damping."""
-    square = np.swapaxes(slopes, 1, 2) @ slopes
-    own = np.einsum("bss->bs", square)[:, :, None] * np.eye(slopes.shape[2])
-    pull = np.einsum("bns,bn->bs", slopes, error)[:, :, None]
+    """Return Levenberg-Marquardt steps of states (F, S, B) for the F factors `DAMPING` on the damping (B,).
+
+    error: (B, N) [rad]; slopes: its derivatives by the states (B, N, S).
+    """
+    information = np.swapaxes(slopes, 1, 2) @ slopes
+    diagonal = np.einsum("bss->bs", information)[:, :, None] * np.eye(slopes.shape[2])
+    gradient = np.einsum("bns,bn->bs", slopes, error)[:, :, None]
     steps = [
-        -np.linalg.solve(square + (d * damping)[:, None, None] * own + 1e-16 * np.eye(own.shape[1]), pull)
+        -np.linalg.solve(
+            information + (d * damping)[:, None, None] * diagonal + 1e-16 * np.eye(diagonal.shape[1]), gradient
+        )
         for d in DAMPING
     ]
     return np.array([step[:, :, 0].T for step in steps])
