@@ -66,16 +66,16 @@ def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequen
 
 
 def _check_completeness(
-    results: Results, prepared: RegressionData, terms: Sequence[Term]
+    results: Results, regression_data: RegressionData, terms: Sequence[Term]
 ) -> tuple[list[Finding], Results]:
     """Test whether the terms explain the recordings: by the residual, and by the agreement of the schemes.
 
-    Schemes share the noise, so that their estimates differ by less than independent ones. A missing effect biases each
-    of them differently.
-    Estimates on which the schemes disagree are marked in the results; of a single scheme, all estimates.
+    A residual above `AGREEMENT.misfits` noise floors, or a difference of two schemes above `DISAGREEMENT` standard
+    errors, gives a finding. Estimates on which schemes disagree are then marked as biased; of a single scheme, all
+    estimates.
     """
-    data, floors = prepared.data, prepared.floors
-    rms_of_joints = prepared.joint_errors(prepared.residual(terms))
+    data, floors = regression_data.data, regression_data.floors
+    rms_of_joints = regression_data.joint_errors(regression_data.residual(terms))
     limits = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in rms_of_joints}
     ratios = {at: error / max(floors[at], 1e-300) for at, error in rms_of_joints.items() if error > limits[at]}
     gaps = sorted(_compute_scheme_differences(list(results.values())))

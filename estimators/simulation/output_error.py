@@ -86,7 +86,10 @@ class Point:
         return point.with_values(point.values)
 
     def with_values(self, values: Array) -> Point:
-        """Return the point with other values (P + S,), clipped to their bounds."""
+        """Return the point with other values (P + S,), clipped to their bounds.
+
+        Nonlinear parameters that follow a linear one take its value before clipping; without it, 0.
+        """
         nonlinear = list(values[len(self.theta) :])
         linear, terms = Point(self.terms, values[: len(self.theta)]).linear_values, []
         for term in self.terms:
