@@ -96,8 +96,8 @@ class ChannelFits:
             instants = np.arange(len(w.moving), dtype=float)
             acting = np.interp(instants, centers, torque[known]) if len(centers) else 0.0 * instants
             windows.append(w.with_torque(w.recording.torque, acting))
-        moved = replace(self.data, windows=tuple(windows))
-        parts = [(moved.locate_rows(term.at), moved.columns([term])[0][0]) for term in terms]
+        data = replace(self.data, windows=tuple(windows))
+        parts = [(data.locate_rows(term.at), data.columns([term])[0][0]) for term in terms]
         return place_columns(len(self.data.weights), parts)[self.rows]
 
     def with_motor_friction(self) -> Self:

@@ -52,7 +52,7 @@ def with_goal_reading(data: FitData, base: Sequence[Term]) -> FitData:
 def reread_goals(trial: Trial) -> FitData | None:
     """Read the goals the other way if the base model leaves the reading open: the effects of a model may decide it."""
     data, unseen = trial.data, refine_rows(trial.evaluator)[1]
-    readings = [one for one in data.treatments if one.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
+    readings = [treatment for treatment in data.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
     error = trial.found.steps[-1].errors["holdout"].in_loop
     if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
         return None

@@ -207,6 +207,6 @@ def widen_by_profile(names: list[str], covariance: Array, profile: Profile) -> A
     Other parameters have their covariance at a known value of the profile's parameter, and follow it by its slopes.
     """
     k = names.index(profile.name)
-    own = covariance[k]
-    known = covariance - np.outer(own, own) / max(own[k], 1e-300)
+    row = covariance[k]
+    known = covariance - np.outer(row, row) / max(row[k], 1e-300)
     return np.asarray(known + np.outer(profile.slopes, profile.slopes) * profile.variance)

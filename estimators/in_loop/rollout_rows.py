@@ -160,15 +160,15 @@ class RolloutRows:
         """
         point, name = self.near(terms).point, find_hints(type(variants[0])).profiled
         if not name:
-            return min((self.trial((*terms, own)) for own in variants), key=lambda trial: trial.fitted_rms)
+            return min((self.trial((*terms, variant)) for variant in variants), key=lambda trial: trial.fitted_rms)
         theta = point.linear_values
         inertia, weight = theta.get("inertia", 0.0), abs(theta.get("gravity", 0.0))
         points: dict[tuple[Term, float], Point] = {}  # variants that differ by their weight alone are the same
         for variant, factor, share in product(variants, LOOP.stiffnesses, LOOP.shares):
-            parameters = [own for own in variant.nonlinear_parameters if own.name in ("resonance", "gravity")]
+            parameters = [p for p in variant.nonlinear_parameters if p.name in ("resonance", "gravity")]
             link_values = {"resonance": factor * variant.nonlinear_values["resonance"]}
             link_values["gravity"] = weight / max(share * inertia, 1e-9)
-            term = set_values(variant, parameters, [link_values[own.name] for own in parameters])
+            term = set_values(variant, parameters, [link_values[p.name] for p in parameters])
             points[term, share] = Point.from_parameters((*point.terms, term), np.append(point.theta, share * inertia))
         tried, typical = [*points.values()], self.typical(next(iter(points.values())).terms)
         likelihood = compute_likelihood(self.rollouts, self.rollouts.position_errors(tried))
@@ -178,7 +178,7 @@ class RolloutRows:
 
         def fit_roughly(start: Point) -> list[Linear]:
             begun = [_release_link_friction(start, share) for share in LOOP.link_friction]
-            return [fit(self.rollouts, own, typical, nonlinear=True, secants=LOOP.secants[:1]) for own in begun]
+            return [fit(self.rollouts, start, typical, nonlinear=True, secants=LOOP.secants[:1]) for start in begun]
 
         def size(linear: Linear) -> float:
             return scale_of(self.rollouts, linear.error)

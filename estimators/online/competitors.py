@@ -186,8 +186,8 @@ class CompetingModels:
         """Return the variant of each family that predicted best, and its parameters."""
         theta = self.theta_of()
         best = [int(np.argmax(self.weight[models])) for models in self.models]
-        each = zip(self.families, self.models, best, strict=True)
-        return [(variants[k : k + 1], theta[models][k]) for variants, models, k in each]
+        families = zip(self.families, self.models, best, strict=True)
+        return [(variants[k : k + 1], theta[models][k]) for variants, models, k in families]
 
     def linearise_running(self, bins: Bins) -> tuple[Array, Array]:
         """Linearise the rows of the running model over R bins at its estimates: phi (R, P) and y (R,)."""
@@ -293,7 +293,7 @@ class CompetingModels:
     def _refine_grid(self, best: Term, family: int, fresh: Sequence[Term]) -> tuple[Term, ...]:
         """Return the best two variants, variants halfway to the neighbours of the best, and some of a new grid."""
         variants, neighbours = self.families[family], []
-        kept = [variants[k] for k in np.argsort(-self.weight[self.models[family]])[:2]]
+        best_two = [variants[k] for k in np.argsort(-self.weight[self.models[family]])[:2]]
         for parameter in best.free:
             value = best.nonlinear_values[parameter.name]
             if parameter.integer or not np.isfinite(value):
@@ -307,7 +307,7 @@ class CompetingModels:
                 middle = np.sqrt(value * neighbour) if value * neighbour > 0 else 0.5 * (value + neighbour)
                 if parameter.low <= middle <= parameter.high:
                     neighbours.append(replace(best, **{parameter.name: float(middle)}))
-        return tuple(dict.fromkeys([*kept, best, *neighbours, *thin_variants(fresh)]))
+        return tuple(dict.fromkeys([*best_two, best, *neighbours, *thin_variants(fresh)]))
 
 
 def solve_each_within_bounds(information: Array, moment: Array, lower: Array, upper: Array) -> tuple[Array, Array]:

@@ -142,17 +142,17 @@ def withhold_estimates(
 
 def refuse_idle_joints(recordings: Sequence[Recording], segments: Segments, terms: Sequence[Term]) -> None:
     """Refuse recordings in which a joint of an arm never moves, or torque never moves a pendulum."""
-    measured = [joints for own in segments for joints in own]
+    measured = [joints for group in segments for joints in group]
     body = terms[0].mechanism
     for k, joint in enumerate(body.joints if isinstance(body, Body) else ()):
         if not any(joints[k].moving.any() for joints in measured):
             raise IdentificationError(
                 f"{join_names(recordings)}: joint '{joint}' never moves: record with all joints moving"
             )
-    if isinstance(body, Body) or all(own.is_free for own in recordings):
+    if isinstance(body, Body) or all(r.is_free for r in recordings):
         return
     if not any(has_effective_torque(m) for (m,) in measured):
-        column = "torque" if any(own.torque.any() for own in recordings) else "load_torque"
+        column = "torque" if any(r.torque.any() for r in recordings) else "load_torque"
         raise IdentificationError(
             f"{join_names(recordings)}: the {column} is constant or noise, and the motion does not follow it: read "
             f"the file without it, {format_setting('columns', {column: NONE})}, or mend its offset"

@@ -178,7 +178,7 @@ def simulate_segments(
         observe: as in `simulate`.
     """
     memory = dict(hidden or {})
-    for variants in zip(*(own for own, _ in models), strict=True):
+    for variants in zip(*(terms_of_model for terms_of_model, _ in models), strict=True):
         if variants[0].has_memory and variants[0].id not in memory:
             memory.update(start_memory(segments, variants))
 
@@ -186,7 +186,7 @@ def simulate_segments(
         """Repeat one value of each segment (B,) of each recording for every model, (V B,)."""
         return np.tile(np.concatenate(series), len(models))
 
-    delays = [sum(term.delay for term in own) for own, _ in models]
+    delays = [sum(term.delay for term in terms_of_model) for terms_of_model, _ in models]
     delays = delays if any(delays) else [0.0]  # one command for all models
     loads = [segment.load for segment in segments]
     load = KnownLoad(
@@ -235,7 +235,7 @@ def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict
         return {id: tuple(np.tile(series, len(variants)) for series in known)}
     distinct = list(dict.fromkeys(variants))
     traced = trace_all([segment.windows for segment in segments], distinct)
-    traces = [dict(zip(distinct, own, strict=True)) for own in traced]
+    traces = [dict(zip(distinct, states_of_variant, strict=True)) for states_of_variant in traced]
     states = {}
     for id in traces[0][distinct[0]].memory:
         rows = [

@@ -176,12 +176,12 @@ def _choose_best(
     """Return the best of F states tried for each segment (V, F, S, B), or the old ones where none is better."""
     best = np.argmin(after, axis=1)[:, None]  # (V, 1, B)
     squares = np.take_along_axis(after, best, 1)[:, 0]
-    better = squares < before
-    moved = np.take_along_axis(tried, best[:, :, None], 1)[:, 0]
-    bolder = np.clip(damping * DAMPING[best[:, 0]], 1e-6, 1e3)
+    is_better = squares < before
+    best_states = np.take_along_axis(tried, best[:, :, None], 1)[:, 0]
+    new_damping = np.clip(damping * DAMPING[best[:, 0]], 1e-6, 1e3)
     return (
-        np.where(better[:, None], moved, states),
-        np.where(better, bolder, np.minimum(30 * damping, 1e3)),
+        np.where(is_better[:, None], best_states, states),
+        np.where(is_better, new_damping, np.minimum(30 * damping, 1e3)),
         np.minimum(squares, before),
     )
 
@@ -330,22 +330,24 @@ def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) ->
         values, step = place.point.values, np.clip(steps[0], -SHOOTING.largest, SHOOTING.largest)
         size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
         points = [place.point.with_values(values + share * step * size) for share in SHOOTING.shares]
-        tried = [_follow(own, points, step, move) for own, move in zip(place.every, slopes.parts, strict=True)]
-        costs = np.sum([w @ own.T for (_, _, own), w in zip(tried, slopes.weights, strict=True)], axis=0)
-        k, _ = choose_least(range(len(points)), costs)
-        moved = [
-            refine_states(own, points[k : k + 1], states[k : k + 1], damping[k : k + 1], 1)
-            for own, (states, damping, _) in zip(place.every, tried, strict=True)
+        tried = [
+            _follow(shooting, points, step, move) for shooting, move in zip(place.every, slopes.parts, strict=True)
         ]
-        cost = sum(float(w @ own[0]) for w, (_, _, own) in zip(slopes.weights, moved, strict=True))
+        costs = np.sum([w @ squares.T for (_, _, squares), w in zip(tried, slopes.weights, strict=True)], axis=0)
+        k, _ = choose_least(range(len(points)), costs)
+        refined = [
+            refine_states(shooting, points[k : k + 1], states[k : k + 1], damping[k : k + 1], 1)
+            for shooting, (states, damping, _) in zip(place.every, tried, strict=True)
+        ]
+        cost = sum(float(w @ squares[0]) for w, (_, _, squares) in zip(slopes.weights, refined, strict=True))
         every = [
-            replace(own, states=states[0], damping=damped[0])
-            for own, (states, damped, _) in zip(place.every, moved, strict=True)
+            replace(shooting, states=states[0], damping=damped[0])
+            for shooting, (states, damped, _) in zip(place.every, refined, strict=True)
         ]
         if cost > near.cost * (1 - SHOOTING.gain):
-            anew = [initialise_states(own, points[k]) for own in every]
-            every = [own for own, _ in anew]
-            cost = sum(float(w @ own) for w, (_, own) in zip(slopes.weights, anew, strict=True))
+            restarted = [initialise_states(shooting, points[k]) for shooting in every]
+            every = [shooting for shooting, _ in restarted]
+            cost = sum(float(w @ squares) for w, (_, squares) in zip(slopes.weights, restarted, strict=True))
         return Fitted(points[k], tuple(every), cost), cost
 
     rule = Rule(turns, (SHOOTING.damping,), of_cost=SHOOTING.gain, patience=SHOOTING.patience)
@@ -358,11 +360,11 @@ def _follow(
     """Return states, their damping and squared errors (V, B) after each share of a step of the parameters."""
     error, by_parameter, by_state = move
     expected = [error + share * (by_parameter @ step) for share in SHOOTING.shares]
-    stay = np.repeat(shooting.states[None], len(points), axis=0)
-    tried = np.array([shooting.states + compute_state_steps(one, by_state, shooting.damping) for one in expected])
-    tried = np.concatenate([tried, stay[:, None]], axis=1)
+    unchanged = np.repeat(shooting.states[None], len(points), axis=0)
+    tried = np.array([shooting.states + compute_state_steps(errors, by_state, shooting.damping) for errors in expected])
+    tried = np.concatenate([tried, unchanged[:, None]], axis=1)
     squares = np.sum(
-        shooting.errors(repeat_points(points, tried.shape[1]), tried.reshape(-1, *stay.shape[1:])) ** 2, axis=2
+        shooting.errors(repeat_points(points, tried.shape[1]), tried.reshape(-1, *unchanged.shape[1:])) ** 2, axis=2
     )
     squares = squares.reshape(*tried.shape[:2], -1)
     best = np.argmin(squares, axis=1)[:, None]
@@ -385,7 +387,7 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
 
         def tried(starts: Sequence[Point]) -> Fitted:
             fits = (fit(prepare_segments(every, start, 3), start, SHOOTING.trial_turns) for start in starts)
-            return min(fits, key=lambda one: one.cost)
+            return min(fits, key=lambda fitted: fitted.cost)
 
         found = tried(
             [
@@ -401,7 +403,7 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
             found = other
         point = found.point
     step = SHOOTING.fine if multimodal else SHOOTING.coarse
-    return _make_model(fit([replace(one, step=step) for one in prepare_segments(every, point)], point))
+    return _make_model(fit([replace(shooting, step=step) for shooting in prepare_segments(every, point)], point))
 
 
 def add_standard_errors(every: Sequence[Windows], model: Model) -> Model:
