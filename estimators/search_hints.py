@@ -235,6 +235,7 @@ def _compute_periodogram(x: Samples, residual: Array) -> tuple[Array, Array]:
 
 
 def _list_flexible_joints(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    """List all combinations of 34 resonances, two dampings and three gravities, whatever the motion."""
     return [
         kind(float(w), float(c), g)
         for w in np.geomspace(6.0, 300.0, 34)
@@ -244,6 +245,7 @@ def _list_flexible_joints(kind: type[Any], x: Samples, residual: Array) -> list[
 
 
 def _list_gaps(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    """List all combinations of six gaps, three resonances, two dampings and two gravities, whatever the motion."""
     return [
         kind(float(gap), float(w), c, g)
         for gap in np.geomspace(2e-3, 0.08, 6)
