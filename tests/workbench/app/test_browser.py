@@ -252,14 +252,14 @@ def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(browser,
 
 
 def test_a_fit_that_ends_while_its_stage_is_drawn_is_shown(tab, loose):
-    page, drawings, polls = tab.page, [], []
+    page, drawings, polls, holds = tab.page, [], [], [True]
 
     def hold(route) -> None:
         """Hold the drawing of a state that is being fitted, and polls that come after the fit."""
         asked, answer = route.request.post_data or "", route.fetch()
         fits = "stage.children" in asked and "Fitting the model" in answer.text()
         told = ".n_intervals" in asked and '"version"' in answer.text()
-        if fits or told:
+        if holds and (fits or told):
             (drawings if fits else polls).append((route, answer))
         else:
             route.fulfill(response=answer)
@@ -273,10 +273,11 @@ def test_a_fit_that_ends_while_its_stage_is_drawn_is_shown(tab, loose):
         for route, answer in drawings:
             route.fulfill(response=answer)
     page.wait_for_selector("h1:has-text('Fitting the model')")
+    holds.clear()
     for route, answer in polls:
         route.fulfill(response=answer)
-    page.unroute_all()
     page.wait_for_selector("h1:not(:text-is('Fitting the model'))")
+    page.unroute_all(behavior="wait")
 
 
 def number_after(words: str, text: str) -> float:
