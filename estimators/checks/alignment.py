@@ -179,7 +179,11 @@ class Alignment:
         return Finding(Kind.TORQUE_SAMPLED if self.channel.is_sampled else Kind.TORQUE_LATE, numbers)
 
     def json(self) -> JSON:
-        """Return a dictionary for JSON; an unknown standard error is null."""
+        """Return delay and lag as a dictionary for JSON.
+
+        A positive delay is a late log, a negative delay a late action. A negative lag is of the drive. An unknown
+        standard error is null.
+        """
         errors = [std if np.isfinite(std) else None for std in (self.delay_std, self.lag_std)]
         return {
             "delay": {"value": self.delay, "std": errors[0], "unit": "s"},

@@ -79,7 +79,11 @@ class Disagreement:
 
     @property
     def finding(self) -> Finding:
-        """Return the finding of this disagreement; the first of its recordings disagrees with the others."""
+        """Return the finding of this disagreement.
+
+        The first of its recordings disagrees with the others, or with a model if there are no others. Standard errors
+        are those of the difference.
+        """
         numbers = {"number": Quantity(self.recording)} | dict(self.numbers)
         for difference in self.differences:
             numbers[difference.parameter] = Quantity(difference.value, difference.std, difference.unit)
@@ -247,8 +251,9 @@ def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
 
 
 def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[RecordingFit]:
-    """Fit the parameters to each recording separately, if it excites them.
+    """Fit the parameters to each recording separately, if it excites them; return the fits in order.
 
+    A fit is unweighted, and on the tangent at the joint fit of its data set. Recordings left out keep their number.
     Parameters of time-varying effects and of a link behind a transmission are not compared: each recording has its own.
     Neither are factors of the torque: one recording alone does not distinguish them from a scale of all parameters.
     The inertia of free swings is known; they are not compared with driven recordings.

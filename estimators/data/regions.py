@@ -34,7 +34,7 @@ def find_regions_at(
 def find_failures(
     data: RegressionData, residual: Array, most: int = MOST, floors: Mapping[str, float] | None = None
 ) -> list[Region]:
-    """Return the regions of a residual (R,) [N m], joint by joint.
+    """Find where a residual (R,) [N m] exceeds the noise, joint by joint; at most `most` regions of each.
 
     A joint without a region, but an RMS above `Criterion.misfit` noise floors, has one region of all velocities.
     `floors` are the noise floors of joints by name [N m], by default those of the data.

@@ -261,9 +261,13 @@ class Diagnosis:
         return render_html(self)
 
     def json(self) -> JSON:
-        """Return a dictionary for JSON; the joint of a pendulum is ""."""
+        """Return the diagnosis as a dictionary for JSON.
+
+        `regions` lists the unexplained regions, `unexplained` sums them up. `table` is the first of `tables`. The joint
+        of a pendulum is "".
+        """
         base = self.steps[0].model
-        last = [] if self.forbidden is None or self.forbidden in self.findings else [self.forbidden]
+        unlisted = [] if self.forbidden is None or self.forbidden in self.findings else [self.forbidden]
         return make_result_json(self.model, self.torque_constant, self.unexplained, self.disagreements) | {
             "schema": SCHEMA,
             "base": {
@@ -280,7 +284,7 @@ class Diagnosis:
                 "joints": dict(self.left),
             },
             "noise_floor": make_floors_json(self.floors),
-            "findings": [finding.json() for finding in (*self.findings, *last)],
+            "findings": [finding.json() for finding in (*self.findings, *unlisted)],
             "treatments": [one.json() for one in self.treatments],
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
             "table": next(iter(self.tables), None),

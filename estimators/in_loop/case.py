@@ -27,11 +27,15 @@ from pendulum_env.recording import Recording
 
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
-    """Calibrate the recordings, and leave out effects of a sensor, which simulations from goals do not show."""
+    """Calibrate the recordings; leave out effects of a sensor, which simulations from goals do not show.
+
+    An effect has to explain at least `LOOP.needed` of the residual.
+    """
     data = FitData.from_recordings(recordings, holdout, setting.base)
     base = make_base(data.recordings, setting.base)
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
-    criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
+    share = max(setting.criterion.explained_share, LOOP.needed)
+    criterion = replace(setting.criterion, explained_share=share, needed_share=share)
     data = with_goal_reading(data, base)
     return data, replace(setting, base=base, library=library, criterion=criterion)
 

@@ -84,15 +84,17 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
 
 
 def change_reading(recordings: Sequence[Recording], reading: Finding) -> tuple[Recording, ...] | None:
-    """Return the recordings with goals read the other way; None if drives or the base model decide the reading.
+    """Return the recordings under the other reading of their goals: held from row to row, or run on between rows.
 
-    The base model decides if the gain is above `TIE` standard errors.
+    `reading` is the finding of the reading in use. Return None if a drive declares its reading, or if the gain of
+    the base model exceeds `TIE` standard errors.
     """
     gain = reading.numbers.get("gain")
     if gain is None or reading.recordings or abs(gain.value) > TIE * (gain.std or 0.0):
         return None
     undeclared = [replace(r, drive=r.drive and replace(r.drive, goal=None)) for r in recordings]
-    return with_goals(undeclared, reading.kind is Kind.GOALS_RUN_ON)
+    is_held = reading.kind is Kind.GOALS_RUN_ON  # now
+    return with_goals(undeclared, is_held)
 
 
 def with_goals(recordings: Sequence[Recording], is_held: bool) -> tuple[Recording, ...]:

@@ -58,9 +58,10 @@ class _JointBinner:
         self._count[which] = 0
 
     def take(self, sample: StreamEquations) -> Iterator[tuple[int, Array, Array]]:
-        """Add the equation of one sample of each plant; yield the complete bins.
+        """Add the equation of the first scheme at one sample of each plant; yield the complete bins.
 
-        Each bin has an index of its plant, a series (4, n + 3) and a mean equation (P + 1,). A bin of n samples is left
+        Each bin has an index of its plant, a series (4, n + 3) with two instants before its first row and one after
+        its last, and a mean equation (P + 1,). A bin of n samples is left
         out if an equation is not usable, or if the instants before it are missing.
         """
         ring, every = len(self._instants), self._every

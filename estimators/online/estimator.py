@@ -143,8 +143,9 @@ class OnlineEstimator:
     def take(self, time: Array, position: Array, torque: Array) -> Estimates:
         """Add a sample of every pendulum, or of an arm, and return the estimates.
 
-        The estimates of an arm change every 50 ms. After a sample that is not finite, or a gap in time, the estimates
-        are held until there are enough samples.
+        The estimates are `delay` samples old; their index is -1 until the encoder noise is known. Those of an arm
+        change every 50 ms. After a sample that is not finite, or a gap in time, the estimates are held until there are
+        enough samples.
 
         Args:
             time: (B,) [s].

@@ -213,7 +213,11 @@ class _Filter:
             self._memory = samples[-1].memory
 
     def _process_noise(self) -> Array:
-        """Compute the process noise of a period: white torque noise moves the joint; parameters are constant."""
+        """Compute the process noise of one period (S, S), of position, velocity and parameters.
+
+        White torque noise drives position and velocity. `exp(log_variance)` is the variance of its mean over a period
+        [(N m)^2]. Parameters have no process noise.
+        """
         ukf, period = self._ukf, self._period
         x = Samples(np.zeros(1), ukf.x[:1], ukf.x[1:2], np.zeros(1))
         balance = TorqueBalance(self._terms, ukf.x[2:])

@@ -31,9 +31,9 @@ class History:
         self.after: dict[str, Any] = {}
 
     def remember(self, label: str, value: Any, times: int) -> list[Any]:
-        """Return a value now and at a number of past instants, the newest first.
+        """Return a scalar now and at `times` >= 1 past instants, the newest first.
 
-        A value that is no symbol is constant, and is repeated.
+        A value that is no symbol, such as an array of symbols, counts as constant, and is repeated.
         """
         if not isinstance(value, Symbol):
             return (times + 1) * [value]

@@ -256,8 +256,9 @@ class Stream:
 def _receive_sample(longest: float) -> SymbolicStep:
     """Build the check of a sample in symbols.
 
-    `taken` holds time, position, increment of position and torque, each 0 if the sample is not finite. `restarted` is 1
-    for such a sample, and for one later than `longest` [s] after the last.
+    `taken` holds time, position, increment of position and torque, each 0 if the sample is not finite; the next sample
+    then follows one at time 0. `restarted` is 1 for such a sample, and for one later than `longest` [s] after the last.
+    A time that runs backwards is not detected.
     """
     sample, (time, position) = make_symbols("sample", 3), make_symbols("last", 2)
     is_number = np.abs(sample[0] + sample[1] + sample[2]) < np.inf

@@ -343,14 +343,15 @@ def find_linear_rows(balance: Balance) -> Mask:
 
 
 def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) -> Balance:
-    """Replace L linear equations by at most P + 1 with the same solutions, of weight one, after the other equations.
+    """Replace L equations by at most P + 1 with the same least-squares solution, after the other equations.
 
-    The weights are in the new equations. Their response, if there are perturbations, is linear.
+    Nonlinear equations enter by their tangent; the solution then holds near its point. The new equations contain the
+    weights, so their weight and torque share are one. Their response, if there are perturbations, is linear.
 
     Args:
         balance: equations.
         is_linear: mask of the L linear equations (R,), or of those to replace by their tangent.
-        slopes: derivatives of their predicted torque by the parameters (L, P).
+        slopes: derivatives of their predicted torque by the parameters (L, P), divided by the torque share.
         target: their left-hand sides: `slopes` times the parameters plus the error (L,) [N m].
     """
     triangle = triangle_of(slopes * balance.weights[is_linear, None], target * balance.weights[is_linear])

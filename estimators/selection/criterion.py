@@ -11,7 +11,8 @@ class Criterion:
 
     Attributes:
         p_value: largest p-value of a gain in prediction at which an effect is added.
-        explained_share: least share of the residual structure, or of the motion error, that an added effect explains.
+        explained_share: least share of the residual structure, or of the motion error, that an added effect explains;
+            between `coarse_share` and `needed_share`.
         coarse_share: explained share on a coarse grid of nonlinear parameters below which they are not refined.
         needed_share: explained share of an effect beside all others above which it is needed.
         kept_inertia: least share of the inertia that a larger model keeps; see `make_base_gates`.

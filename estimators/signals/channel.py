@@ -48,8 +48,10 @@ class Channel:
         """Return the torque (N,) held from each sample to the next, before delay and filter of the log.
 
         A held torque u that is logged n + f samples late reads (1 - f) u[k - n] + f u[k - n - 1]. This mixture is
-        inverted forwards in time for f <= 0.5, else backwards, with a feedback of at most `ECHO`. The ends repeat.
-        A sampled torque is interpolated instead, see `_hold_sampled_torque`. A negative lag is not applied.
+        inverted forwards in time for f <= 0.5, with the feedback f / (1 - f), else backwards, with its inverse. The
+        feedback is at most `ECHO`; the remaining delay is interpolated. A positive delay moves torque to earlier
+        samples. The ends repeat. A sampled torque is interpolated instead, see `_hold_sampled_torque`.
+        A negative lag is not applied.
         """
         torque = self.remove_filter(torque, period)
         if self.is_sampled:

@@ -221,8 +221,8 @@ def measure_segments(recording: Recording) -> list[Measurements]:
 def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]]:
     """Filter n joints in each segment of their recordings; return n measurements per segment.
 
-    All joints pass the longest window of `choose_smoothing` in the longest segment, since their equations share all
-    motion. Segments too short for it are left out.
+    All joints have one width of the window, since their equations share all motion: the largest choice of any joint
+    in the longest segment. Segments too short for it are left out.
 
     Raises:
         IdentificationError: if all segments are too short.

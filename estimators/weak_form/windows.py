@@ -394,9 +394,10 @@ WHOLE: Part = (0.0, 1.0)
 
 
 def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
-    """Cut a recording into windows.
+    """Cut a recording into windows: clear of stick, turning and resting.
 
-    Windows never overlap gaps, the lead-in of a segment, or instants with an open motor.
+    Windows never overlap gaps, the lead-in of a segment, or instants with an open motor. Position and velocity are
+    smoothed, acceleration is not. The torque noise includes that of the known load.
 
     Args:
         recording: at least 0.1 s longer than a window.
@@ -411,17 +412,17 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     v = motion.velocity
     moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
     guard = m + 1 + smoothing // 3  # the smoothed velocity may cross zero a little off the true one
-    near_stick, outside = find_near_reversals(v, moving, guard), np.zeros(len(v), dtype=bool)
+    near_stick, is_excluded = find_near_reversals(v, moving, guard), np.zeros(len(v), dtype=bool)
     for begin, end in pairwise((*recording.starts, len(recording))):
         lead_in = round(min(LEAD_IN * recording.rate, 0.1 * (end - begin)))
-        outside[begin : begin + guard + 1 + lead_in] = outside[end - guard - 1 : end] = True
+        is_excluded[begin : begin + guard + 1 + lead_in] = is_excluded[end - guard - 1 : end] = True
     if not recording.powered.all():
-        outside |= np.convolve(recording.powered == 0.0, np.ones(2 * guard + 1))[guard : guard + len(v)] > 0
+        is_excluded |= np.convolve(recording.powered == 0.0, np.ones(2 * guard + 1))[guard : guard + len(v)] > 0
     first, stop = (round(share * len(v)) for share in part)
     candidates, dense = (np.arange(first + m, stop - m, step) for step in (m, max(1, m // 4)))
-    candidates, dense = candidates[~outside[candidates]], dense[~outside[dense] & near_stick[dense]]
-    stuck = near_stick[candidates]
-    is_clear = ~(near_stick | outside)
+    candidates, dense = candidates[~is_excluded[candidates]], dense[~is_excluded[dense] & near_stick[dense]]
+    touches_stick = near_stick[candidates]
+    is_clear = ~(near_stick | is_excluded)
     is_clear[: first + m] = is_clear[stop - m :] = False
     mostly_moving = np.convolve(moving, window, "same") > 0.5
     return Windows(
@@ -436,9 +437,9 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
         ),
         acceleration=motion.acceleration,
         kernel=window,
-        centers=candidates[~stuck],
+        centers=candidates[~touches_stick],
         turning=dense[mostly_moving[dense]],
-        resting=candidates[stuck & ~mostly_moving[candidates]],
+        resting=candidates[touches_stick & ~mostly_moving[candidates]],
         moving=moving,
         is_clear=is_clear,
         torque_noise=noise * float(np.linalg.norm(np.convolve(window, [0.5, 0.5]))),

@@ -93,7 +93,8 @@ def _describe_gate(found: Finding) -> str:
         limits = f"{format_p_value(p_value.value)} with a penalty of {penalty:.2g} nat, limit {most:.2g}"
         return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"
     if name == "explained_share":
-        return f"explains {value.value:.0%} of the residual or of the motion error, less than {limit.value:.0%}"
+        share = f"{100 * value.value:.3g} % of the residual or of the motion error"
+        return f"explains {share}, less than {100 * limit.value:.3g} %"
     if name == "known_parameters":
         return f"predicts no better than other values of the parameters that were given: {format_p_value(value.value)}"
     if name == "residual_in_loop":
