@@ -102,7 +102,12 @@ PARTS = (
     Part(can_be_searched, "add hints, since bounds are infinite", "estimators/search_hints.py", "_HINTS: "),
     Part(lambda id: id in independent_plant.EFFECTS, "add parameters that switch it off", PLANT, "EFFECTS: "),
     Part(has_random_size, "add a random size", PLANT, "def _random_effect("),
-    Part(changes_the_motion, "add the law here, to _link_load, _friction or _balance", PLANT, "def _motor_torque("),
+    Part(
+        changes_the_motion,
+        "add the law here, or to _link_load, _friction or _balance",
+        PLANT,
+        "def _motor_torque(",
+    ),
     Part(has_true_parameters, "translate the plant's parameters", "benchmarks/truth.py", "def _effect_parameters("),
     Part(is_in_mujoco, "add another form of the law", "benchmarks/mujoco_plant.py", "def _effect("),
     Part(lambda id: id in CASES and id in CASES[id].hidden, "add a case", "tests/cases.py", "TOLD = {"),

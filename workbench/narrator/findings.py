@@ -437,7 +437,8 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         "position, or record a motion of more than one frequency."
     ),
     Kind.TABLE_EXPLAINS: lambda found: (
-        f"{capitalise(describe_law(found))} would explain most of the residual. No effect of the library is that law."
+        f"{capitalise(describe_law(found))} would explain most of the residual. No effect of the library "
+        "explains it in these data."
     ),
     Kind.NEAR_REVERSALS: (
         "The torque fits where the joint moves freely, but free-running simulation errs by {error:2}: something acts "

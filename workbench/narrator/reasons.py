@@ -59,7 +59,7 @@ def describe_objection(found: Finding) -> str:
         case Kind.IMITATES:
             return f"imitates {found.effects[0]} in these data"
         case Kind.IMITATES_TABLE:
-            return f"only imitates {describe_law(found)}, which the library does not have"
+            return f"explains less than {describe_law(found)} as a table does"
         case Kind.OTHERS_BETTER:
             return "others explain it better"
         case Kind.LONG_STEPS:

@@ -143,7 +143,8 @@ def stepped(model, torque, load) -> np.ndarray:
 def test_every_effect_moves_under_a_load_as_its_own_step_says(id):
     model, load = hide(paper_plant(), id), KnownLoad(0.02, 0.5)  # without one: see test_engines.py
     torque = 4.0 * np.random.default_rng(0).standard_normal((150, LANES)).cumsum(axis=0) / 8
-    assert prepare_step(model.terms, True, H).step is not None
+    step = prepare_step(model.terms, True, H).step
+    assert step is not None, "a function of the law is not in UNARY and BINARY of pendulum_env/physics/symbols.py"
     path = simulate(model.terms, model.theta, H, torque, [0.3, -1.0, 2.0], [0.0, 1.0, -2.0], load=load)
     np.testing.assert_allclose(path.position, stepped(model, torque, load), rtol=0, atol=1e-10)
 
