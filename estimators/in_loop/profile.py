@@ -6,8 +6,9 @@ a local minimum near the likeliest point, so the maximum of each fit has an erro
     log L = c + b x - a x^2,     x the logarithm of the parameter,
 
 averages over these errors. Its vertex b / 2a is the estimate. The variance is F / 2a, with the factor F by which
-correlated errors widen the interval, plus the variance of the vertex by the scatter of the maxima. A gap is not known
-better than the step of the encoder: a controller that reads whole counts sees no motion within one.
+correlated errors widen the interval, plus the variance of the vertex by the scatter of the maxima. With an
+encoder at the output, a gap is not known better than its step: a controller that reads whole counts sees no motion
+within one.
 
 Source: Ionides et al., Monte Carlo profile confidence intervals for dynamic systems, J. R. Soc. Interface 14, 2017.
 """
@@ -144,7 +145,8 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
     paths = np.array([[own.get(text, 0.0) for text in last.named_values] for own in named])
     shifts = np.array(near) - np.mean(near)
     slopes = shifts @ (paths - paths.mean(axis=0)) / (shifts @ shifts)
-    in_counts = rollouts.resolution if parameter.unit == "rad" else 0.0  # a controller that reads counts has such play
+    # a controller that reads counts at the output does not see the motor move within one
+    in_counts = rollouts.resolution if parameter.unit == "rad" and rollouts.servos.at_output else 0.0
     return Profile(name, place, release(last), variance * estimate**2 + in_counts**2, slopes)
 
 
