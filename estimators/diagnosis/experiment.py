@@ -169,7 +169,9 @@ def _choose(
     for j, run in enumerate(runs):
         if len(run.data.weights) >= DESIGN.fewest:
             rival_equations = {terms: run.data.equations(terms) for terms in {question.terms for question in questions}}
-            residuals = [question.unexplained(run.data, rival_equations[question.terms]) for question in questions]
+            residuals = [
+                question.measure_unexplained(run.data, rival_equations[question.terms]) for question in questions
+            ]
             shown[j] = np.array(residuals) / evaluator.residuals.noise_floor()
     answerable = shown.max(axis=0) > DESIGN.shown
     worth = np.log1p(np.minimum(shown[:, answerable], DESIGN.plenty)).sum(axis=1)

@@ -42,7 +42,7 @@ class Question:
     terms: tuple[Term, ...]
     torque: tuple[Term, Array] | None = None
 
-    def unexplained(self, data: TorqueWindows, equations: Equations) -> float:
+    def measure_unexplained(self, data: TorqueWindows, equations: Equations) -> float:
         """Return the RMS torque of a simulated experiment that the rival model cannot explain [N m].
 
         `equations` are those of `terms` on `data`; known parameters keep their values.

@@ -120,7 +120,7 @@ class Residuals:
 
     @cached_property
     def has_feedback(self) -> bool:
-        """Whether the recorded torque of a pendulum answers the motion; simulated rows depend on goals alone."""
+        """Return whether the recorded torque of a pendulum answers the motion; simulated rows depend on goals alone."""
         is_pendulum = self.train.layout.predicts_torque and self.joints == ("",)
         return is_pendulum and has_feedback([own for part in self.parts for own in part.recordings])
 
