@@ -1,4 +1,4 @@
-"""Whether the guard ever stops a sound rig: samples of simulated runs, on plants that differ from what it was told."""
+"""Stops of a sound rig by its guard: samples of simulated runs, on plants that differ from the configured model."""
 
 from __future__ import annotations
 

@@ -286,7 +286,7 @@ class LoopMotion:
         return bool(len(self.error))
 
     @property
-    def simulated(self) -> Array:
+    def simulated_position(self) -> Array:
         """Return the simulated position (R,) [rad]."""
         return self.measured + self.error
 
@@ -304,7 +304,10 @@ class LoopMotion:
         for segment in recording.segments:
             time = segment.time - recording.time[0]
             is_inside = (self.time > time[0]) & (self.time <= time[-1])
-            points = np.r_[time[0], self.time[is_inside]], np.r_[segment.position[0], self.simulated[is_inside]]
+            points = (
+                np.r_[time[0], self.time[is_inside]],
+                np.r_[segment.position[0], self.simulated_position[is_inside]],
+            )
             path.append(np.interp(time, *points, right=np.nan))
         return np.concatenate(path)
 

@@ -99,7 +99,7 @@ def make_loop(case: ReportData, headline: str) -> Section:
             continue
         lines = [line(motions[0].time, factor * motions[0].measured, "measured", "--measured", unit)]
         for (label, color), own in zip(case.drawn, motions, strict=True):
-            lines.append(line(own.time, factor * own.simulated, label, color, unit))
+            lines.append(line(own.time, factor * own.simulated_position, label, color, unit))
         if recording.goal is not None:
             dotted = {"color": "--muted", "dash": "dot", "width": 1}
             time = recording.time - recording.time[0]
