@@ -51,9 +51,9 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
 
 
 def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:
-    """Return the rows of the terms with open bounds of parameters (P,) that are at a body's bound by noise alone.
+    """Return the rows of the terms without the lower bounds of a body that parameters `theta` (P,) meet by noise alone.
 
-    A parameter is there by noise if its fit without that bound is not significant. It gets a standard error.
+    A parameter meets its bound by noise if its fit without the bound is not significant. Without it, it has an error.
     """
     balance, (least, _) = data.equations(terms), bounds_of_laws(terms)
     is_at_bound = (theta == balance.least) & (least < balance.least)

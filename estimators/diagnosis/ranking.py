@@ -167,7 +167,9 @@ def _compute_held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> f
 
 
 def compute_alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) -> dict[str, float]:
-    """Return the probability of each effect in the place of `term`, including itself, which comes first, by id.
+    """Return the probability that the model with each effect, by id, in the place of `term` has the highest density.
+
+    The bootstrap redraws the blocks of data. The first entry is `term` itself.
 
     Laws that contain the term do not compete, nor laws of which a simpler part suffices, nor likely laws that
     `can_replace` refuses.

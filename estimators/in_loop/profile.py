@@ -151,7 +151,7 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
 
 
 def _leave_local_minima(rollouts: Rollouts, near: Linear, typical: Array) -> Linear:
-    """Refit from other values of the parameter over which torque has many local minima, while a fit is likelier."""
+    """Refit from multiples of the `multimodal` parameter, over which fits have local minima, while the fit improves."""
     names = [term.get_full_name(find_hints(type(term)).multimodal) for term in near.point.terms]
     is_moved = np.isin([*near.point.named_values], names)
     while True:

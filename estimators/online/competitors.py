@@ -63,7 +63,7 @@ ONLINE = OnlineDiagnosisSettings()
 
 
 def _stack_variants(variants: Sequence[Term]) -> Term:
-    """Stack the variants of an effect into one term with nonlinear parameters (V, 1, 1)."""
+    """Stack V > 1 variants of an effect into one term with nonlinear parameters (V, 1, 1): variant, bin, sample."""
     if len(variants) == 1:
         return variants[0]
     values = {

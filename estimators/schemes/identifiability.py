@@ -170,8 +170,9 @@ def _find_dependent_terms(segments: Segments, terms: Sequence[Term]) -> tuple[Fi
 def find_undetermined_links(model: Model, position: Array, velocity: Array, torque: Array) -> list[str]:
     """Find parameters of links and friction that a model fitted to N samples of n joints (N, n) does not determine.
 
-    An error is large if at some joint it is more torque, at the speeds that were seen and at any angle, than was
-    recorded; or as much of the inertia, which cannot be nothing, as leaves that open.
+    A parameter is undetermined if it is not significant and its standard error is large. An error is large if, as a
+    torque at the recorded speeds and the worst angle, it exceeds the largest recorded torque of a joint, or if the
+    inertia of a joint may then be zero.
     """
     largest, fastest = np.abs(torque).max(axis=0), np.abs(velocity).max(axis=0)
     largest = np.where(largest > 0, largest, largest.max())  # of a joint without a motor

@@ -243,7 +243,7 @@ def _make_constant_profile(x: Samples, residual: Array, noise: float, units: Joi
 
 
 def compute_significance(profile: Profile) -> float:
-    """Return the sum of squared means over squared errors of a profile, minus two per bin.
+    """Return the gain in AIC of a profile over zero: the sum of (mean / error)^2, minus two per bin.
 
     For a spectrum, the largest square minus 2 (2 + ln K): one tone of K frequencies, with two parameters.
     """

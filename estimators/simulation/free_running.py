@@ -228,7 +228,10 @@ def _stack_models(models: Sequence[Parametrised], count: int) -> tuple[list[Term
 
 
 def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict[str, Memory]:
-    """Return the initial state of every segment of V variants of a term: given, or traced along the motion."""
+    """Return the states (V B,) with which B segments start under V variants of a term, variant by variant.
+
+    The states are those that the segments give, else those traced along the recorded motion.
+    """
     id = variants[0].id
     if all(id in segment.hidden for segment in segments):
         known = [np.concatenate(series) for series in zip(*(segment.hidden[id] for segment in segments), strict=True)]

@@ -95,7 +95,11 @@ def _join_joints(
 
 
 def _payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadColumns | None:
-    """Return the columns of known payloads, made of the links' columns `linear` (R, P); None without a payload."""
+    """Return the columns of known payloads, by which the errors of payloads enter the standard errors.
+
+    The ten columns of a `LinkLoad` are the links' columns `linear` (R, P) times the change of the P base parameters by
+    each standard parameter. Recordings that hold the same object share them. None without a payload.
+    """
     loads = [w.payload for w in data.windows]
     payloads = list(dict.fromkeys(load for load in loads if load is not None))
     if not payloads:
@@ -168,7 +172,7 @@ def _compute_link_columns(entries: Sequence[Windows], body: Body) -> _Columns:
 
 
 def _calibrate_windows(entries: Sequence[Windows], k: int, columns: _Columns) -> Windows:
-    """Return the windows of joint k with noise limited to the residual of a fit of links and all smooth laws.
+    """Return the windows of joint k with noise at most the residual of a fit of links and all smooth laws.
 
     The acceleration noise becomes that of all joints, by their share in the torque of joint k, over the inertia M_kk.
     """

@@ -178,7 +178,8 @@ def _evaluate_laws(term: Term, x: Samples) -> Array:
 def scan_edges(term: Term, residuals: Residuals, edges: Sequence[NonlinearParameter], reach: float) -> Term:
     """Search each edge on a grid, then on finer grids around the best value; return the best variant.
 
-    The first grid reaches `reach` [s] to either side of an instant, else `NONLINEAR.leap` step units.
+    The first grid extends to either side by `reach` [s] if the parameter is an instant, else by `NONLINEAR.leap` step
+    units.
     """
     for parameter in edges:
         for width in NONLINEAR.widths:

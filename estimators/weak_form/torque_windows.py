@@ -199,7 +199,8 @@ class TorqueWindows:
     def blocks(self, length: float) -> tuple[Index, Index, Index]:
         """Return block and entry of each equation (R,), and the recording of each block (S,).
 
-        A block lasts about `length` seconds. The joints of an arm share their blocks. An entry is one of `windows`.
+        An entry is the number of one of `windows`: a recording of a pendulum, or one joint of a recording of an arm.
+        A block lasts about `length` seconds. The joints of an arm share their blocks.
         """
         block, entry = _number_blocks(self.windows, length), self.recording_of_window
         recording_of_block = np.zeros(int(block.max()) + 1, dtype=np.intp)
@@ -482,8 +483,9 @@ def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known
 def choose_half_width(recording: Recording) -> float:
     """Choose the shortest half width [s] at which encoder noise is below torque noise, or negligible.
 
-    It has to leave enough windows clear of stick; else the longest that does, or that with the longest clear time, is
-    taken. Short windows keep samples near reversals, which show friction; encoder noise falls with length^2.5.
+    It must also leave enough windows clear of stick. If no half width meets both, the longest with enough windows is
+    chosen, or the one with the longest clear time. Short windows keep samples near
+    reversals, which show friction. Encoder noise falls with length^2.5.
     """
     widths, cut_at = _list_half_widths(recording), cache(partial(cut, recording))
     longest = cut_at(widths[-1])

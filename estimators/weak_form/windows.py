@@ -150,7 +150,7 @@ def concatenate_samples(parts: Sequence[Samples]) -> Samples:
 
 
 def concatenate_memory(parts: Sequence[Samples]) -> dict[str, Memory]:
-    """Concatenate the states of terms along several recordings."""
+    """Concatenate the states of terms along several recordings, which have the same terms with states."""
     return {
         id: tuple(np.concatenate(series) for series in zip(*(x.memory[id] for x in parts), strict=True))
         for id in parts[0].memory

@@ -155,7 +155,7 @@ class EstimateParametersVector(MeasurementVectorWrapper):
 def write_estimates(
     info: dict[str, Any], estimates: Estimates, estimator: OnlineEstimator, pendulum: int | slice
 ) -> None:
-    """Write the estimates of one or several pendulums into an info, and keep those of an inner wrapper.
+    """Write the estimates of one or several pendulums into `info`; an inner wrapper's of other schemes are kept.
 
     Several pendulums have the layout of vector environments of Gymnasium: arrays with a first axis, and masks.
     """
