@@ -1,7 +1,5 @@
 """A wrong argument is answered with one sentence that says what to give instead."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -110,20 +108,8 @@ def test_columns_that_are_no_dictionary_are_not_blamed_on_the_file(swing, tmp_pa
         read_recording(tmp_path / "run.csv", columns=columns)
 
 
-def test_one_recording_and_names_will_do(swing):
-    by_name = identify(swing, ["inertia", "gravity", "viscous", "coulomb"], "energy")
-    in_full = identify([swing], BASE, [scheme("energy")])
-    np.testing.assert_array_equal(by_name["energy"].model.theta, in_full["energy"].model.theta)
-
-
 def test_a_seed_is_a_generator():
     first, second = (
         record(None, excitation("paper", rng(3), 1.0), 1.0, rng=rng(4)) for rng in (int, np.random.default_rng)
     )
     np.testing.assert_array_equal(first.torque, second.torque)
-
-
-def test_a_clock_that_counts_from_1970_changes_no_estimate(swing):
-    late = replace(swing, time=swing.time + 1_772_000_000.0)
-    found, expected = (identify(recording).windows.theta for recording in (late, swing))
-    assert found == pytest.approx(expected, rel=1e-6)

@@ -132,12 +132,3 @@ def test_the_norm_of_backward_differences_prefers_a_wrong_model(recordings, iden
     for norm in clear.values():
         assert norm == pytest.approx(clear["truth"], rel=0.01)
     assert clear["truth"] < 0.1 * printed["truth"]
-
-
-def test_intervals_hold_the_truth(identified):
-    held = [
-        np.abs(found[id].model.theta - TRUTH) <= 1.96 * found[id].convergence.std[-1]
-        for found in identified
-        for id in IDS
-    ]
-    assert np.mean(held) > 0.75

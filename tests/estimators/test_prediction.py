@@ -7,7 +7,6 @@ from benchmarks import six_joint
 from estimators import Prediction, compare, diagnose, identify
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import Model
-from pendulum_env.recording import Recording
 from tests.estimators.in_loop.test_in_loop import MODEL, recorded
 
 
@@ -56,14 +55,6 @@ def test_each_second_of_motion_is_what_the_model_does_from_the_measured_state(ex
     velocity = np.gradient(exact.position, exact.time)[begins]
     path = wrong.simulate(1 / exact.rate, exact.torque[stretch], exact.position[begins], velocity).position[:100, 0]
     np.testing.assert_allclose(own.simulated_position[stretch], path, atol=2e-3)
-
-
-def test_nothing_is_predicted_across_a_gap(exact, wrong):
-    kept = np.r_[0:1500, 2500:4000]
-    time, position, torque = exact.time[kept], exact.position[kept], exact.torque[kept]
-    (own,) = compare(wrong, Recording(time, position, torque, starts=(0, 1500), name="gap")).recordings
-    assert np.isnan(own.residual[1498:1502]).all()
-    assert np.abs(missed(own)).max() < 1.0
 
 
 def test_parts_of_a_diagnosis_are_told_apart(exact):

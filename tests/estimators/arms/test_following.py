@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import TwoLink
-from estimators import identify
 from estimators.arms.excitation import design_excitation
 from estimators.arms.following import Follow, follow
 from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.plane import find_planar_links
 
 ARM = TwoLink()
@@ -35,18 +33,6 @@ def test_a_recorded_arm_is_the_textbooks_under_the_same_torque(body, motion):
     told, _ = ARM.simulate(torque, time, tuple(q), tuple(v), rtol=1e-6)
     assert np.ptp(told, axis=0).min() > 0.5
     assert np.abs(recording.position - told).max() < 2e-3
-
-
-def test_the_arm_keeps_near_its_reference_and_its_parameters_are_found(body, motion):
-    recording = follow(arm(body, torque_noise=0.02), motion, 8000, rng=np.random.default_rng(0))
-    lag = recording.position - motion(recording.time)[0]
-    assert np.sqrt(np.mean(lag**2, axis=0)).max() < 0.25  # by stiffness w^2 M: friction is not in the file
-    estimates = identify(recording, arm_base(body), "filtered_dynamic")["filtered_dynamic"].model.estimates
-    for joint, viscous, coulomb in zip(body.joints, ARM.viscous, ARM.coulomb, strict=True):
-        assert estimates[f"viscous@{joint}"].value == pytest.approx(viscous, rel=0.02)
-        assert estimates[f"coulomb@{joint}"].value == pytest.approx(coulomb, rel=0.01)
-    first_moment = -(ARM.mass[0] * ARM.center[0] + ARM.mass[1] * ARM.length)
-    assert estimates["mz@shoulder"].value == pytest.approx(first_moment, rel=0.005)
 
 
 def test_torque_limits_are_kept_whatever_the_error(body, motion):

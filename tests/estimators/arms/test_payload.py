@@ -51,14 +51,6 @@ def test_a_payload_is_weighed_and_what_the_plane_hides_is_said(model, known):
     assert all(after < 0.02 < 0.5 < before for before, after in found.torque_rms.values())  # [N m]; noise: 0.02
 
 
-def test_standard_errors_hold_what_is_carried(model):
-    """Of the recordings without it as well, where these are given."""
-    for seed in range(1, 5):
-        found = find_payload(model, [run(seed, True)], [run(0, False)])
-        mass = found.estimates["m"]
-        assert abs(mass.value - MASS) < 4 * mass.std and mass.std < 0.002 * MASS
-
-
 def test_an_empty_arm_carries_nothing(model):
     found = find_payload(model, [run(5, False)])
     assert abs(found.estimates["m"].value) < 0.01 and not found.stands_out

@@ -6,7 +6,6 @@ import pytest
 from estimators import compare, diagnose, identify
 from estimators.arms.excitation import design_excitation
 from estimators.arms.limits import DEFAULT_LIMITS
-from estimators.arms.standard import standard_parameters
 from estimators.findings import Kind
 from pendulum_env.arms import read_arm_recording
 from pendulum_env.arms.body import read_body
@@ -54,20 +53,6 @@ def test_friction_and_links_are_found_where_joints_are_held_follow_or_slide(runs
     assert max(compared.joint.errors.shares.values()) < 0.02
     assert not compared.regions and not any(own.kind is Kind.INCOMPLETE for own in found.findings)
     assert np.isnan(compared.joint.errors.torque_rms) == (len({*body.slides}) > 1)  # N and N m make no one number
-
-
-def test_a_torso_that_slides_has_its_mass_in_kg_and_its_friction_in_newtons(runs):
-    body, recording = runs["torso"]
-    found = identify(recording, arm_base(body), ("dynamic", "filtered_dynamic"))
-    carried = found["filtered_dynamic"].model.estimates["m@torso"]
-    assert carried.unit == "kg" and carried.value == pytest.approx(sum(own.mass for own in TORSO), rel=0.002)
-    viscous, coulomb = (found["filtered_dynamic"].model.estimates[f"{name}@torso"] for name in ("viscous", "coulomb"))
-    assert (viscous.unit, coulomb.unit) == ("N s/m", "N")
-    assert found["dynamic"].units == ("N", "N m", "N m")
-    units = compare(found["filtered_dynamic"].model, recording).json()["units"]
-    assert [own["torque"] for own in units.values()] == ["N", "N m", "N m"]
-    standard = standard_parameters(found["filtered_dynamic"].model)
-    assert standard["m@torso"].unit == "kg" and standard["m@torso"].value > 0
 
 
 def rubbing(velocity):

@@ -14,7 +14,7 @@ from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, KnownLoad, Model, effect
 from pendulum_env.physics import simulate as fly
-from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
+from pendulum_env.recording import Recording, RecordingError, read_recording
 from tests.cases import diagnosed
 from tests.terms import Table
 
@@ -153,18 +153,6 @@ def test_a_delay_of_the_command_does_not_delay_the_load_torque():
     delayed = fly((*BASE, late), theta, 1e-3, np.zeros(500), 0.1, 0.0, load=KnownLoad(torque=load)).position
     at_once = fly(BASE, theta, 1e-3, load[:, 0], 0.1, 0.0).position
     np.testing.assert_allclose(delayed, at_once, atol=1e-12)
-
-
-def test_a_load_torque_is_stored_and_cut_with_the_motion(tmp_path):
-    run = brake(seconds=4.0)
-    gone = np.r_[0:900, 1100 : len(run)]
-    series = (getattr(run, name)[gone] for name in ("time", "position", "torque"))
-    gappy = Recording(*series, load_torque=run.load_torque[gone], starts=(0, 900), name="run")
-    for ending in (".csv", ".npz"):
-        write_recording(gappy, path := tmp_path / f"run{ending}")
-        read = read_recording(path)
-        np.testing.assert_array_equal(read.load_torque, gappy.load_torque)
-        np.testing.assert_array_equal(read.segments[1].load_torque, run.load_torque[1100:])
 
 
 def write(path: Path, **columns) -> Path:

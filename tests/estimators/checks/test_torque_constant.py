@@ -68,19 +68,6 @@ def test_all_schemes_find_it_from_a_current_alike():
         np.testing.assert_allclose(theta, list(UNLOADED.values()), rtol=3e-4, err_msg=scheme.id)
 
 
-@pytest.mark.slow
-def test_a_model_of_the_joint_alone_explains_loaded_recordings_in_torque_and_in_free_run():
-    runs = in_newton_metres(bench("none", THREE, excitation="two_tone", scale=0.5, rate=500.0, counts=65_536))
-    model = Model.build(BASE, list(UNLOADED.values()))
-    found = compare(model, runs)
-    assert not found.disagreements
-    assert all(one.errors.torque_rms < 1.1 * one.noise_floor for one in found.distances)
-    assert found.joint.errors.position_rms < 0.005
-    ignored = compare(model, [replace(recording, load=None) for recording in runs])
-    assert ignored.joint.errors.torque_rms > 10 * found.joint.errors.torque_rms
-    assert ignored.joint.errors.position_rms > 10 * found.joint.errors.position_rms
-
-
 def test_a_simulation_with_a_load_is_that_of_a_heavier_pendulum():
     theta, load = np.array([0.03, 0.6, 0.15, 0.25]), KnownLoad(np.array([0.0, 0.02]), np.array([0.0, 0.9]))
     torque = 2 * np.sin(0.03 * np.arange(2000))

@@ -111,18 +111,13 @@ def test_an_offset_is_no_spring_without_stiffness_even_at_very_small_noise(seed)
     assert found.model.estimates[found.selected[0]].value == pytest.approx(0.012, abs=0.001)
 
 
-def test_an_offset_that_is_part_of_a_spring_is_rejected_as_such():
-    runs = [prescribed(extra=lambda q, v: 0.012 + 0.02 * q, seed=k) for k in (1, 2)]
-    found = diagnose(runs[:1], runs[1:], fixed={"gravity": 0.0}, only=["spring", "torque_offset"])
-    offset = next(one for one in found.candidates if one.effect == "torque_offset")
-    assert offset.verdict == "rejected" and offset.reason == Finding(Kind.IMITATES, effects=("spring",))
-
-
-def test_a_spring_that_pulls_is_a_spring():
+def test_a_spring_that_pulls_is_a_spring_and_the_offset_that_is_part_of_it_is_rejected_as_such():
     runs = [prescribed(extra=lambda q, v: 0.012 + 0.02 * q, seed=k) for k in (1, 2)]
     found = diagnose(runs[:1], runs[1:], fixed={"gravity": 0.0}, only=["spring", "torque_offset", "stribeck"])
     assert found.selected == ("spring",)
     assert found.model.estimates["spring.stiffness"].value == pytest.approx(0.02, abs=0.001)
+    offset = next(one for one in found.candidates if one.effect == "torque_offset")
+    assert offset.verdict == "rejected" and offset.reason == Finding(Kind.IMITATES, effects=("spring",))
 
 
 @pytest.mark.parametrize(("seed", "second"), slow.but_first([(0, 0.03), (1, 0.03), (2, 0.03), (3, 0.0)]))

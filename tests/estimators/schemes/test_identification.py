@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant
+from benchmarks.independent_plant import Experiment
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.run import diagnose
@@ -19,7 +19,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Model, simulate
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording
-from tests.cases import PLANT, THETA, TRUTH, recorded
+from tests.cases import PLANT, TRUTH, recorded
 from workbench.narrator.diagnosis import describe_result
 
 
@@ -97,15 +97,6 @@ def test_slow_sampling_lowers_the_filters_and_says_so():
     assert finding.kind is Kind.FILTER_SLOWED and finding.numbers["rate"].value == pytest.approx(50.0)
     for scheme in SCHEMES:
         np.testing.assert_allclose(found[scheme.id].model.theta, TRUTH, rtol=0.03)
-
-
-def test_stribeck_friction_that_the_model_lacks_biases_coulomb_friction():
-    """With its term, test_effect_recovery finds the truth."""
-    rubs = Plant(effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})
-    found = identify(recorded(rubs, Experiment(rate=500.0, seconds=8.0)))
-    for scheme in SCHEMES:
-        coulomb = found[scheme.id].model.estimates["coulomb"].value
-        assert abs(coulomb / THETA["coulomb"] - 1) > 0.005, scheme
 
 
 def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_nothing():

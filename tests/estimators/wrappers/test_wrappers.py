@@ -11,7 +11,7 @@ from gymnasium.wrappers import Autoreset, NormalizeObservation, RescaleAction, T
 
 from estimators.regression.recursive import compute_history
 from estimators.schemes import six
-from estimators.schemes.six import SCHEMES, LowPass
+from estimators.schemes.six import LowPass
 from estimators.signals.measurements import Smoothing, measure
 from estimators.wrappers import (
     DiagnoseOnline,
@@ -130,16 +130,6 @@ def test_wrapped_environment_passes_the_checker_and_can_be_pickled():
         a, b = env.step(action)[0], copy.step(action)[0]
     np.testing.assert_allclose(a, b, rtol=1e-5)
     assert NormalizeObservation(env).reset(seed=0)[0].shape == observation.shape
-
-
-def test_reset_starts_estimation_anew():
-    env = EstimateParameters(gym.make(PENDULUM))
-    last_info(env, 2000)
-    _, info = env.reset()
-    assert all((info["estimates"][scheme.id]["theta"] == 0).all() for scheme in SCHEMES)
-    assert np.diag(info["estimates"]["energy"]["covariance"]) == pytest.approx(1e7)  # nothing is known: P(0)
-    a, b = last_info(env, 1000), last_info(EstimateParameters(gym.make(PENDULUM)), 1000)
-    np.testing.assert_allclose(a["estimates"]["dynamic"]["theta"], b["estimates"]["dynamic"]["theta"], rtol=1e-9)
 
 
 def test_reward_is_the_growth_of_the_information():
