@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from benchmarks.two_link import TwoLink
 from pendulum_env.arms.body import BodyError, read_body
 from pendulum_env.arms.joints import (
     Links,
@@ -16,7 +17,7 @@ from pendulum_env.arms.joints import (
 )
 from pendulum_env.physics.table import Extent
 from tests import robots
-from tests.pendulum_env.arms.test_body import written
+from tests.pendulum_env.arms.test_body import chain, written
 from tests.robots import ANGULAR, DRIVEN, PARALLEL, TORSO, urdf
 
 HELD = {"PARALLEL": (PARALLEL, 0.02), "ANGULAR": (ANGULAR, 0.3), "TORSO": (TORSO, 0.01)}
@@ -139,6 +140,9 @@ def test_a_single_axis_that_slides_is_a_mass(tmp_path):
     assert body.mass_matrix(q, body.values) == pytest.approx(np.full((20, 1, 1), 95.0))
 
 
+TWO = TwoLink().urdf()
+
+
 def floating(text):
     return text.replace('type="revolute"', 'type="floating"', 1)
 
@@ -157,12 +161,19 @@ def floating(text):
         ("<?xml version='1.0' encoding='UTF-7'?><robot/>", {}, "is no XML .*encodings are not supported"),
         ("<mujoco><asset><hfield/></asset><worldbody/></mujoco>", {}, "read it: hfields are not supported yet$"),
         (urdf(PARALLEL).replace('type="revolute"', 'type="planar"', 1), {}, "'shoulder' is Planar: .*--joints A,B,C"),
+        (TWO.replace('child link="upper"', 'child link="fore"'), {}, "'fore' hangs on two joints: closed"),
+        (TWO.replace('name="elbow"', 'name="el,bow"'), {}, "joint 'el,bow': rename it"),
+        (TWO.replace("robot", "car"), {}, "holds <car>, neither"),
+        (TWO.replace('type="continuous"', 'type="fixed"'), {}, "has no joint that moves"),
+        (chain(2, "1e200 0 0"), {}, r"holds a number beyond 1e\+09"),
+        (chain(2).replace('"0 0.02 -0.3"', '"0 nan 0"'), {}, "holds a number beyond|cannot read it"),
+        (chain(2).replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>'), {}, "has a joint without an axis"),
     ],
 )
-def test_what_cannot_be_is_said_in_one_sentence(tmp_path, text, asked, told):
-    with pytest.raises(BodyError, match=told) as error:
+def test_what_cannot_be_is_said_in_one_sentence_and_nothing_else(tmp_path, capfd, text, asked, told):
+    with pytest.raises(BodyError, match=f"arm.urdf: .*{told}") as error:
         read_body(written(tmp_path, text), **asked)
-    assert "\n" not in str(error.value)
+    assert "\n" not in str(error.value) and capfd.readouterr() == ("", "")
 
 
 def test_a_base_that_is_bolted_down_is_held_and_so_is_one_that_is_no_joint_of_ours(tmp_path):

@@ -1,7 +1,6 @@
 """Compiled programs: as NumPy computes them, for any expression, every effect, and laws that cannot be written down."""
 
 import gc
-import pickle
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 
 from estimators.search_hints import make_grid
 from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, compiled, effects, simulate
-from pendulum_env.physics.compiled import MANY, Machine, SymbolicStep, compile_recurrence
+from pendulum_env.physics.compiled import Machine, SymbolicStep, compile_recurrence
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.physics.simulation import TorqueBalance, prepare_step, step
 from pendulum_env.physics.symbols import make_symbol, make_symbols
@@ -75,20 +74,6 @@ def test_a_sine_has_all_digits_is_none_of_no_number_and_within_its_bounds_of_a_l
     assert np.isnan(some[-6:-3]).all() and (np.abs(some[-3:]) <= 1.0).all()
 
 
-def test_a_recurrence_keeps_every_so_many_states_of_each_variant():
-    x, growth = np.arange(1.0, 7.0), np.array([[1.0], [0.5]])
-    program = compile_recurrence(
-        ["x"], ["a"], ["y", "before"], [make_symbol("a") * make_symbol("y") + make_symbol("x"), make_symbol("y")]
-    )
-    path = program(x[:, None, None], growth[None], np.zeros((2, 2, 1)), every=3)
-    expected = [[0.0, 0.0]]
-    for _ in x:
-        expected.append([a * y + x[len(expected) - 1] for a, y in zip((1.0, 0.5), expected[-1], strict=True)])
-    assert path.shape == (3, 2, 2, 1)
-    np.testing.assert_allclose(path[:, 0, :, 0], expected[::3], rtol=1e-15)
-    np.testing.assert_allclose(path[1:, 1, :, 0], expected[2::3], rtol=1e-15)
-
-
 def falling(gravity: float) -> SymbolicStep:
     """A ball under a push, that forgets half its speed at each step."""
     push, speed, height = make_symbols("push"), make_symbols("speed"), make_symbols("height", 2)
@@ -96,26 +81,6 @@ def falling(gravity: float) -> SymbolicStep:
     moved = height + np.array([after, 2.0 * after])
     now = {"speed": after, "height": moved, "sum": moved @ moved}
     return SymbolicStep({"push": push}, {"speed": speed, "height": height}, now)
-
-
-@pytest.mark.parametrize("lanes", [1, 3, MANY + 1])
-def test_a_machine_takes_one_step_after_the_other_and_each_lane_its_own(lanes):
-    machine, rng = Machine(falling, (0.3,), lanes), np.random.default_rng(0)
-    speed, height = np.zeros(lanes), np.zeros((2, lanes))
-    for k in range(20):
-        push = rng.standard_normal(lanes)
-        if k == 10:
-            machine = pickle.loads(pickle.dumps(machine))
-        if k == 15:
-            machine.reset(np.arange(lanes) == 0)
-            speed[0], height[:, 0] = 0.0, 0.0
-        machine.given["push"][:] = push
-        machine.step()
-        speed = 0.5 * speed + push - 0.3
-        height = height + [[1.0], [2.0]] * speed
-        np.testing.assert_allclose(machine.now["speed"], speed, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(machine.now["height"], height, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(machine.now["sum"], (height**2).sum(axis=0), rtol=1e-12, atol=1e-12)
 
 
 def test_a_machine_outlives_the_programs_that_are_remembered():

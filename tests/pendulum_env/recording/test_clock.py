@@ -37,13 +37,6 @@ def test_a_clock_since_1970_is_read_as_one_from_0(tmp_path: Path, rate: float, u
     assert abs((recording.start_date - datetime.fromtimestamp(START, UTC)).total_seconds()) < 1e-5
 
 
-def test_time_since_1970_with_a_gap_keeps_its_segments() -> None:
-    run, kept = motion(500), np.r_[0:800, 1200:2000]
-    recording = read_recording({name: (START * (name == "time") + v)[kept] for name, v in run.items()})
-    assert recording.starts == (0, 800)
-    np.testing.assert_allclose(recording.time, run["time"][kept], rtol=0, atol=1e-6)
-
-
 @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
 def test_arrays_of_dates_and_of_durations_count_in_seconds(tmp_path: Path, unit: str) -> None:
     run = motion(100)

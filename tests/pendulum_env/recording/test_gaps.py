@@ -45,20 +45,6 @@ def test_gaps_end_segments_and_are_told() -> None:
     assert note.startswith("10 gaps of 0.0") and "after 1.999, 4.499, 6.999, 9.499, 11.999 s and 5 more times" in note
 
 
-@pytest.mark.parametrize("jitter", [0.05, 0.2])
-def test_gaps_amid_jitter_leave_segments_of_one_period(jitter: float) -> None:
-    rng = np.random.default_rng(3)
-    time = (np.arange(20_000) + rng.uniform(-jitter, jitter, 20_000)) / 1000
-    gone = np.concatenate([[500, 900, 901], np.arange(5000, 5300), np.arange(12_000, 12_020)])
-    recording = read_recording(without(motion(time), gone))
-    assert len(recording.starts) == 3
-    assert recording.rate == pytest.approx(1000, rel=1e-3)
-    truth = motion(time[0] + recording.time)
-    assert np.abs(recording.position - truth["position"]).max() < 1e-5
-    held = motion(time[0] + recording.time + 0.5e-3)["torque"]  # each torque is held for a period
-    assert np.sqrt(np.mean((recording.torque - held) ** 2)) < 0.01
-
-
 def test_a_long_hole_is_a_gap_where_the_motion_is_fast_for_the_rate() -> None:
     time = np.arange(1000) / 50
     gone = [300, 301, 600, 601, 602]

@@ -14,7 +14,12 @@ def gappy() -> Recording:
     """Four segments, with gaps that are no multiples of the period."""
     gaps = np.repeat([0.0, 0.0131, 0.7, 3.14159], LENGTHS)
     time = np.arange(sum(LENGTHS)) / RATE + np.cumsum(np.diff(gaps, prepend=0.0))
-    told = {"reference": np.sin(time + 0.01), "load": Load(0.02, 1.0), "notes": ("as it came",)}
+    told = {
+        "reference": np.sin(time + 0.01),
+        "load_torque": np.cos(2 * time),
+        "load": Load(0.02, 1.0),
+        "notes": ("as it came",),
+    }
     starts = tuple(np.cumsum((0, *LENGTHS[:-1])))
     return Recording(time, np.sin(time), np.cos(3 * time), np.cos(time), starts=starts, **told, name="gappy")
 
@@ -22,7 +27,7 @@ def gappy() -> Recording:
 def test_segments_are_recordings_without_gaps_that_hold_every_sample(gappy: Recording) -> None:
     parts = gappy.segments
     assert [len(part) for part in parts] == list(LENGTHS)
-    for quantity in ("time", "position", "torque", "velocity", "reference"):
+    for quantity in ("time", "position", "torque", "velocity", "reference", "load_torque"):
         np.testing.assert_array_equal(np.concatenate([getattr(p, quantity) for p in parts]), getattr(gappy, quantity))
     for part in parts:
         assert (part.starts, part.name, part.load, part.notes) == ((0,), "gappy", gappy.load, gappy.notes)
