@@ -40,12 +40,3 @@ def test_no_parameter_of_an_effect_keeps_its_torque(kind):
         given = [channel.unit(column.unit) for column in kind().columns]
         given += [own.get_unit(channel) for own in kind.nonlinear_parameters if not own.is_frequency]
         assert not [unit for unit in given if any(own in unit for own in gone)]
-
-
-def test_names_at_a_joint_that_slides():
-    assert [JointUnits(slides=True).name(own) for own in ("torque", "angle", "velocity")] == [
-        "force",
-        "position",
-        "velocity",
-    ]
-    assert JointUnits("A").name("torque") == "torque"

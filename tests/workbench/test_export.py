@@ -159,16 +159,6 @@ def test_mujoco_moves_the_exported_model_as_this_simulator_does(name):
     assert off(in_mujoco(exported, torque), simulated(plant(*hidden), torque, 0.0)[:, 0]) < 0.002
 
 
-def test_what_mujoco_cannot_hold_is_named_and_approximated_only_when_asked():
-    pytest.importorskip("mujoco")
-    model = plant("stribeck", "cogging")
-    with pytest.raises(ExportError, match=r"mjcf cannot hold cogging .*; nor stribeck .*--approximate"):
-        export(model, "mjcf")
-    exported = export(model, "mjcf", Request(approximate=True))
-    assert [note.split()[3] for note in exported.notes] == ["cogging", "stribeck"]
-    assert all(note in exported.content for note in exported.notes)
-
-
 def test_friction_that_stands_in_for_a_law_of_speed_is_closest_to_it():
     pytest.importorskip("mujoco")
     text = export(plant("stribeck", "viscous_asymmetry"), "mjcf", Request(approximate=True)).content

@@ -7,7 +7,6 @@ import pytest
 
 from pendulum_env.physics import Estimate, KnownLoad, Model
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.servo import ServoDrive
 from pendulum_env.servo.loop import Servos, follow
@@ -44,12 +43,12 @@ def in_the_loop(model: Model, drive: ServoDrive) -> np.ndarray:
     return follow(model.terms, model.theta[:, None], servos)[:, 0, 0]
 
 
-def in_python(model: Model, drive: ServoDrive, **given: float) -> np.ndarray:
+def in_python(model: Model, drive: ServoDrive) -> np.ndarray:
     """The same by the program that is exported."""
     program = module(export(model, "python", Request(drive=drive)).content)
     state, path = program.start(), [0.0]
     for goal, on in zip(GOAL.tolist(), ON.tolist(), strict=True):
-        state = program.step(state, goal, on=on, **given)
+        state = program.step(state, goal, on=on)
         path.append(state.position)
     return np.array(path)
 
@@ -58,15 +57,6 @@ def in_python(model: Model, drive: ServoDrive, **given: float) -> np.ndarray:
 def test_a_program_of_a_servo_is_the_simulator_in_the_loop(name):
     model = joint("load_dependent_friction:load_dependent_friction=0.1,output=0.2,weight=0.9", "back-EMF")
     np.testing.assert_allclose(in_python(model, DRIVES[name]), in_the_loop(model, DRIVES[name]), rtol=0, atol=1e-9)
-
-
-def test_a_servo_at_room_temperature_needs_no_thermometer_and_rubs_otherwise_where_it_is_warm():
-    drive = DRIVES["duty, late"]
-    rubbing = joint().add(TemperatureDependentFriction(), [0.0, 0.004])
-    np.testing.assert_allclose(in_python(rubbing, drive), in_the_loop(joint(), drive), rtol=0, atol=1e-9)
-    warm = Model.build(joint().terms, [*joint().theta[:3], joint().theta[3] + 20 * 0.004])
-    path = in_python(rubbing, drive, temperature=45.0)
-    np.testing.assert_allclose(path, in_the_loop(warm, drive), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["position", "speed"])

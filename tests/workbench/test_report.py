@@ -114,12 +114,6 @@ def test_open_questions_are_told(diagnosis):
     assert "Something is missing, and no known effect explains it" in told(stuck)
 
 
-def test_the_page_shows_how_to_do_it_again_if_that_is_known(page, diagnosis):
-    command = "pendulum-ident diagnose 'run one.csv' --only stribeck --fix gravity=2"
-    assert command in Page(render(diagnosis, command)).text
-    assert "Do it again" not in Page(page).text
-
-
 @pytest.mark.parametrize(
     ("value", "text"),
     [(0.00739, "0.00739"), (-0.5, "−0.5"), (2.5e-7, "2.5 × 10⁻⁷"), (float("nan"), "–"), (0.0, "0"), (1234.5, "1230")],

@@ -11,7 +11,6 @@ from gymnasium.wrappers import Autoreset, NormalizeObservation, RescaleAction, T
 
 from estimators.regression.recursive import compute_history
 from estimators.schemes import six
-from estimators.schemes.six import LowPass
 from estimators.signals.measurements import Smoothing, measure
 from estimators.wrappers import (
     DiagnoseOnline,
@@ -26,7 +25,7 @@ from pendulum_env.physics import BASE
 from pendulum_env.plant import PAPER
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.registration import PENDULUM
-from pendulum_env.wrappers import RandomizePlant, RandomizePlantVector, RecordMeasurements
+from pendulum_env.wrappers import RandomizePlant, RecordMeasurements
 
 POLICY = OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0)
 
@@ -35,16 +34,6 @@ def last_info(env, steps, seed=0):
     infos = []
     rollout(env, POLICY, steps, seed=seed, watch=infos.append)
     return infos[-1]
-
-
-def paid(env, steps):
-    """Rewards of many pendulums in sum, and the last step of them."""
-    (observation, _), state, total = env.reset(seed=1), None, np.zeros(env.num_envs)
-    for _ in range(steps):
-        action, state = POLICY.predict(observation, state)
-        observation, reward, *ends, info = env.step(action)
-        total += reward
-    return total, observation, ends, info
 
 
 def test_estimates_while_it_runs_are_those_of_the_recording_and_converge_to_the_plant():
@@ -147,24 +136,6 @@ def test_reward_is_the_growth_of_the_information():
     np.testing.assert_allclose(gained(400)[0], rewards[:400], rtol=1e-9, atol=1e-9)  # all begins anew
     env.reset()
     assert sum(env.step(np.zeros(1, dtype=np.float32))[1] for _ in range(200)) == 0  # at rest
-
-
-def test_many_pendulums_are_estimated_like_one():
-    env = RandomizePlantVector(gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=1500, counts=0), 0.2)
-    schemes = ["dynamic", six.scheme("filtered_dynamic", operator=LowPass(order=2))]
-    env = InformationRewardVector(EstimateParametersVector(env, in_observation=True, schemes=schemes))
-    total, observation, (_, truncated), info = paid(env, 1500)
-    plants = np.stack([info["plant"][name] for name in PAPER], axis=1)
-    assert observation.shape == (2, 3 + 2 * 2 * 4) and env.observation_space.contains(observation)
-    assert truncated.all() and (total > 20).all()
-    np.testing.assert_allclose(info["estimates"]["filtered_dynamic"]["theta"], plants, rtol=0.02)
-    alone = gym.make(PENDULUM, counts=0, theta=dict(zip(PAPER, plants[1].tolist(), strict=True)))
-    alone = InformationReward(EstimateParameters(alone, schemes="dynamic"))
-    alone.reset()
-    rewards = [alone.step(POLICY.predict(np.zeros(3), (k,))[0])[1] for k in range(1500)]
-    assert sum(rewards) == pytest.approx(total[1], rel=0.02)
-    _, reward, _, _, info = env.step(np.zeros((2, 1)))  # starts all anew
-    assert (info["estimates"]["dynamic"]["theta"] == 0).all() and (reward == 0).all()
 
 
 def test_a_coarse_encoder_is_smoothed_as_it_needs_also_in_a_replay(tmp_path):

@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 
 from pendulum_env.physics import BASE, Estimate, Model, ModelError, Samples, effect, effects
-from pendulum_env.physics.base import Inertia, Viscous
-from pendulum_env.physics.friction import Stribeck
-from pendulum_env.physics.limits import limit_term
 from pendulum_env.plant import hide, make_plant, paper_plant
 
 EVERYTHING = sorted(effects())
@@ -32,18 +29,6 @@ def test_a_model_with_all_effects_keeps_values_errors_units_and_order(tmp_path):
     assert found.effects == tuple(EVERYTHING)
     np.testing.assert_array_equal(found.theta, theta)
     assert found.estimates["stribeck.stribeck_velocity"] == Estimate(0.5, 0.02, "rad/s")
-
-
-def test_a_parameter_at_its_bound_is_said_to_be_there_and_has_no_error():
-    term = limit_term(Stribeck(stribeck_velocity=0.5), {"stribeck.stribeck_velocity": (0.5, 2.0)})
-    known = limit_term(Viscous(), {"viscous": (0.3, 0.3)})
-    model = Model.build((Inertia(), known, term), (0.1, 0.3, 0.0), 1e-9, **{"stribeck.stribeck_velocity": 0.02})
-    assert {name: estimate.text for name, estimate in model.estimates.items()} == {
-        "inertia": "0.1000000000 ± 0.0000000010",
-        "viscous": "0.3",
-        "stribeck": "0 (at its bound)",
-        "stribeck.stribeck_velocity": "0.5 (at its bound)",
-    }
 
 
 def test_torque_is_the_sum_over_columns_and_laws_without_a_parameter():

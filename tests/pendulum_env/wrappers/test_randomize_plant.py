@@ -18,17 +18,6 @@ def test_plants_stay_within_their_spread_and_follow_the_seed():
     assert env.reset(seed=7)[1]["plant"] == plants[0]
 
 
-def test_the_drawn_plant_is_the_one_that_moves():
-    env = RandomizePlant(gym.make(PENDULUM, counts=0), {"gravity": 0.5})
-    _, info = env.reset(seed=1)
-    drawn = gym.make(PENDULUM, counts=0, theta=info["plant"])
-    drawn.reset(seed=1)
-    for _ in range(500):
-        action = np.array([4.0], dtype=np.float32)
-        assert env.step(action)[-1]["position"] == drawn.step(action)[-1]["position"]
-    assert info["plant"]["inertia"] == PAPER["inertia"]
-
-
 def test_batched_pendulums_get_new_plants_with_each_episode():
     env = RandomizePlantVector(gym.make_vec(PENDULUM, num_envs=3, max_episode_steps=2), 0.2)
     first = env.reset(seed=3)[1]["plant"]["gravity"]
