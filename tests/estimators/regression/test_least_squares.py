@@ -14,7 +14,11 @@ from estimators.regression.least_squares import (
     solve,
     solve_gram,
     solve_least_squares,
+    weigh_recordings,
 )
+from estimators.search_hints import make_grid
+from estimators.weak_form.nonlinear import cross_entropy, list_continuous_parameters
+from pendulum_env.physics import Samples, Term, effect
 
 
 def regression(seed: int, rows: int = 300, columns: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -184,3 +188,37 @@ def test_a_fit_of_torque_on_both_sides_scatters_as_it_says():
     scatter = np.std(estimates, axis=0) / np.mean(told, axis=0)
     assert np.mean(estimates, axis=0) == pytest.approx(truth, abs=0.01)
     assert np.all((0.6 < scatter) & (scatter < 1.5))
+
+
+def samples() -> Samples:
+    rng = np.random.default_rng(0)
+    time = np.arange(600) / 100
+    position, velocity = rng.uniform(-3, 3, 600), 2 * rng.standard_normal(600)
+    return Samples(time, position, velocity, 4 * rng.standard_normal(600))
+
+
+def test_cross_entropy_finds_a_minimum_among_many():
+    truth = effect("backlash")(gap=0.013, resonance=75.0, damping=12.0, gravity=21.0)
+    sought = [parameter.name for parameter in list_continuous_parameters(truth)]
+
+    def logarithms(term: Term) -> np.ndarray:
+        return np.log([term.nonlinear_values[name] for name in sought])
+
+    target = logarithms(truth)
+
+    def errors(variants: list[Term]) -> list[float]:
+        away = [logarithms(variant) - target for variant in variants]
+        return [float(np.sum(d**2) + 0.02 * np.sum(1 - np.cos(25 * d))) for d in away]
+
+    x = samples()
+    variants = make_grid(effect("backlash"), x, x.torque)
+    found = cross_entropy(variants, errors)
+    assert errors([found])[0] < 0.5 * min(errors(variants))
+    np.testing.assert_allclose(logarithms(found), target, atol=0.35)
+    assert cross_entropy(variants, errors) == found
+
+
+def test_the_quietest_recording_counts_most_and_one_without_equations_not_at_all():
+    assert weigh_recordings(np.array([40.0, 4000.0]), np.array([40, 40]), 0.0) == pytest.approx([1.0, 0.1])
+    assert weigh_recordings(np.array([40.0, 4000.0]), np.array([40, 40]), 5.0) == pytest.approx([1.0, 0.5])
+    assert weigh_recordings(np.array([4.0, 0.0]), np.array([1, 0]), 0.5).tolist() == [1.0, 0.0]
