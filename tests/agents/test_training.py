@@ -89,6 +89,8 @@ def test_the_price_of_torque_rises_while_too_much_is_commanded():
     ("setting", "reason"),
     [
         ('hidden = "a"', "'hidden': Expected int"),
+        ("hidden = 1_000_000_000", "'hidden': Expected int <= 4096"),
+        ("pendulums = 100_000\nrollout = 1000", "pendulums times rollout is 100000000"),
         ("levels = [1.0]", "levels has 1 values"),
         ("levels = [0, 2]", "'levels[1]': Expected float <= 1"),
         ("seed = 1048576", "'seed': Expected int <= 1048575"),

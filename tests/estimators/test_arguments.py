@@ -75,8 +75,6 @@ WRONG = [
     (lambda r: add("model.json", "spring", r), TypeError, r"read a file with Model\.load"),
     (lambda r: compare(Model.build([Gravity()], [2.0]), r), ModelError, "lacks the term inertia"),
     (lambda r: identify(r, schemes="energy")["dynamic"], ValueError, "unknown scheme 'dynamic'; known: energy"),
-    (lambda r: make_plant(effects=[0.4]), TypeError, "an effect is 0.4: give a text such as 'stribeck=0.4'"),
-    (lambda r: make_plant(theta="inertia"), TypeError, "give parameters by name"),
 ]
 
 

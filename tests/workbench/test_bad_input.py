@@ -47,10 +47,6 @@ DIAGNOSES = [
     (signal(kind="levels", edges=[1.0], levels=[4.0]), "within its amplitude"),
 ]
 RIGS = [(f"{'a' * 100_000} = 1", "unknown key 'aaa")]
-TRAININGS = [
-    ("hidden = 1_000_000_000", "'hidden': Expected int <= 4096"),
-    ("pendulums = 100_000\nrollout = 1000", "pendulums times rollout is 100000000"),
-]
 WORDS = [  # with files of `folder`
     ("", "COMMAND"),
     ("diagnos", "unknown command 'diagnos': did you mean diagnose?"),
@@ -104,7 +100,6 @@ FILES = [
     *((["compare", "model.json", "run.csv"], "model.json", *case) for case in MODELS),
     *((PLAYED, "d.json", *case) for case in DIAGNOSES),
     *((["record", "--backend", "dm1015b", "--config", "rig.toml", "-o", "x.csv"], "rig.toml", *case) for case in RIGS),
-    *((["train", "--config", "config.toml", "-o", "x.npz"], "config.toml", *case) for case in TRAININGS),
 ]
 
 
@@ -121,8 +116,6 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("argv", "name", "content", "reason"), FILES, ids=range(len(FILES)))
 def test_a_document_that_cannot_be_is_refused_with_file_and_key(refused, argv, name, content, reason):
-    if argv[0] == "train":
-        pytest.importorskip("torch")
     Path(name).write_text(content)
     error = refused(*argv)
     assert name in error and reason in error

@@ -114,19 +114,6 @@ SERVO = [
 ]
 
 
-def test_what_the_card_says_is_what_the_command_line_says(session, swing, tmp_path, monkeypatch, refused):
-    (tmp_path / "run.csv").write_bytes(servo(swing))
-    monkeypatch.chdir(tmp_path)
-    upload(session, "run.csv", servo(swing))
-    for wrong, told in ((ColumnChoice("torque"), "current"), (ColumnChoice("torque", "A", "*2*x"), "current:A*2*x")):
-        session.act(lambda wrong=wrong: session.answer(session.cards[0].set_choices([*SERVO[:3], wrong], False)))
-        said = refused("identify", "run.csv", f"--columns=time=clock:ms,position=-motor angle:deg/6,torque={told}")
-        assert said == f"pendulum-ident: {session.cards[0].why}\n"
-    twice = [SERVO[0], *[ColumnChoice("position")] * 3]
-    session.act(lambda: session.answer(session.cards[0].set_choices(twice, False)))
-    assert "'motor angle', 'mode' and 'current' are all to be position: choose one" in session.cards[0].why
-
-
 def test_what_is_said_of_one_file_holds_for_those_that_wait_with_the_same_columns(session, swing):
     other = b"t,q,q2,current\n" + b"".join(b"%d,%d,0,0\n" % (k, k) for k in range(200))
     for name, content in (("a.csv", servo(swing)), ("other.csv", other), ("b.csv", servo(swing))):
