@@ -15,10 +15,10 @@ from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
 from estimators.data.regions import find_failures
 from estimators.data.regression_data import RegressionData
+from estimators.in_loop.motion import LoopMotion
 from estimators.results import Comparison, Distance
 from estimators.signals.residual import compute_profiles
 from estimators.simulation.free_running import HORIZON
-from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import Model
@@ -27,13 +27,10 @@ from pendulum_env.recording import Recording
 SHOWN = 6  # regions where a model fails, shared by the joints
 
 
-def compute_distance(name: str, data: RegressionData, model: Model, loop_error: Array) -> Distance:
-    """Compute the errors of a model with inertia on data.
-
-    `loop_error` has the errors of positions in the loop (R,) [rad]; without a controller it is empty.
-    """
+def compute_distance(name: str, data: RegressionData, model: Model, loop: LoopMotion) -> Distance:
+    """Compute the errors of a model with inertia on data, also those of its motion in the loop."""
     steady, unstable = data.with_steady_segments(model)
-    return Distance(name, steady.errors(model).with_loop(loop_error), data.floors, unstable)
+    return Distance(name, loop.extend(steady.errors(model)), data.floors, unstable)
 
 
 @refuse_unknown_arguments
@@ -68,7 +65,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     joined = RegressionData.join(separate) if separate else RegressionData.from_arm(recordings, joints)
     data = FitData(recordings, recordings, terms=joints, horizon=horizon).with_parts((joined, joined))
     loop = data.simulate_in_loop(model)
-    joint = compute_distance("all", joined, model, loop.error)
+    joint = compute_distance("all", joined, model, loop)
     residual = joined.residual(model.terms, model.theta)
     fits = fit_each_recording([joined.data], model.terms) if separate and not joint.errors.is_in_loop else []
     has_torque = any(recording.has_logged_torque for recording in recordings)
@@ -76,8 +73,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     return Comparison(
         model,
         tuple(
-            compute_distance(part.names[0], part, model, loop.select_recording(k).error)
-            for k, part in enumerate(separate)
+            compute_distance(part.names[0], part, model, loop.select_recording(k)) for k, part in enumerate(separate)
         ),
         joint,
         tuple(compute_profiles(joined.samples, residual, joint.noise_floor, units=joined.units()) if separate else ()),

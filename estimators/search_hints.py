@@ -7,7 +7,7 @@ an effect of their own by `set_hints`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
@@ -108,13 +108,7 @@ def set_hints(kind: type[Term], hints: SearchHints) -> None:
 
 def find_hints(kind: type[Term]) -> SearchHints:
     """Return the hints for an effect, or those of its base class."""
-    hints = next((_HINTS[base] for base in kind.__mro__ if base in _HINTS), SearchHints())
-    old: Any = kind  # of an effect for an earlier release, whose hints are methods
-    if hasattr(old, "grid"):
-        hints = replace(hints, grid=lambda kind, x, residual: kind.grid(x, residual))
-    if hasattr(old, "looked_at"):
-        hints = replace(hints, n_tried=lambda kind, x, residual: kind.looked_at(x, residual))
-    return replace(hints, is_possible=old.possible) if hasattr(old, "possible") else hints
+    return next((_HINTS[base] for base in kind.__mro__ if base in _HINTS), SearchHints())
 
 
 def make_grid(kind: type[Term], x: Samples, residual: Array) -> list[Term]:

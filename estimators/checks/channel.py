@@ -359,8 +359,8 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
     """Align all recordings together, or each by itself if they differ; see `align`.
 
     All have the same drive and log, so a law that all show together, or one alone, holds for all, unless half of them
-    contradict it. A recording that contradicts it keeps its own law. If by that law torque acts late, the drive is late
-    and not the log, and the shared law holds there, too.
+    contradict it. A recording that contradicts it keeps its own law. If by that law torque acts late, it is not the log
+    that is late, and the shared law holds there, too.
     """
     joint = align(recordings, beside)
     if len(recordings) == 1:

@@ -20,7 +20,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.split import Parts, split_arm, split_recordings, with_contacts
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import find_known_values
-from estimators.in_loop.rollouts import LoopMotion, simulate_in_loop
+from estimators.in_loop.motion import LoopMotion, simulate_in_loop
 from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording, TorqueConstant

@@ -220,8 +220,8 @@ class RegressionData:
         position is nan without segments or a known inertia.
         """
         residual, body = self.residual(model.terms, model.theta), find_body(self.base)
-        if not self.layout.predicts_torque:
-            return Errors(np.nan, np.nan).with_loop(residual)
+        if self.layout.errors is not None:
+            return self.layout.errors(residual)
         torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
         torque = torque if len({*body.slides}) == 1 else np.nan
         joints, sizes = self.joint_errors(residual), self.joint_errors(self.data.torque())

@@ -14,6 +14,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from estimators.regression.balance import Balance, Columns
+from estimators.selection.errors import Errors
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Term
 
@@ -46,6 +47,7 @@ class RowLayout:
         blocks: maps a length [s] to block and entry of each row, (R,) each, and the recording of each block (S,).
         noise: maps a joint and its inertia [kg m^2] to the noise floor of its rows.
         structure: maps a joint, a residual of its rows and its inertia to the structure of the residual.
+        errors: maps a residual (R,) of positions to the errors of its model; None for rows of torque.
         predicts_torque: whether rows are of torque [N m], with estimated states of a link; else of simulated positions
             [rad].
         has_fast_fits: whether a fit is fast enough to compare many sets of terms; otherwise it takes seconds.
@@ -57,6 +59,7 @@ class RowLayout:
     blocks: Callable[[float], tuple[Index, Index, Index]]
     noise: Callable[[str, float], float]
     structure: Callable[[str, Array, float], ResidualStructure]
+    errors: Callable[[Array], Errors] | None = None
     predicts_torque: bool = True
     has_fast_fits: bool = True
 

@@ -57,7 +57,7 @@ def reread_goals(trial: Trial) -> FitData | None:
     """Read the goals the other way if the base model leaves the reading open: the effects of a model may decide it."""
     data, unseen = trial.data, refine_rows(trial.evaluator)[1]
     readings = [treatment for treatment in data.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
-    error = trial.found.steps[-1].errors["holdout"].in_loop
+    error = trial.found.steps[-1].errors["holdout"].total
     if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
         return None
     fitted, held_out = (change_reading(part, readings[0]) for part in (data.recordings, data.holdout))

@@ -66,6 +66,7 @@ class RolloutRows:
             blocks=self.rollouts.blocks,
             noise=lambda at, inertia: self.rollouts.noise,
             structure=lambda at, residual, inertia: self.rollouts.structure(residual),
+            errors=self.rollouts.measure_errors,
             predicts_torque=False,
             has_fast_fits=False,
         )

@@ -11,11 +11,12 @@ import numpy as np
 import scipy
 
 from estimators.data.rows import ResidualStructure
+from estimators.in_loop.errors import Errors, LoopErrors
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.motion import get_known_load, get_temperature
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.physics import SIGNIFICANT, KnownLoad, Model, has_link
+from pendulum_env.physics import SIGNIFICANT, KnownLoad, has_link
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.servo.drive import LONGEST
 from pendulum_env.servo.loop import Servos, follow
@@ -214,6 +215,10 @@ class Rollouts:
         known, block = np.unique(pairs, axis=0, return_inverse=True)
         return block.ravel(), self.recording_of, known[:, 0]
 
+    def measure_errors(self, residual: Array) -> LoopErrors:
+        """Return the errors of a model with a residual (R,) [rad]."""
+        return LoopErrors.extend(Errors(np.nan, np.nan), residual)
+
     def structure(self, residual: Array) -> ResidualStructure:
         """Return the size of a residual (R,) [rad], the geometric mean of the RMS over recordings.
 
@@ -264,61 +269,6 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
                 f"gain [N m/{drive.unit}], or leave out the one that it has"
             )
     return True
-
-
-@dataclass(frozen=True)
-class LoopMotion:
-    """Simulated and measured motion of recordings (R,); without rows, and false, if no controllers are known.
-
-    Attributes:
-        time: from the start of each recording [s].
-        measured: position [rad].
-        error: simulated minus measured position [rad].
-        recording_of: number of the recording.
-    """
-
-    time: Array
-    measured: Array
-    error: Array
-    recording_of: Index
-
-    def __bool__(self) -> bool:
-        return bool(len(self.error))
-
-    @property
-    def simulated_position(self) -> Array:
-        """Return the simulated position (R,) [rad]."""
-        return self.measured + self.error
-
-    def select_recording(self, number: int) -> LoopMotion:
-        """Return the motion of one recording."""
-        rows = self.recording_of == number
-        return LoopMotion(self.time[rows], self.measured[rows], self.error[rows], self.recording_of[rows])
-
-    def interpolate(self, recording: Recording) -> Array:
-        """Return the simulated position at the samples (N,) of the recording of this motion [rad].
-
-        It is NaN after the last simulated position.
-        """
-        path = []
-        for segment in recording.segments:
-            time = segment.time - recording.time[0]
-            is_inside = (self.time > time[0]) & (self.time <= time[-1])
-            points = (
-                np.r_[time[0], self.time[is_inside]],
-                np.r_[segment.position[0], self.simulated_position[is_inside]],
-            )
-            path.append(np.interp(time, *points, right=np.nan))
-        return np.concatenate(path)
-
-
-def simulate_in_loop(model: Model, recordings: Sequence[Recording]) -> LoopMotion:
-    """Simulate whole recordings of servos with their controllers in the loop."""
-    if not are_driven(recordings):
-        return LoopMotion(np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.intp))
-    rollouts = Rollouts(tuple(recordings), FINE)
-    error = rollouts.position_errors([Point.from_model(model)])[:, 0]
-    return LoopMotion(rollouts.time, rollouts.position, error, rollouts.recording_of)
 
 
 def _estimate_initial_velocity(recording: Recording) -> float:

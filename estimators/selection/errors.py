@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import JSON
 from pendulum_env.physics import Model, Term, list_loads
 from pendulum_env.units import to_shown_unit
 
@@ -29,8 +30,6 @@ class Errors:
         position_fit: the same of the position in segments [%].
         joints: torque RMS of each joint by name [N m].
         shares: torque RMS of each joint over the RMS of its torque; None without a motor.
-        in_loop: mean absolute position error of simulations with the controller in the loop [rad].
-        in_loop_rms: RMS of the same [rad].
     """
 
     torque_rms: float
@@ -39,15 +38,7 @@ class Errors:
     position_fit: float = np.nan
     joints: Mapping[str, float] = field(default_factory=dict)
     shares: Mapping[str, float | None] = field(default_factory=dict)
-    in_loop: float = np.nan
-    in_loop_rms: float = np.nan
-
-    def with_loop(self, missed: Array) -> Errors:
-        """Return the errors with `in_loop` errors of position differences (R,) [rad]; unchanged without any."""
-        if not len(missed):
-            return self
-        mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))
-        return replace(self, in_loop=mean, in_loop_rms=rms)
+    is_in_loop: ClassVar[bool] = False  # whether there are errors of simulations with the controller in the loop
 
     def __repr__(self) -> str:
         errors = [f"{name}={value:.4g}" for name, value in self._totals.items()]
@@ -55,15 +46,13 @@ class Errors:
         return f"<Errors: {', '.join(errors)}>"
 
     @property
-    def is_in_loop(self) -> bool:
-        """Return whether there are errors of simulated motion with the controller in the loop."""
-        return bool(np.isfinite(self.in_loop))
+    def loop(self) -> tuple[float, ...]:
+        """Return mean and RMS of the error in the loop [rad]; nothing without a controller."""
+        return ()
 
     @property
     def kinds(self) -> dict[str, str]:
         """Names of the errors that decide on a model, that of joints first, with their units."""
-        if self.is_in_loop:
-            return {"in_loop": "rad"}
         return {"torque_rms": "N m"} | ({"position_rms": "rad"} if np.isfinite(self.position_rms) else {})
 
     @property

@@ -14,9 +14,6 @@ from pendulum_env.physics.table import COMPETING, TABLES, ByTime, Table
 from pendulum_env.physics.term import LOAD, Column, KnownLoad, NonlinearParameter, Samples, Term, list_loads
 from pendulum_env.physics.terms import count_term_parameters, find_link, has_link, has_transmission, is_hidden, list_ids
 
-# Names of earlier releases, kept for one more
-Shape, addable, nameable = NonlinearParameter, list_addable, list_nameable
-
 __all__ = [
     "BASE",
     "COMPETING",
@@ -39,7 +36,6 @@ __all__ = [
     "NonlinearParameter",
     "PluginError",
     "Samples",
-    "Shape",
     "Table",
     "Term",
     "Trajectory",

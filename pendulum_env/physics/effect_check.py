@@ -45,8 +45,6 @@ def check_effect(kind: type[Term]) -> None:
             )
     check_variants(f"{name}()", lambda x: (kind(),))
     _check_torque(kind())
-    if hasattr(kind, "grid"):  # of an effect for an earlier release
-        check_variants(f"grid of {name}", lambda x: kind.grid(x, x.torque))
 
 
 def check_variants(of: str, variants: Callable[[Samples], Iterable[Term]]) -> None:

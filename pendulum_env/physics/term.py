@@ -12,7 +12,6 @@ nonlinear parameters it is built with. Texts about it stand beside the law in a 
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeVar
@@ -30,15 +29,6 @@ if TYPE_CHECKING:
 
 Memory = tuple[Array, ...]  # state variables of a term: each a scalar per pendulum, or a series of N of them
 Kind = Literal["inertial", "potential", "dissipative", "actuation", "time-varying", "transmission", "sensor"]
-OLD_TEXTS = {  # attributes of classes for an earlier release, read for one more; fields of `Description` replace them
-    "title": "title",
-    "symptom": "symptom",
-    "signature": "signature",
-    "resembles": "resembles",
-    "reveal": "informative_experiment",
-    "omitted": "omission",
-    "is_of_speed": "fits_friction",
-}
 
 
 class KnownLoad(NamedTuple):
@@ -208,7 +198,6 @@ class Term:
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        _read_old_names(cls)
         if "description" in vars(cls):
             DESCRIPTIONS[cls.id] = cls.description
 
@@ -319,23 +308,6 @@ class Term:
     def free(self) -> tuple[NonlinearParameter, ...]:
         """Return the nonlinear parameters to be found: those that are not at their nominal value."""
         return tuple(p for p in self.nonlinear_parameters if np.any(getattr(self, p.name) != p.nominal))
-
-
-def _read_old_names(kind: type[Term]) -> None:
-    """Take the attributes of a class for an earlier release, and warn of each."""
-    own = vars(kind)
-    if "shapes" in own:
-        kind.nonlinear_parameters = own["shapes"]
-    if "typical" in own:
-        kind.typical_size = own["typical"]
-    if texts := {new: own[old] for old, new in OLD_TEXTS.items() if old in own}:
-        kind.description = replace(kind.description, **texts)
-    known = {"shapes": "nonlinear_parameters = ...", "typical": "typical_size = ..."} | {
-        old: f"description = Description({new}=...)" for old, new in OLD_TEXTS.items()
-    }
-    for old in (old for old in known if old in own):
-        text = f"{kind.__name__}.{old} is read for one more release: write {known[old]} instead"
-        warnings.warn(text, FutureWarning, stacklevel=4)
 
 
 def derive_kind(kind: type[T], factory: Callable[..., type[T]], *arguments: Any, **members: Any) -> type[T]:

@@ -17,8 +17,8 @@ from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.table import RawTable
 from pendulum_env.recording.vocabulary import OUTPUTS
-from pendulum_env.servo import ServoDrive
-from pendulum_env.servo.torque import MOTOR, complete_torque
+from pendulum_env.servo import MOTOR, ServoDrive
+from pendulum_env.servo.torque import complete_torque
 
 
 def build_recording(
@@ -39,7 +39,7 @@ def build_recording(
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
             values[quantity] *= column.scale
             values[quantity] += column.offset
-    source, is_open = drive or MOTOR, drive is None
+    source = drive or MOTOR
     if source.output == "duty" and source.supply is None and "supply" not in values:
         raise RecordingError(
             "a duty is a share of the supply: name its column (supply=...), or give the drive a supply [V]"
@@ -47,7 +47,7 @@ def build_recording(
     unit = columns["torque"].result_unit if "torque" in columns else source.unit
     if "torque" not in values:
         values["torque"] = np.zeros_like(values["position"])  # of a drive until the motion is known
-        if is_open:
+        if not source.is_controller:
             notes.append(Note(NoteKind.NO_TORQUE if "torque" in named else NoteKind.NO_TORQUE_COLUMN))
     checks.refuse_too_few(values["time"])
 
@@ -62,7 +62,7 @@ def build_recording(
     cleaning.drop_invalid_rows(log, checks.BOUNDS.fewest)
     cleaning.shift_restarted_runs(log)
     cleaning.drop_repeated_times(log)
-    if is_open and not log.values["torque"].any() and np.ptp(log.values["position"]) > 0:
+    if not source.is_controller and not log.values["torque"].any() and np.ptp(log.values["position"]) > 0:
         cleaning.drop_initial_hold(log, turns())
     cleaning.start_from_zero(log)
     cleaning.drop_spoilt_positions(log, turns())

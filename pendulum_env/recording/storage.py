@@ -56,7 +56,7 @@ def read_recording(
     label, is_file = get_label(source, name), isinstance(source, str | os.PathLike)
     try:
         name = name or (find_stem(Path(label)) if is_file else label)
-        output = None if drive is None else drive.output
+        output = getattr(drive, "output", None)
         named = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
         table = read_table(source, partial(find_columns, named=named, output=output))
         return build_recording(name, table, unwrap, drive, named, describe_reading(named, unwrap, drive))

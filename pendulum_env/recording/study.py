@@ -41,6 +41,7 @@ from pendulum_env.servo import ServoDrive
 from pendulum_env.settings import format_setting
 
 Role = Literal["fit", "holdout"]
+READING = ("columns", "unwrap", "drive")  # arguments of `read_recording`
 FORMAT = ("columns", "unwrap", "load", "drive")  # of what is said of a recording, that which the next is alike in
 
 GRAVITY = 9.81  # [m/s^2]
@@ -119,7 +120,7 @@ class Source:
     @property
     def reading(self) -> dict[str, Any]:
         """Return the arguments of `read_recording`."""
-        return {"columns": self.columns, "unwrap": self.unwrap, "drive": self.drive}
+        return {name: getattr(self, name) for name in READING}
 
     @property
     def format(self) -> JSON:
@@ -162,7 +163,7 @@ def collect_log_format(recordings: Sequence[Recording]) -> JSON:
     loads = ({} if own.load is None else {"load": asdict(own.load)} for own in recordings)
     formats: list[JSON] = [{**own.log_format, **load} for own, load in zip(recordings, loads, strict=True)]
     alike = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
-    goals = {own.drive.goal for own in recordings if own.drive is not None}
+    goals = {own.source.goal for own in recordings}
     goal = goals.pop() if len(goals) == 1 else None
     return {key: formats[0][key] for key in alike if key in formats[0]} | ({"goal": goal} if goal else {})
 
@@ -170,7 +171,7 @@ def collect_log_format(recordings: Sequence[Recording]) -> JSON:
 def parse_log_format(log_format: Mapping[str, Any]) -> Source:
     """Parse the log format of a model as a source without a file; raises ValueError if it is invalid."""
     said = {key: own for key, own in log_format.items() if key != "goal"}  # which belongs to a drive
-    return _build_source(Path(), convert({"file": "log", **said}, _Recording), {}, {})
+    return _build_source(Path(), convert({"file": "log", **said}, _Recording), _Study())
 
 
 def apply_log_format(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
@@ -240,10 +241,10 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
         study = convert(content, _Study)
         if not study.recording:
             raise StudyError('names no recordings: write [[recording]] and below it file = "run.csv"')
-        shared = _check_columns(study.columns)
+        study.columns = _check_columns(study.columns)
         for k, data in enumerate(study.recording):
             where = f"'recording[{k}]': "
-            source = _build_source(path.parent, data, shared, study.drive)
+            source = _build_source(path.parent, data, study)
             sources.append(replace(source, joints=study.joints, of_study=True))
     except ValueError as error:
         raise StudyError(f"{path}: {where}{error}") from None
@@ -274,12 +275,12 @@ def write_study(sources: Sequence[Source], path: str | os.PathLike[str]) -> None
     write_whole(path, "\n".join([*lines, ""]))
 
 
-def _build_source(folder: Path, data: _Recording, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
+def _build_source(folder: Path, data: _Recording, study: _Study) -> Source:
     if data.range is not None and data.range[0] >= data.range[1]:
         raise StudyError(f"range is {list(data.range)}: expected [from, to] in seconds from the first sample")
-    own = {**drive, **data.drive}
+    own = {**study.drive, **data.drive}
     return Source(
-        folder / data.file, data.role, {**shared, **_check_columns(data.columns)}, data.unwrap, data.range,
+        folder / data.file, data.role, {**study.columns, **_check_columns(data.columns)}, data.unwrap, data.range,
         None if data.load is None else data.load.known, ServoDrive.from_settings(own) if own else None,
     )  # fmt: skip
 

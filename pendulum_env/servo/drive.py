@@ -11,7 +11,7 @@ torque, comes the motor's torque: in SI if its gain is known, and per volt or am
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple, Self, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
@@ -61,6 +61,7 @@ class ServoDrive:
     delay: float = 0.0
     goal: Goal | None = None
     encoder: Shaft = "motor"
+    is_controller: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for name, known in (("control", Control), ("output", Output), ("goal", Goal), ("encoder", Shaft)):
@@ -109,6 +110,11 @@ class ServoDrive:
         """Return whether the drive controls the speed."""
         return self.control == "velocity"
 
+    @property
+    def acts_on_position(self) -> bool:
+        """Return whether the drive controls the position."""
+        return self.control == "position"
+
     @classmethod
     def from_settings(cls, given: Mapping[str, Any]) -> Self:
         """Make a drive from the settings of a study: a preset with gains in its units, or plain numbers."""
@@ -130,6 +136,22 @@ class ServoDrive:
         usual = vars(ServoDrive())
         values = {name: getattr(self, name) for name in usual if name == "kp" or getattr(self, name) != usual[name]}
         return {name: value if isinstance(value, str) else float(value) for name, value in values.items()}
+
+
+@dataclass(frozen=True)
+class Motor(ServoDrive):
+    """Motor without a known controller: its torque was logged, or is zero."""
+
+    output: Output = "torque"
+    is_controller: ClassVar[bool] = False
+
+    @property
+    def acts_on_position(self) -> bool:
+        """Return False: no goal is followed."""
+        return False
+
+
+MOTOR = Motor()
 
 
 class Preset(NamedTuple):

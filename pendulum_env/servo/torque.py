@@ -9,40 +9,34 @@ from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.vocabulary import OUTPUTS
-from pendulum_env.servo.drive import ServoDrive
-
-MOTOR = ServoDrive(output="torque")  # stands for a recording without a drive: its torque is what was logged
 
 
 def has_unknown_integral(recording: Recording) -> bool:
     """Return whether no known load tells the torque, as it is that of a controller with an integral part."""
-    return (recording.drive or MOTOR).ki > 0 and recording.torque_unit != NEWTON_METRE
+    return recording.source.ki > 0 and recording.torque_unit != NEWTON_METRE
 
 
 def get_bus_voltage(recording: Recording) -> Array:
     """Return the voltage of the bus (N,) [V]: as recorded, or else what the drive says, 1 without either."""
     if recording.supply is not None:
         return recording.supply
-    return np.full(len(recording), (recording.drive or MOTOR).supply or 1.0)
+    return np.full(len(recording), recording.source.supply or 1.0)
 
 
 def compute_asked_torque(recording: Recording) -> Array:
     """Return the torque (N,) that the drive asked for along a recording with a reference, in the drive's unit."""
-    assert recording.drive is not None
     parts = []
     for part in recording.segments:
         assert part.reference is not None  # there is no drive without one
         # a drive acts on its own estimate of the speed, which a log may have
         velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
-        parts.append(
-            recording.drive.torque(part.reference, part.position, velocity, get_bus_voltage(part), part.powered)
-        )
+        parts.append(part.source.torque(part.reference, part.position, velocity, get_bus_voltage(part), part.powered))
     return np.concatenate(parts)
 
 
 def complete_torque(recording: Recording) -> Recording:
     """Return a recording with the torque that its drive asked for, or that its logged output makes, and a note."""
-    drive = recording.drive or MOTOR
+    drive = recording.source
     if not recording.has_logged_torque:
         torque, note = compute_asked_torque(recording), Note(NoteKind.TORQUE_OF_DRIVE)
     elif recording.torque_unit == OUTPUTS.get(drive.output):

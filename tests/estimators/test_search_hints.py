@@ -133,27 +133,3 @@ def test_hints_of_a_user_serve_the_effect_at_a_joint_and_within_limits():
         assert [is_possible(own, x) for own in make_grid(kind, x, x.torque)] == [False, True]
     narrow = limit_kind(Own, {"wave.order": (8.0, 10.0)})
     assert [own.order for own in make_grid(narrow, x, x.torque)] == [8.0, 10.0]
-
-
-def test_an_effect_for_an_earlier_release_is_read_with_a_warning():
-    with pytest.warns(FutureWarning, match="Old.(shapes|reveal|title|typical) is read for one more release"):
-
-        @dataclass(frozen=True)
-        class Old(Term):
-            """Written for an earlier release."""
-
-            order: float = 12.0
-
-            id, law, kind = "old_wave", "sin Nq", "potential"
-            title, reveal, typical = "a wave", "full turns", "order=14"
-            shapes = (NonlinearParameter("order", "1", 1, 60, integer=True),)
-            grid = classmethod(lambda cls, x, residual: [cls(3.0), cls(4.0), cls(5.0)])
-            looked_at = classmethod(lambda cls, x, residual: 60)
-            possible = lambda self, x: self.order > 3  # noqa: E731
-
-    x = recorded(1)
-    assert (Old.description.title, Old.description.informative_experiment) == ("a wave", "full turns")
-    assert Old.typical_size == "order=14"
-    assert Old().free == Old.shapes
-    assert [is_possible(own, x) for own in make_grid(Old, x, x.torque)] == [False, True, True]
-    assert count_variants(Old, x, x.torque) == 60

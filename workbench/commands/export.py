@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from dataclasses import fields
 
 from estimators.data.calibration import convert_to_model_unit
 from pendulum_env.files import write_whole
@@ -70,7 +71,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     for option in ("check", "mass", "armature"):
         if getattr(arguments, option) and arguments.to != "mjcf":
             raise InputError(f"--{option} goes with mjcf, not with {arguments.to}")
-    request = Request(arguments.approximate, arguments.step, arguments.mass, arguments.armature, arguments.drive)
+    request = Request(**{field.name: getattr(arguments, field.name) for field in fields(Request)})
     model = read_model(arguments.model, make_body(arguments))
     model.refuse_unknown_inertia()
     exported = export(model, arguments.to, request)
@@ -91,10 +92,10 @@ def _find_checks(arguments: argparse.Namespace) -> tuple[Source, ...]:
     """Return the recordings of the check; for a study, the held-out ones if there are any."""
     if arguments.check is None:
         return ()
-    asked = argparse.Namespace(**vars(arguments))
+    asked = vars(arguments)
     if arguments.check.lower().endswith(".toml"):
-        asked.drive = None  # that of the export: a study says its own
-    sources = read_source_names(arguments.check, asked)
+        asked = asked | {"drive": None}  # which is of the export: a study says its own
+    sources = read_source_names(arguments.check, argparse.Namespace(**asked))
     return tuple(source for source in sources if source.role == "holdout") or sources
 
 

@@ -29,10 +29,10 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
         if format != "mjcf":
             raise InputError(f"an arm is exported to mjcf, not to {format}")
         return joints.export_arm(model, request)
-    request = servo.convert_request(model, request)
+    actuator = servo.choose_actuator(model, request)
     if format == "mjcf":
-        return mjcf.export(model, request)
-    return program.export(model, request, "c" if format == "c" else "python")
+        return mjcf.export(model, request, actuator)
+    return program.export(model, request.step, actuator, "c" if format == "c" else "python")
 
 
 __all__ = ["FORMATS", "ExportError", "Exported", "Request", "export"]

@@ -19,6 +19,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.servo.loop import Servos
 from workbench.export import mjcf
 from workbench.export.request import Exported, ExportError, Request
+from workbench.export.servo import Motor, Servo, choose_actuator
 
 
 @dataclass(frozen=True)
@@ -39,12 +40,12 @@ def check(model: Model, exported: Exported, request: Request, recordings: Sequen
     for recording in recordings:
         if load_in_newton_metres(recording):
             raise ExportError(f"{recording.name}: a known load acted on the joint: check with a recording without one")
-    if request.drive is not None:
-        return _check_in_loop(model, request, recordings)
-    return _check_free_runs(model, exported, recordings)
+    return CHECKS[type(choose_actuator(model, request))](model, exported, request, recordings)
 
 
-def _check_free_runs(model: Model, exported: Exported, recordings: Sequence[Recording]) -> CheckResult:
+def _check_free_runs(
+    model: Model, exported: Exported, request: Request, recordings: Sequence[Recording]
+) -> CheckResult:
     """Run the exported XML against recordings, over windows that each start from the measured state."""
     segments = RegressionData.from_recordings(recordings).with_link_states(model).segments
     own = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
@@ -59,7 +60,7 @@ def _check_free_runs(model: Model, exported: Exported, recordings: Sequence[Reco
     return CheckResult("Free run over windows of one second, RMS", errors, motion)
 
 
-def _check_in_loop(model: Model, request: Request, recordings: Sequence[Recording]) -> CheckResult:
+def _check_in_loop(model: Model, exported: Exported, request: Request, recordings: Sequence[Recording]) -> CheckResult:
     """Run what is exported against whole recordings of servos, each with the drive that it was recorded with.
 
     Raises ExportError if there is no goal, or steps do not add up to those that are compared.
@@ -81,6 +82,9 @@ def _check_in_loop(model: Model, request: Request, recordings: Sequence[Recordin
     return CheckResult("In the loop, whole recordings from their goals alone, mean error", errors, motion)
 
 
+CHECKS = {Motor: _check_free_runs, Servo: _check_in_loop}
+
+
 def _compute_mean_size(values: Array) -> float:
     return float(np.mean(np.abs(values)))
 
@@ -92,7 +96,7 @@ def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array
         drive if drive.supply or drive.output != "duty" else replace(drive, supply=float(servos.supply[0, lane]))
         for lane, drive in enumerate(servos.drives)
     ]
-    made = {drive: mjcf.export(model, replace(request, drive=drive)) for drive in dict.fromkeys(drives)}
+    made = {drive: mjcf.export(model, request, Servo(drive)) for drive in dict.fromkeys(drives)}
     paths = np.empty((len(servos.goal) // every + 1, 1, len(drives)))
     for lane, drive in enumerate(drives):
         world = mujoco.MjModel.from_xml_string(made[drive].content)

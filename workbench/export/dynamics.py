@@ -17,8 +17,8 @@ from pendulum_env.physics.term import ROOM, Memory
 from pendulum_env.recording.vocabulary import SI
 from pendulum_env.servo import UNIT, ServoDrive
 from pendulum_env.servo.loop import GAINS, ControllerState, ServoInputs, compute_control, compute_gains, compute_taps
-from workbench.export.request import ExportError, Request
-from workbench.export.servo import get_supply
+from workbench.export.request import ExportError
+from workbench.export.servo import Motor, Servo, get_supply
 
 RESERVED = frozenset(  # names that the exported programs and their languages have themselves
     """time position velocity torque commands state step start sign State STEP math abs max min
@@ -73,14 +73,15 @@ class Dynamics:
         return late if share == 0 else f"{1.0 - share!r} * {late} + {share!r} * {later}"
 
 
-def write_step(model: Model, request: Request) -> Dynamics:
+def write_step(model: Model, seconds: float, actuator: Motor | Servo) -> Dynamics:
     """Write the step of a model under a torque; or under a goal, with a drive.
 
     Raises ExportError if a law of the model is not made of what can be written down.
     """
     try:
-        parts = _Parts.from_model(model, request)
-        x = step(parts.balance, parts.x, request.step)
+        parts = _Parts.from_model(model, seconds)
+        actuator.write(parts, model)
+        x = step(parts.balance, parts.x, seconds)
     except Exception as error:  # a user's law may do anything that NumPy does
         raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
     return parts.dynamics({"time": x.time, "position": x.position, "velocity": x.velocity} | parts.memory(x.memory))
@@ -101,8 +102,8 @@ class _Parts:
     delay: float = 0.0  # of a torque that is given [s]
 
     @classmethod
-    def from_model(cls, model: Model, request: Request) -> Self:
-        """Return the terms of a model, under the torque of a drive if there is one."""
+    def from_model(cls, model: Model, seconds: float) -> Self:
+        """Return the terms of a model, under a torque that is given."""
         terms = model.terms
         balance, x, _ = write_balance(terms)
         named: list[tuple[str, str, Any, float]] = [
@@ -144,12 +145,11 @@ class _Parts:
             remembered[id] = [f"{id}_memory{end}" for end in ends]
             for symbol, text, at_rest in zip(symbols, remembered[id], long_ago[id], strict=True):
                 symbol.label, start[text] = text, at_rest
-        parts = cls(request.step, balance, x, remembered, parameters, given, start)
-        if (drive := request.drive) is not None:
-            parts.take_goal(model, drive)
-        else:
-            parts.delay = sum(term.delay for term in terms)
-        return parts
+        return cls(seconds, balance, x, remembered, parameters, given, start)
+
+    def take_torque(self, model: Model) -> None:
+        """Delay the torque by the dead time of a model."""
+        self.delay = sum(term.delay for term in model.terms)
 
     def take_goal(self, model: Model, drive: ServoDrive) -> None:
         """Put a drive, which is given a goal, in the place of the torque."""

@@ -13,7 +13,7 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.transmission import JointFlexibility
 from workbench.export.arm import Friction, RigidBody, Stop, get_value, is_spring_linear, make_body
 from workbench.export.request import Exported, Request, escape_comment, note_missing, write_title
-from workbench.export.servo import Motor, Servo, choose_actuator
+from workbench.export.servo import Motor, Servo
 
 JOINT, ACTUATOR = "joint", "torque"  # names in the file
 BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside those of `EVERY`
@@ -22,7 +22,7 @@ BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints ha
 SOFT = (1e-4, 1e-4, 0.001, 0.5, 2.0)
 
 
-def export(model: Model, request: Request) -> Exported:
+def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
     """Write the XML of a model.
 
     Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and
@@ -37,10 +37,9 @@ def export(model: Model, request: Request) -> Exported:
         held.remove("quadratic_drag")
     if not is_spring_linear(model):
         held.remove("spring")
-    kind = choose_actuator(request)
-    held |= set(kind.held)
+    held |= set(actuator.held)
     friction, stop = Friction.from_model(model, held), Stop.from_model(model)
-    missing = (*friction.missing, *stop.missing, *kind.missing)
+    missing = (*friction.missing, *stop.missing, *actuator.missing)
     notes = note_missing(missing, request)
     spec = mujoco.MjSpec()
     spec.modelname, spec.comment = "pendulum", escape_comment((write_title(model), *notes))
@@ -73,7 +72,7 @@ def export(model: Model, request: Request) -> Exported:
         joint.range = [math.degrees(end) for end in stop.ends]
         joint.solref_limit = -stop.stiffness / inertia, -stop.damping / inertia
         joint.solimp_limit = SOFT
-    _add_actuator(mujoco, spec, model, kind)
+    _add_actuator(mujoco, spec, model, actuator)
     spec.compile()
     return Exported(spec.to_xml(), notes)
 

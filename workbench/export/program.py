@@ -14,7 +14,8 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, merge_equal
 from pendulum_env.units import JointUnits
 from workbench.export.dynamics import NamedParameter, StepQuantity, write_step
-from workbench.export.request import Exported, Language, Request, escape_text, write_title
+from workbench.export.request import Exported, Language, escape_text, write_title
+from workbench.export.servo import Motor, Servo
 
 INFIX = {  # sign of an operation, and how tightly it binds
     **{"add": ("+", 4), "subtract": ("-", 4), "multiply": ("*", 5), "divide": ("/", 5)},
@@ -52,10 +53,10 @@ def write_number(language: Language, value: float) -> str:
     return repr(value)
 
 
-def export(model: Model, request: Request, language: Language) -> Exported:
+def export(model: Model, step: float, actuator: Motor | Servo, language: Language) -> Exported:
     """Write a module, or a file of C: parameters by name, the state, its start, and its step."""
-    dynamics = write_step(model, request)
-    start, step = (ProgramText.write(results, language) for results in (dynamics.start, dynamics.after))
+    dynamics = write_step(model, step, actuator)
+    start, after = (ProgramText.write(results, language) for results in (dynamics.start, dynamics.after))
     call = ", ".join(("state", *(quantity.name for quantity in dynamics.given)))
     return Exported(
         _load_environment()
@@ -67,11 +68,11 @@ def export(model: Model, request: Request, language: Language) -> Exported:
             call=f"step({call})" if language == "python" else f"pendulum_step({call})",
             dynamics=dynamics,
             waiting=dynamics.waiting,
-            parameters=[p for p in dynamics.parameters if p.name in start.names | step.names],
+            parameters=[p for p in dynamics.parameters if p.name in start.names | after.names],
             state=list(dynamics.state),
             given=dynamics.given,
             start=start,
-            step=step,
+            step=after,
             called=sorted(CALLS),
             functions={op: function for op, (function, _) in CALLS.items()},
         )

@@ -1,8 +1,8 @@
-"""Actuators of MuJoCo: a motor, which takes a torque, and a servo: a spring to the goal, a damper and a limit."""
+"""Actuators of an exported joint: a motor, which takes a torque, and a servo, which takes a goal."""
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from workbench.export.request import ExportError, Request
 class Motor:
     """A motor behind a lag and a delay."""
 
+    held: ClassVar[tuple[str, ...]] = ("torque_offset", "coulomb_asymmetry", "actuator_lag", "dead_time")  # effects
+    missing: ClassVar[tuple[str, ...]] = ()
     step: float  # [s]
-    held: tuple[str, ...] = ("torque_offset", "coulomb_asymmetry", "actuator_lag", "dead_time")  # effects that it has
-    missing: tuple[str, ...] = ()
 
     def actuate(self, mujoco: Any, actuator: Any, model: Model, offset: float) -> None:
         """Make an actuator of MuJoCo a motor."""
@@ -35,23 +35,22 @@ class Motor:
             actuator.delay, actuator.interp = delay, 1  # between commands, as ours
             actuator.nsample = math.ceil(delay / self.step) + 2
 
+    def write(self, parts: Any, model: Model) -> None:
+        """Write the torque into the parts of a program."""
+        parts.take_torque(model)
+
 
 @dataclass(frozen=True)
 class Servo:
     """A drive as gains at the joint: the torque is gain times goal, less gain times angle, less damping times speed."""
 
-    stiffness: float  # torque by the error of the angle [N m/rad]
-    damping: float  # torque by the speed, or by its error under velocity control [N m s/rad]
-    limit: float  # largest torque [N m], perhaps infinite
-    acts_on_speed: bool
-    missing: tuple[str, ...]  # what of the drive this is not
-    held: tuple[str, ...] = ("torque_offset", "coulomb_asymmetry")  # effects that it has
+    held: ClassVar[tuple[str, ...]] = ("torque_offset", "coulomb_asymmetry")  # effects that it has
+    controller: ServoDrive
 
-    @classmethod
-    def from_drive(cls, drive: ServoDrive) -> Self:
-        """Return the gains of a drive under its supply; raises ExportError if it needs an unknown supply."""
-        scale = float(drive.scale(np.array(get_supply(drive))))
-        missing = []
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Return the parts of the drive that MuJoCo has not."""
+        drive, missing = self.controller, []
         if drive.ki:
             missing.append("an integral of the error (ki): it is left out")
         if drive.rate is not None:
@@ -60,33 +59,37 @@ class Servo:
             missing.append("a filter of the speed (cutoff): it is left out")
         if drive.delay:
             missing.append(f"a delay of {drive.delay:g} s from measuring to acting: it is left out")
-        stiffness, damping = (0.0, drive.kp) if drive.acts_on_speed else (drive.kp, drive.kd)
-        return cls(stiffness * scale, damping * scale, drive.most * scale, drive.acts_on_speed, tuple(missing))
+        return tuple(missing)
 
     def actuate(self, mujoco: Any, actuator: Any, model: Model, offset: float) -> None:
-        """Make an actuator of MuJoCo a servo, whose limit includes the offset of the torque."""
-        if self.acts_on_speed:
-            actuator.set_to_velocity(kv=self.damping)
+        """Make an actuator of MuJoCo a servo, whose limit includes the offset of the torque.
+
+        Raises ExportError if it needs an unknown supply.
+        """
+        drive = self.controller
+        scale = float(drive.scale(np.array(get_supply(drive))))
+        if drive.acts_on_speed:
+            actuator.set_to_velocity(kv=drive.kp * scale)
         else:
-            actuator.set_to_position(kp=self.stiffness, kv=self.damping)
-        if math.isfinite(self.limit):
+            actuator.set_to_position(kp=drive.kp * scale, kv=drive.kd * scale)
+        limit = drive.most * scale  # largest torque [N m]
+        if math.isfinite(limit):
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-            actuator.forcerange = -self.limit - offset, self.limit - offset
+            actuator.forcerange = -limit - offset, limit - offset
+
+    def write(self, parts: Any, model: Model) -> None:
+        """Write the goal and the controller into the parts of a program."""
+        parts.take_goal(model, self.controller)
 
 
-def choose_actuator(request: Request) -> Motor | Servo:
-    """Return the actuator of a request; raises ExportError as `Servo.from_drive`."""
-    return Motor(request.step) if request.drive is None else Servo.from_drive(request.drive)
-
-
-def convert_request(model: Model, request: Request) -> Request:
-    """Return a request whose drive, if any, has torque in the unit of a model.
+def choose_actuator(model: Model, request: Request) -> Motor | Servo:
+    """Return the actuator of a request; the torque of a servo is in the unit of the model.
 
     Raises:
         ExportError: without the gain of the drive, or if play or elasticity is between the drive and its encoder.
     """
     if (drive := request.drive) is None:
-        return request
+        return Motor(request.step)
     known = model.torque_constant
     if drive.gain is None and known is not None and known.unit == f"{NEWTON_METRE}/{UNIT[drive.output]}":
         drive = replace(drive, gain=known.value)
@@ -100,7 +103,7 @@ def convert_request(model: Model, request: Request) -> Request:
             "the drive reads the link behind the gear, which no format has: export without the drive, or leave out "
             "play and elasticity"
         )
-    return replace(request, drive=drive)
+    return Servo(drive)
 
 
 def get_supply(drive: ServoDrive) -> float:

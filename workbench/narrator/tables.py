@@ -115,11 +115,7 @@ def tabulate_recordings(found: Comparison) -> TextTable:
                 f"{item.noise_floor:.4g}",
                 format_quantity(factor * item.errors.position_rms, 4),
                 format_quantity(item.errors.position_fit, 4),
-                *(
-                    f"{factor * error:.4g}"
-                    for error in (item.errors.in_loop, item.errors.in_loop_rms)
-                    if np.isfinite(error)
-                ),
+                *(f"{factor * error:.4g}" for error in item.errors.loop),
             )
             for item in distances
         ],

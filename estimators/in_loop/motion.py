@@ -1,0 +1,75 @@
+"""Motion of servos that is simulated with the controller in the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.in_loop.errors import LoopErrors
+from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
+from estimators.selection.errors import Errors
+from estimators.simulation.output_error import Point
+from pendulum_env._typing import Array, Index
+from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
+
+
+@dataclass(frozen=True)
+class LoopMotion:
+    """Simulated and measured motion of recordings (R,); without rows, and false, if no controllers are known.
+
+    Attributes:
+        time: from the start of each recording [s].
+        measured: position [rad].
+        error: simulated minus measured position [rad].
+        recording_of: number of the recording.
+    """
+
+    time: Array
+    measured: Array
+    error: Array
+    recording_of: Index
+
+    def __bool__(self) -> bool:
+        return bool(len(self.error))
+
+    @property
+    def simulated_position(self) -> Array:
+        """Return the simulated position (R,) [rad]."""
+        return self.measured + self.error
+
+    def extend(self, errors: Errors) -> Errors:
+        """Extend errors by those of this motion, if it has rows."""
+        return LoopErrors.extend(errors, self.error) if self else errors
+
+    def select_recording(self, number: int) -> LoopMotion:
+        """Return the motion of one recording."""
+        rows = self.recording_of == number
+        return LoopMotion(self.time[rows], self.measured[rows], self.error[rows], self.recording_of[rows])
+
+    def interpolate(self, recording: Recording) -> Array:
+        """Return the simulated position at the samples (N,) of the recording of this motion [rad].
+
+        It is NaN after the last simulated position.
+        """
+        path = []
+        for segment in recording.segments:
+            time = segment.time - recording.time[0]
+            is_inside = (self.time > time[0]) & (self.time <= time[-1])
+            points = (
+                np.r_[time[0], self.time[is_inside]],
+                np.r_[segment.position[0], self.simulated_position[is_inside]],
+            )
+            path.append(np.interp(time, *points, right=np.nan))
+        return np.concatenate(path)
+
+
+def simulate_in_loop(model: Model, recordings: Sequence[Recording]) -> LoopMotion:
+    """Simulate whole recordings of servos with their controllers in the loop."""
+    if not are_driven(recordings):
+        return LoopMotion(np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.intp))
+    rollouts = Rollouts(tuple(recordings), FINE)
+    error = rollouts.position_errors([Point.from_model(model)])[:, 0]
+    return LoopMotion(rollouts.time, rollouts.position, error, rollouts.recording_of)
