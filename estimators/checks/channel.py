@@ -23,14 +23,13 @@ from typing import Self
 import numpy as np
 
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
-from estimators.checks.channel_rows import MOTOR, SENSE, list_torque_dependent, make_channel_rows
+from estimators.checks.channel_rows import MOTOR, SENSE, ChannelRows, list_torque_dependent, make_channel_rows
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import IdentificationError, project_out
-from estimators.selection.score import Blocks, cross_validated
+from estimators.selection.score import cross_validated
 from estimators.signals.channel import Channel
-from estimators.weak_form.torque_windows import TorqueWindows
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Term
 from pendulum_env.recording import NEWTON_METRE, Recording
 
@@ -38,27 +37,15 @@ DESCENT = Rule(turns=20, dampings=(0.0, 1.0, 10.0), of_cost=1e-9)
 
 
 @dataclass(frozen=True, eq=False)
-class ChannelFits:
-    """Fits of the recorded torque under any law of the channel, in rows with known torque.
+class ChannelFits(ChannelRows):
+    """Fits of the recorded torque under any law of the channel.
 
     Attributes:
-        data: windows, each with its known load.
-        rows: equations used (R,) of those in the windows.
-        phi: columns (R, P), weighted; the first is that of the known loads if a current is logged.
-        where: stretch of each equation for predictions.
-        carried: torque of the known loads in all windows [N m]; 0 if a current is logged.
-        clusters: of time, and of recordings, of each equation (R,), within which errors may be correlated.
         by_torque: slopes of the columns by the torque (R, P).
         is_sampled: whether torque counts as sampled instead of held.
         torques: cache of `torque` by law.
     """
 
-    data: TorqueWindows
-    rows: Index
-    phi: Array
-    where: Blocks
-    carried: Array
-    clusters: tuple[Index, ...]
     by_torque: Array
     is_sampled: bool = False
     torques: dict[Channel, Array] = field(default_factory=dict)
@@ -76,7 +63,7 @@ class ChannelFits:
         if rows is None:
             return None
         of_torque = list_torque_dependent(beside)
-        fits = cls(*rows, np.zeros_like(rows.phi))
+        fits = cls(**vars(rows), by_torque=np.zeros_like(rows.phi))
         return fits.with_columns_of_torque(partial(fits._compute_torque_columns, of_torque)) if of_torque else fits
 
     def with_columns(self, columns: Array, by_torque: Array | None = None) -> Self:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,8 +33,18 @@ MOTOR = Column("motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True)
 SENSE = Column("sense", "1", dry=lambda x: np.sign(x.torque), of_torque=True)
 
 
-class ChannelRows(NamedTuple):
-    """Equations of the torque channel (R,), see `ChannelFits`."""
+@dataclass(frozen=True, eq=False)
+class ChannelRows:
+    """Equations of the torque channel, in rows with known torque.
+
+    Attributes:
+        data: windows, each with its known load.
+        rows: equations used (R,) of those in the windows.
+        phi: columns (R, P), weighted; the first is that of the known loads if a current is logged.
+        where: stretch of each equation for predictions.
+        carried: torque of the known loads in all windows [N m]; 0 if a current is logged.
+        clusters: of time, and of recordings, of each equation (R,), within which errors may be correlated.
+    """
 
     data: TorqueWindows
     rows: Index

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from estimators.findings import Finding, Kind, Quantity
+from estimators.memoize import memoized
 from estimators.regression.least_squares import Equations, solve, solve_least_squares
 from pendulum_env.recording import Recording
 
@@ -49,11 +50,7 @@ def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
     ]
 
 
-def has_feedback(recordings: Sequence[Recording]) -> bool:
-    """Return whether the torque of some recording answers the motion."""
-    return any(_estimate_feedback_gain(recording) is not None for recording in recordings)
-
-
+@memoized
 def _estimate_feedback_gain(recording: Recording) -> float | None:
     """Estimate the slope of torque innovations over position innovations [N m/rad]; None unless it is negative."""
     bounds = [(a, b) for a, b in pairwise((*recording.starts, len(recording))) if b - a > 2 * ANSWER.past]

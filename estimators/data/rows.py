@@ -119,6 +119,9 @@ class RowMaker(Protocol):
     def columns(self, variants: Terms) -> list[Columns]:
         """Return the columns of each variant of one effect, on the rows of its joint."""
 
+    def frame(self, terms: Terms) -> Array:
+        """Return an orthonormal basis (R, P) of the weighted columns of some terms, linearised at their fit."""
+
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
         """Return derivatives (R, S) of phi theta by continuous nonlinear parameters, and the names of these."""
 

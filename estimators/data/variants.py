@@ -93,12 +93,5 @@ def compute_unique_share(data: RegressionData, terms: Terms, term: Term) -> floa
     (part,), weights = data.maker.columns([term]), data.equations(terms).weights[:, None]
     of_term = place_columns(len(weights), [(data.locate_rows(term.at), np.column_stack([part.linear, part.fixed]))])
     of_term = of_term[:, np.linalg.norm(of_term, axis=0) > 0] * weights
-    outside = project_out(_make_frame(data, tuple(terms)), of_term)
+    outside = project_out(data.maker.frame(tuple(terms)), of_term)
     return float(max(np.linalg.norm(outside, axis=0) / np.linalg.norm(of_term, axis=0), default=0.0))
-
-
-@memoized
-def _make_frame(data: RegressionData, terms: Terms) -> Array:
-    """Return an orthonormal basis (R, P) of the weighted columns of some terms."""
-    balance = data.equations(terms)
-    return np.asarray(np.linalg.qr(balance.tangent(data.solve(terms)).slopes * balance.weights[:, None])[0])

@@ -248,6 +248,11 @@ class RolloutRows:
         phi = near.slopes[:, : len(theta)]
         return Balance(phi, phi @ theta - near.error, np.zeros_like(phi), *list_bounds(terms), near.weights)
 
+    def frame(self, terms: Terms) -> Array:
+        """Return an orthonormal basis (R, P) of the weighted columns of some terms, linearised at their fit."""
+        balance = self.equations(terms)
+        return np.linalg.qr(balance.phi * balance.weights[:, None])[0]
+
     def residual(self, terms: Terms, theta: Array) -> Array:
         """Return the measured minus the simulated positions (R,) [rad]."""
         return -self.rollouts.position_errors([Point(tuple(terms), theta)])[:, 0]

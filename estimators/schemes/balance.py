@@ -106,8 +106,7 @@ ARM_SCHEMES = adapt_to_arms(SCHEMES)
 def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[Equations]:
     """Compute the balance of N samples for each joint, or the summed balance of energy.
 
-    A column of a term acts on each loaded joint, times its factor. A fixed column acts on the first loaded joint alone,
-    without its factor.
+    A column of a term, also a fixed one, acts on each loaded joint, times its factor.
 
     Args:
         joints: measurements of the n joints at the same N instants.
@@ -128,14 +127,13 @@ def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[E
     y = np.column_stack([supplied(m) for m in joints])
     for term in others:
         factors = {names.index(joint): factor for joint, factor in list_loads(term.at).items()}
-        m, loaded_joint = _combine_measurements(joints, factors), next(iter(factors))
+        m, row_factors = _combine_measurements(joints, factors), {0: 1.0} if view == "energy" else factors
+        rows, row_factor = list(row_factors), np.array([*row_factors.values()])
         for column in term.columns:
-            values = view_column(m, column)
-            for row, factor in ({0: 1.0} if view == "energy" else factors).items():
-                phi[:, row, column_index] = factor * values
+            phi[:, rows, column_index] = np.multiply.outer(view_column(m, column), row_factor)
             column_index += 1
         for column in term.fixed:
-            y[:, loaded_joint] -= view_column(m, column)
+            y[:, rows] -= np.multiply.outer(view_column(m, column), row_factor)
     if view == "energy":
         y = y.sum(axis=1, keepdims=True)
     return [Equations(phi[:, k], y[:, k]) for k in range(y.shape[1])]

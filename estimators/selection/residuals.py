@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.checks.closed_loop import has_feedback
+from estimators.checks.closed_loop import find_feedback
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import ResidualStructure
@@ -122,7 +122,7 @@ class Residuals:
     def has_feedback(self) -> bool:
         """Return whether the recorded torque of a pendulum answers the motion; simulated rows depend on goals alone."""
         is_pendulum = self.train.layout.predicts_torque and self.joints == ("",)
-        return is_pendulum and has_feedback([own for part in self.parts for own in part.recordings])
+        return is_pendulum and bool(find_feedback([own for part in self.parts for own in part.recordings]))
 
     def holdout_residual(self, terms: Terms) -> Array:
         """Return the held-out residual (R,) [N m], with the parameters of the fit updated by the held-out data.

@@ -354,7 +354,7 @@ class TorqueRows:
         return balance.tangent(None if balance.is_linear else self.solve(terms))
 
     @memoized
-    def _frame(self, terms: Terms) -> Array:
+    def frame(self, terms: Terms) -> Array:
         """Return an orthonormal basis (R, P) of the weighted derivatives of the errors by the parameters."""
         return np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
 
@@ -472,7 +472,7 @@ class TorqueRows:
         the bounds, has known parameters or depends on the torque is fitted exactly.
         """
         shared, w = self.columns_of_each(terms), self.weights(terms)
-        tangent, frame = self.tangent(terms), self._frame(terms)
+        tangent, frame = self.tangent(terms), self.frame(terms)
         scale, target = w * tangent.scale, w * tangent.error
         inverse = np.linalg.pinv(frame.T @ (w[:, None] * tangent.slopes))
 

@@ -1,7 +1,7 @@
 """Windowed equations of an arm: what each joint's rows say, and that laws of one joint's torque stay at that joint."""
 
 import pickle
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,10 +11,12 @@ from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.setting import Setting
 from estimators.regression.balance import Columns
+from estimators.schemes.balance import compute_balances
 from estimators.selection.search import search
+from estimators.signals.measurements import measure_joints
 from pendulum_env.arms.joints import Links, arm_base, choose_coupling, list_couplings, place_effect, place_term
 from pendulum_env.arms.model import ArmModel
-from pendulum_env.physics import Viscous, effect
+from pendulum_env.physics import Column, Term, Viscous, effect
 from pendulum_env.physics.term import list_loads
 from tests.two_link import recorded
 
@@ -96,3 +98,31 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_he
     kinds = {one.id: one for one in (*list_couplings(body), place_effect(effect("stribeck"), "elbow"))}
     evaluator = Setting(base, kinds).evaluator(FitData((recording,), terms=(*base, *kinds.values())).parts)
     assert [term.id for term in search(evaluator).terms[len(base) :]] == [kind.id]
+
+
+SHARED = (Column("shared", "N m", force=lambda x: np.sin(x.position), potential=lambda x: -np.cos(x.position)),)
+
+
+@dataclass(frozen=True)
+class OfUnknownSize(Term):
+    """A law of the difference of two angles, with a parameter."""
+
+    id, law, kind, at = "shared@shoulder,-elbow", "k sin q", "potential", "shoulder,-elbow"
+    columns = SHARED
+
+
+@dataclass(frozen=True)
+class OfKnownSize(Term):
+    """The same law without a parameter."""
+
+    id, law, kind, at = OfUnknownSize.id, "sin q", "potential", OfUnknownSize.at
+    fixed = SHARED
+
+
+@pytest.mark.parametrize("view", ["torque", "impulse", "energy"])
+def test_a_law_without_parameters_loads_both_joints_with_their_factors(body, run, view):
+    (joints,) = measure_joints(run.joints)
+    unknown, known = (compute_balances(joints, [Links(body), term()], view) for term in (OfUnknownSize, OfKnownSize))
+    for of_unknown, of_known in zip(unknown, known, strict=True):
+        assert np.abs(of_unknown.phi[:, -1]).max() > 0.1
+        np.testing.assert_allclose(of_known.y, of_unknown.y - of_unknown.phi[:, -1], atol=1e-12)
