@@ -39,22 +39,22 @@ def build_recording(
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
             values[quantity] *= column.scale
             values[quantity] += column.offset
-    source = drive or MOTOR
-    if source.output == "duty" and source.supply is None and "supply" not in values:
+    actuator = drive or MOTOR
+    if actuator.output == "duty" and actuator.supply is None and "supply" not in values:
         raise RecordingError(
             "a duty is a share of the supply: name its column (supply=...), or give the drive a supply [V]"
         )
-    unit = columns["torque"].result_unit if "torque" in columns else source.unit
+    unit = columns["torque"].result_unit if "torque" in columns else actuator.unit
     if "torque" not in values:
         values["torque"] = np.zeros_like(values["position"])  # of a drive until the motion is known
-        if not source.is_controller:
+        if not actuator.is_controller:
             notes.append(Note(NoteKind.NO_TORQUE if "torque" in named else NoteKind.NO_TORQUE_COLUMN))
     checks.refuse_too_few(values["time"])
 
     def turns() -> Array:
         return np.unwrap(log.values["position"]) if unwrap else log.values["position"]
 
-    is_output = unit == OUTPUTS.get(source.output)
+    is_output = unit == OUTPUTS.get(actuator.output)
     noted = [own for own in columns.values() if not (is_output and own.quantity == "torque")]
     log = cleaning.Log(values, [*(note for column in noted for note in column.notes), *notes])
     cleaning.fill_unchanged(log)
@@ -62,7 +62,7 @@ def build_recording(
     cleaning.drop_invalid_rows(log, checks.BOUNDS.fewest)
     cleaning.shift_restarted_runs(log)
     cleaning.drop_repeated_times(log)
-    if not source.is_controller and not log.values["torque"].any() and np.ptp(log.values["position"]) > 0:
+    if not actuator.is_controller and not log.values["torque"].any() and np.ptp(log.values["position"]) > 0:
         cleaning.drop_initial_hold(log, turns())
     cleaning.start_from_zero(log)
     cleaning.drop_spoilt_positions(log, turns())
@@ -70,7 +70,7 @@ def build_recording(
     checks.refuse_still(log.values["position"])
     sampling.cut_at_gaps(log, turns())
     checks.refuse_jumps(log.values["position"], log.rows, log.starts, origin, allow_wrapped=unwrap)
-    jumps = cleaning.unwrap_positions(log, is_angle=not source.acts_on_speed) if unwrap else 0
+    jumps = cleaning.unwrap_positions(log, is_angle=not actuator.acts_on_speed) if unwrap else 0
     sampling.drop_short_segments(log)
     sampling.resample_uniformly(log)
     signals: dict[str, Any] = {**log.values}

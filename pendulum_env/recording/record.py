@@ -222,24 +222,24 @@ class Recording:
         return self.load_torque is not None and bool(np.ptp(self.load_torque) > 0)
 
     @property
-    def source(self) -> ServoDrive:
-        """Return the source of the torque: its drive, or a motor whose torque was logged."""
+    def actuator(self) -> ServoDrive:
+        """Return what drives the joint: its drive, or a motor whose torque was logged."""
         return self.drive or MOTOR
 
     @property
     def has_logged_torque(self) -> bool:
         """Return whether torque was logged or is zero, so that no controller's request stands for it."""
-        return not self.source.is_controller or self.origin is None or "torque" in self.origin.columns
+        return not self.actuator.is_controller or self.origin is None or "torque" in self.origin.columns
 
     @property
     def is_free(self) -> bool:
         """Return whether the joint swings freely: nothing drives it, and no controller is known."""
-        return not (self.source.is_controller or self.has_torque)
+        return not (self.actuator.is_controller or self.has_torque)
 
     @property
     def goal(self) -> Array | None:
         """Return the position that the controller was asked to follow (N,) [rad]; None if none is known."""
-        return self.reference if self.source.acts_on_position else None
+        return self.reference if self.actuator.acts_on_position else None
 
     def convert_to_newton_metres(self, constant: TorqueConstant) -> Self:
         """Return the recording in N m; the torque constant becomes the gain of its drive."""

@@ -13,14 +13,14 @@ from pendulum_env.recording.vocabulary import OUTPUTS
 
 def has_unknown_integral(recording: Recording) -> bool:
     """Return whether no known load tells the torque, as it is that of a controller with an integral part."""
-    return recording.source.ki > 0 and recording.torque_unit != NEWTON_METRE
+    return recording.actuator.ki > 0 and recording.torque_unit != NEWTON_METRE
 
 
 def get_bus_voltage(recording: Recording) -> Array:
     """Return the voltage of the bus (N,) [V]: as recorded, or else what the drive says, 1 without either."""
     if recording.supply is not None:
         return recording.supply
-    return np.full(len(recording), recording.source.supply or 1.0)
+    return np.full(len(recording), recording.actuator.supply or 1.0)
 
 
 def compute_asked_torque(recording: Recording) -> Array:
@@ -30,13 +30,13 @@ def compute_asked_torque(recording: Recording) -> Array:
         assert part.reference is not None  # there is no drive without one
         # a drive acts on its own estimate of the speed, which a log may have
         velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
-        parts.append(part.source.torque(part.reference, part.position, velocity, get_bus_voltage(part), part.powered))
+        parts.append(part.actuator.torque(part.reference, part.position, velocity, get_bus_voltage(part), part.powered))
     return np.concatenate(parts)
 
 
 def complete_torque(recording: Recording) -> Recording:
     """Return a recording with the torque that its drive asked for, or that its logged output makes, and a note."""
-    drive = recording.source
+    drive = recording.actuator
     if not recording.has_logged_torque:
         torque, note = compute_asked_torque(recording), Note(NoteKind.TORQUE_OF_DRIVE)
     elif recording.torque_unit == OUTPUTS.get(drive.output):
