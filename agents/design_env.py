@@ -94,7 +94,7 @@ class ExcitationDesignVector(TaskVector):
     def _begin_episodes(self, options: dict[str, Any]) -> TaskState:
         given = options.get("theta", {})
         if isinstance(given, Mapping):
-            given = {**self._spread.draw_by_name(self.np_random, self.num_envs), **given}
+            given = {**self._spread.draw(self.np_random, self.num_envs), **given}
         elif np.ndim(given) == 1 and self.num_envs == 1:
             given = np.asarray(given)[:, None]  # of a single pendulum
         _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": given})

@@ -7,12 +7,11 @@ same torque for one instant or for N of them, in any order, and never exceeds `a
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Annotated, Any, NamedTuple, Protocol, Self
+from typing import Annotated, NamedTuple, Protocol, Self
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, json
 
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 from pendulum_env.errors import FileError, UserError
@@ -36,8 +35,7 @@ class Excitation(Protocol):
         """Return the torque at a time or at times (N,), in the same shape [N m]."""
 
 
-@dataclass(frozen=True)
-class TwoTone:
+class TwoTone(Struct, frozen=True, tag_field="kind", tag="two_tone"):
     """Excitation of the paper, 3 sin(12.07 t + r1) + 3 sin(2.25 t + r2): fast for inertia, slow for gravity.
 
     The paper prints the sines without t; the frequencies only make sense with it. r1 and r2 are random phases.
@@ -58,8 +56,7 @@ class TwoTone:
         return 0.5 * self.amplitude * (np.sin(12.07 * t + self.phases[0]) + np.sin(2.25 * t + self.phases[1]))
 
 
-@dataclass(frozen=True)
-class Multisine:
+class Multisine(Struct, frozen=True, tag_field="kind", tag="multisine"):
     """Sines at multiples of one base frequency: a periodic signal with a flat spectrum."""
 
     amplitude: Torque
@@ -94,8 +91,7 @@ class Multisine:
         return float(np.abs(self._sum(grid)).max() / np.cos(np.pi / 32))
 
 
-@dataclass(frozen=True)
-class Chirp:
+class Chirp(Struct, frozen=True, tag_field="kind", tag="chirp"):
     """Sweep of frequency, repeated after its duration: slow full turns first, fast small motion last."""
 
     amplitude: Torque
@@ -117,8 +113,7 @@ class Chirp:
         return np.asarray(self.amplitude * np.sin(2 * np.pi * cycles + self.phase))
 
 
-@dataclass(frozen=True)
-class Levels:
+class Levels(Struct, frozen=True, tag_field="kind", tag="levels"):
     """Torque held at given levels between given times, repeated after the last one."""
 
     amplitude: Torque
@@ -212,20 +207,13 @@ def draw_family(rng: np.random.Generator, seconds: float, amplitude: float) -> l
     return signals
 
 
-SIGNALS: dict[str, type[Any]] = {"two_tone": TwoTone, "multisine": Multisine, "chirp": Chirp, "levels": Levels}
-
-
-class _Kind(Struct):
-    """Kind of a signal in a file."""
-
-    kind: str
+Signal = TwoTone | Multisine | Chirp | Levels  # in a file
 
 
 def encode_signal(signal: Excitation) -> JSON:
-    """Return a plain dictionary for JSON of a signal that `SIGNALS` knows."""
-    kind = next(name for name, kind in SIGNALS.items() if isinstance(signal, kind))
-    values = asdict(signal).items()  # type: ignore[call-overload]  # all that SIGNALS knows are records
-    return {"kind": kind, **{name: list(v) if isinstance(v, tuple) else v for name, v in values}}
+    """Return a plain dictionary for JSON of a signal of this module, with its kind."""
+    encoded: JSON = json.decode(json.encode(signal))  # tuples are lists there
+    return encoded
 
 
 def decode_signal(data: JSON, key: str = "") -> Excitation:
@@ -234,10 +222,9 @@ def decode_signal(data: JSON, key: str = "") -> Excitation:
     Raises:
         ValueError: if it is none.
     """
-    known = f"a signal is one of {', '.join(SIGNALS)} with all of its numbers, within its amplitude"
+    known = "a signal is one of two_tone, multisine, chirp, levels with all of its numbers, within its amplitude"
     try:
-        kind = find("kind", convert(data, _Kind, key).kind, SIGNALS)
-        signal: Excitation = convert({name: value for name, value in data.items() if name != "kind"}, kind, key)
+        signal: Signal = convert(data, Signal, key)  # type: ignore[arg-type]  # msgspec knows unions
     except UserError as error:
         raise FileError(f"{known}: {error}") from None
     match signal:

@@ -29,15 +29,12 @@ class Spread:
                 raise ValueError(f"the plant has no parameter '{name}' to draw: it has {', '.join(self.names)}")
             if not 0 <= width < 1:
                 raise ValueError(f"the spread of {name} cannot be {width:g}: give a share from 0 to below 1")
-        self._root = np.diag(nominal.theta * [widths.get(name, 0.0) for name in self.names])
+        self._widths = self._nominal * [[widths.get(name, 0.0)] for name in self.names]
 
-    def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Draw parameters of `count` plants (P, count)."""
-        return np.asarray(self._nominal + self._root @ rng.uniform(-1.0, 1.0, (len(self.names), count)))
-
-    def draw_by_name(self, rng: np.random.Generator, count: int) -> dict[str, Array]:
-        """Draw parameters by name, (count,) each."""
-        return dict(zip(self.names, self.draw(rng, count), strict=True))
+    def draw(self, rng: np.random.Generator, count: int) -> dict[str, Array]:
+        """Draw parameters of `count` plants by name, (count,) each."""
+        drawn = self._nominal + self._widths * rng.uniform(-1.0, 1.0, (len(self.names), count))
+        return dict(zip(self.names, drawn, strict=True))
 
 
 def _merge_options(options: Mapping[str, Any] | None, drawn: Mapping[str, Any]) -> dict[str, Any]:
@@ -73,7 +70,7 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         """Reset the environment with a new plant; the same seed draws the same plants."""
         if seed is not None:
             self.np_random = np.random.default_rng([seed, 1])  # not the numbers that the measurement's noise draws
-        drawn = {name: value.item() for name, value in self._spread.draw_by_name(self.np_random, 1).items()}
+        drawn = {name: value.item() for name, value in self._spread.draw(self.np_random, 1).items()}
         return self.env.reset(seed=seed, options=_merge_options(options, drawn))
 
 
@@ -99,7 +96,7 @@ class RandomizePlantVector(VectorWrapper):
         first = seed[0] if isinstance(seed, list) else seed
         if first is not None:
             self._rng = np.random.default_rng(first)
-        options = _merge_options(options, self._spread.draw_by_name(self._rng, self.num_envs))
+        options = _merge_options(options, self._spread.draw(self._rng, self.num_envs))
         observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # lists are passed on
         self._time = np.asarray(info["time"])
         return observation, info
@@ -111,6 +108,6 @@ class RandomizePlantVector(VectorWrapper):
         anew = time <= self._time
         self._time = time
         if anew.any():
-            self._plants.set_parameters(self._spread.draw_by_name(self._rng, self.num_envs), anew)
+            self._plants.set_parameters(self._spread.draw(self._rng, self.num_envs), anew)
             info["plant"] = self._plants.plant.info
         return observation, reward, terminated, truncated, info

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
@@ -19,7 +18,6 @@ from msgspec import Meta
 from pendulum_env.backends.hardware import Settings, find_adapter, list_adapters
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import write_whole
-from pendulum_env.lookup import find
 from pendulum_env.plant import PAPER
 from pendulum_env.reading import LARGE, NonNegative, Text, convert, read_text, read_toml
 from pendulum_env.spaces import MAX_TORQUE
@@ -125,36 +123,27 @@ class PlantRanges:
     delay: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.01  # [s] until a torque acts
 
 
-TABLES: Mapping[str, type[Any]] = {
-    "encoder": EncoderSettings,
-    "limits": GuardLimits,
-    "fault": OnFault,
-    "rest": Rest,
-    "plant": PlantRanges,
-}
-
-
-@dataclass(frozen=True)
-class Top:
-    """Keys outside of tables."""
+@dataclass(frozen=True, kw_only=True)
+class RigFile:
+    """Keys and tables of the file, besides those of adapters."""
 
     adapter: Text
     rate: Annotated[float, Meta(ge=10.0, le=20_000.0)] = 1000.0  # of the loop [Hz]
     torque_sign: Literal[1, -1] = 1  # of the torque that turns the arm counter-clockwise
     realtime: bool = False  # whether the loop asks for real-time priority
     log: Text | None = None  # file for what happens to the rig, beside the configuration
+    encoder: EncoderSettings = EncoderSettings()
+    limits: GuardLimits = GuardLimits()
+    fault: OnFault = OnFault()
+    rest: Rest = Rest()
+    plant: PlantRanges = PlantRanges()
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigConfig(Top):
+class RigConfig(RigFile):
     """Rig as its file describes it."""
 
     link: Settings  # of the adapter
-    encoder: EncoderSettings
-    limits: GuardLimits
-    fault: OnFault
-    rest: Rest
-    plant: PlantRanges
     path: Path  # of the file
     checked: bool = False  # whether `hardware check` has passed with this wiring
 
@@ -213,23 +202,20 @@ def mark_checked(config: RigConfig) -> Path:
 
 
 def _build_config(path: Path, data: dict[str, Any]) -> RigConfig:
-    tables = {name: value for name, value in data.items() if isinstance(value, dict)}
-    top = convert({name: value for name, value in data.items() if name not in tables}, Top)
-    kind_of_link = find_adapter(top.adapter).settings
-    for name in tables:
-        find("table", name, {**TABLES, **list_adapters()})
-    if top.adapter not in tables:
-        raise ValueError(f"adapter is '{top.adapter}' but there is no table [{top.adapter}]: add it")
-    if tables.get("encoder", {}).get("zero") == "start":
-        del tables["encoder"]["zero"]
-    settings = {name: convert(tables.get(name, {}), kind, name) for name, kind in TABLES.items()}
-    link = convert(tables[top.adapter], kind_of_link, top.adapter)
-    config = RigConfig(**vars(top), link=link, **settings, path=path.resolve())
+    if isinstance(encoder := data.get("encoder"), dict) and encoder.get("zero") == "start":
+        del encoder["zero"]
+    of_adapters = {*list_adapters(), str(data.get("adapter"))}
+    file = convert({name: value for name, value in data.items() if name not in of_adapters}, RigFile)
+    kind_of_link = find_adapter(file.adapter).settings
+    if file.adapter not in data:
+        raise ValueError(f"adapter is '{file.adapter}' but there is no table [{file.adapter}]: add it")
+    link = convert(data[file.adapter], kind_of_link, file.adapter)
+    config = RigConfig(**vars(file), link=link, path=path.resolve())
     limits, rest = config.limits, config.rest
     if limits.soft_velocity > limits.hard_velocity:
         raise ValueError("limits.soft_velocity is above limits.hard_velocity: torque has to fade out before the fault")
-    if limits.gap * top.rate < 2:
-        raise ValueError(f"limits.gap is below two periods of {1 / top.rate:g} s: make it longer, or rate higher")
+    if limits.gap * config.rate < 2:
+        raise ValueError(f"limits.gap is below two periods of {1 / config.rate:g} s: make it longer, or rate higher")
     if limits.gap > limits.watchdog:
         raise ValueError("limits.gap is above limits.watchdog: the drive would let go before the guard says why")
     if rest.timeout <= rest.seconds:
