@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.backends.sensing import COUNTS, Sensor
-from pendulum_env.backends.simulator import begin
 from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.parameters import PlantParameters, PlantProperties, Values
 from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import CommandLine, TorqueBalance, step
+from pendulum_env.physics.simulation import CommandLine, TorqueBalance, begin, step
 from pendulum_env.plant import Effects, make_plant
 from pendulum_env.spaces import (
     MAX_TORQUE,

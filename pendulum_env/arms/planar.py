@@ -7,7 +7,7 @@ a joint reverses inside a step, the step is made again with the friction that ac
 """
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import FRICTION, parse_effect
 from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import CommandLine, TorqueBalance
+from pendulum_env.physics.simulation import CommandLine, TorqueBalance, begin
 from pendulum_env.plant import PAPER, Effects, hide, list_effects
 from pendulum_env.recording.study import GRAVITY
 
@@ -88,11 +88,8 @@ class JointBalances:
 
     def start(self, position: Array, velocity: Array) -> None:
         """Begin with joints at positions (n,) with velocities (n,)."""
-        self.time = 0.0
         self._lines = [CommandLine(balance.terms, self._h, 1) for balance in self._balances]
-        self._memory: list[Mapping[str, Any]] = [{} for _ in self._balances]
-        samples = self._samples(position, velocity, np.zeros(len(self._balances)))
-        self._memory = [balance.start(x) for balance, x in zip(self._balances, samples, strict=True)]
+        self._now = [begin(*own) for own in zip(self._balances, position, velocity, strict=True)]
 
     def delay_torque(self, torque: Array) -> Array:
         """Return the torques (n,) that act in the next step after delays of the terms."""
@@ -107,15 +104,15 @@ class JointBalances:
 
     def advance(self, position: Array, velocity: Array, torque: Array, mean: Array) -> None:
         """Advance by a step, the joints moving at mean velocities (n,) meanwhile."""
-        for k, x in enumerate(self._samples(position, velocity, torque)):
-            if x.memory:
-                self._memory[k] = self._balances[k].advance(x, mean[k], self._h)
-        self.time += self._h
+        each = zip(self._balances, self._samples(position, velocity, torque), mean, strict=True)
+        self._now = [
+            Samples(x.time + self._h, x.position, x.velocity, x.torque, balance.advance(x, own, self._h))
+            for balance, x, own in each
+        ]
 
     def _samples(self, position: Array, velocity: Array, torque: Array) -> list[Samples]:
-        now: Any = np.float64(self.time)
-        each = zip(position, velocity, torque, self._memory, strict=True)
-        return [Samples(now, q, v, u, memory) for q, v, u, memory in each]
+        each = zip(self._now, position, velocity, torque, strict=True)
+        return [Samples(x.time, q, v, u, x.memory) for x, q, v, u in each]
 
 
 class PlanarBodies:

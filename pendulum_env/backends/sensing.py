@@ -31,7 +31,11 @@ class Sensor:
 
     def position(self, position: ArrayLike) -> Array:
         """Return the angle that the encoder reads [rad]."""
-        return read_encoder(position, self.counts)
+        if self.counts == 0:
+            return np.asarray(position)
+        count = 2 * math.pi / self.counts
+        rounded: Array = np.rint(position / count)
+        return count * rounded
 
     def velocity(self, velocity: ArrayLike) -> ArrayLike | None:
         """Return the measured velocity [rad/s], if there is one."""
@@ -42,12 +46,3 @@ class Sensor:
         if self.torque_noise == 0:
             return torque
         return torque + self.torque_noise * rng.standard_normal(np.shape(torque))
-
-
-def read_encoder(position: ArrayLike, counts: int) -> Array:
-    """Return the angle [rad] that an encoder with `counts` per turn reads; 0 counts read it exactly."""
-    if counts == 0:
-        return np.asarray(position)
-    count = 2 * math.pi / counts
-    rounded: Array = np.rint(position / count)
-    return count * rounded

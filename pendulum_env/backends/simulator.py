@@ -1,15 +1,12 @@
 """A simulated pendulum as a backend: a model's torques on the body of a physics engine, seen through a sensor."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
-import numpy as np
-
-from pendulum_env._typing import Array, ArrayLike
+from pendulum_env._typing import Array
 from pendulum_env.backends.port import Backend, Sample, Setup, Start, Traits
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.simulation import CommandLine, TorqueBalance
+from pendulum_env.physics.simulation import CommandLine, TorqueBalance, begin
 
 
 class Engine(Protocol):
@@ -23,13 +20,6 @@ class Engine(Protocol):
 
     def step(self, torque: float, h: float, /) -> tuple[float, float]:
         """Advance by h [s] under a torque [N m], from where the last step ended: angle [rad], velocity [rad/s]."""
-
-
-def begin(balance: TorqueBalance, position: ArrayLike, velocity: ArrayLike) -> Samples:
-    """Begin of a run of a joint, scalars, or of several (B,), that have been so for long."""
-    rest: Any = np.zeros(np.shape(position))[()]
-    x = Samples(rest, np.float64(position), np.float64(velocity), rest)  # type: ignore[arg-type]
-    return replace(x, memory=balance.start(x))
 
 
 class Simulator(Backend):

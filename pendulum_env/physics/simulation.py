@@ -112,6 +112,13 @@ class TorqueBalance:
         return set_label(self.net(x), f"net_at_{stage}"), set_label(self.dry(x), f"dry_at_{stage}")
 
 
+def begin(balance: TorqueBalance, position: ArrayLike, velocity: ArrayLike) -> Samples:
+    """Begin of a run of a joint, scalars, or of several (B,), that have been so for long."""
+    rest: Any = np.zeros(np.shape(position))[()]
+    x = Samples(rest, np.float64(position), np.float64(velocity), rest)  # type: ignore[arg-type]
+    return replace(x, memory=balance.start(x))
+
+
 def _sum_constant(parts: list[tuple[ArrayLike, Law]]) -> bool:
     return all(law is one for _, law in parts)
 

@@ -53,7 +53,7 @@ def refuse_large_current(values: Array, origin: Origin) -> None:
     if column.is_current_by_guess and most > BOUNDS.current:
         raise ColumnError(
             f"the current of column {column.header!r} reaches {most:.4g}, too much in A: read it with "
-            f"{_format_columns(origin.change_unit('torque', 'mA'))} if it is in mA, or give the unit in the "
+            f"{_format_columns(origin.change_column('torque', unit='mA'))} if it is in mA, or give the unit in the "
             "name of the column"
         )
 
@@ -87,7 +87,7 @@ def _suggest_time_unit(period: float, origin: Origin) -> str:
     return (
         ""
         if unit is None
-        else f"read it with {_format_columns(origin.change_unit('time', unit))} if time is in {unit}, or "
+        else f"read it with {_format_columns(origin.change_column('time', unit=unit))} if time is in {unit}, or "
     )
 
 
@@ -116,7 +116,7 @@ def refuse_jumps(position: Array, rows: Index, starts: Sequence[int], origin: Or
     elif 270 < size < 361:
         raise ColumnError(
             f"{what}, as an angle wrapped at 360 degrees does: read it with {format_setting('unwrap', True)}, and with "
-            f"{_format_columns(origin.change_unit('position', 'deg'))}"
+            f"{_format_columns(origin.change_column('position', unit='deg'))}"
         )
     else:
         raise ColumnError(
@@ -148,7 +148,7 @@ def check_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
     if found is None:
         return ()
     if not found.is_certain:
-        return (found.note(origin.change_unit("position", found.unit)),)
+        return (found.note(origin.change_column("position", unit=found.unit)),)
     raise ColumnError(f"{found.text}: {_suggest_position_unit(origin, found.unit)}")
 
 
@@ -160,10 +160,10 @@ def _suggest_position_unit(origin: Origin, unit: str = "deg", *, confirms: bool 
         advice = f"read it with {_format_columns(origin.change_to_counts())} if an encoder counts 4096 to a turn"
     else:
         name = {"deg": "degrees", "rev": "turns"}[unit]
-        advice = f"read it with {_format_columns(origin.change_unit('position', unit))} if it is in {name}"
+        advice = f"read it with {_format_columns(origin.change_column('position', unit=unit))} if it is in {name}"
     if not confirms or origin.columns["position"].is_unit_told:
         return advice
-    return f"{advice}, with {_format_columns(origin.change_unit('position', 'rad'))} if it is not"
+    return f"{advice}, with {_format_columns(origin.change_column('position', unit='rad'))} if it is not"
 
 
 def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
@@ -174,7 +174,7 @@ def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
     if away > BOUNDS.followed:
         raise ColumnError(
             f"the goal is {away:.3g} rad away from the position, as if in other units or from another zero: say them "
-            f"as those of the position, {_format_columns(origin.change_unit('reference', 'deg'))} for one"
+            f"as those of the position, {_format_columns(origin.change_column('reference', unit='deg'))} for one"
         )
 
 
@@ -194,7 +194,7 @@ def refuse_torque_twice(recording: Recording, origin: Origin) -> None:
             f"load_torque, from column {origin.columns['load_torque'].header!r}, follows torque ({correlation:.3f} "
             "correlated), and both would add up: read it with "
             f"{_format_columns(origin.omit_column('load_torque'))} if it "
-            f"measures the torque of the motor, with {_format_columns(origin.confirm_column('load_torque'))} "
+            f"measures the torque of the motor, with {_format_columns(origin.change_column('load_torque'))} "
             "if another machine "
             "applies it"
         )
@@ -225,7 +225,7 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
         if 0.9 < ratio / factor < 1.1 or (unit[:3] == "deg" and 0.7 < ratio / factor < 1.4):
             raise ColumnError(
                 f"velocity is {1 / ratio:.3g} times the slope of position, as if {quantity} were in {unit}: read it "
-                f"with {_format_columns(origin.change_unit(quantity, unit))}"
+                f"with {_format_columns(origin.change_column(quantity, unit=unit))}"
             )
     if not 0.5 < ratio < 2:
         raise ColumnError(f"velocity is {1 / ratio:.3g} times the slope of position: {remedy}")

@@ -56,6 +56,7 @@ ADDED = re.compile(
 VALUES = ("data", "value", "values")  # fields of a structure that hold its samples
 COUNTERS = ("sample", "samples", "samplenumber", "sampleindex", "frame", "framenumber", "index")
 QUOTED = 40  # characters of a header in a sentence
+UNTOLD = Expression("")  # of a column that the user did not name
 NONE = "none"  # in the place of a column: the quantity is left out, whatever the names of columns are
 
 
@@ -69,25 +70,23 @@ class FileColumn:
     unit: str | None  # letters of its unit, None if nothing names one
     rank: Rank = Rank.MEASURED  # whether its name says measured, estimated or commanded
     passed_over: tuple[str, ...] = ()  # names of others that could be the same quantity
-    expression: Expression | None = None  # what the user says of it
+    expression: Expression = UNTOLD  # what the user says of it; empty if nothing
 
     @property
     def scale(self) -> float:
         """Return the factor from the column to SI."""
-        return _find_factor(self.quantity, self.unit) * (1.0 if self.expression is None else self.expression.gain)
+        return _find_factor(self.quantity, self.unit) * self.expression.gain
 
     @property
     def offset(self) -> float:
         """Return the added offset in SI."""
-        if self.expression is None:
-            return 0.0
         unit = self.unit if self.expression.offset_unit is None else normalise_name(self.expression.offset_unit)
         return self.expression.shift * _find_factor(self.quantity, unit)
 
     @property
     def is_unit_told(self) -> bool:
         """Return whether the name or the user gives the unit."""
-        return self.unit is not None or (self.expression is not None and bool(self.expression.factors))
+        return self.unit is not None or bool(self.expression.factors)
 
     @property
     def is_current_by_guess(self) -> bool:
@@ -99,7 +98,7 @@ class FileColumn:
     @property
     def result_unit(self) -> str:
         """Return the unit of the result: SI, or that of the column for a torque with an unknown gain."""
-        if self.expression is None or not self.expression.is_gain_unknown:
+        if not self.expression.is_gain_unknown:
             return SI[self.quantity]
         return _find_raw_unit(self.unit or "duty")
 
@@ -107,9 +106,7 @@ class FileColumn:
     def notes(self) -> tuple[Note, ...]:
         """Return the notes on how this column was read."""
         notes, own, header = [], (self.quantity,), (self.header,)
-        if self.expression is not None and (
-            self.expression.factors or self.expression.offset or self.expression.negative
-        ):
+        if self.expression.factors or self.expression.offset or self.expression.negative:
             notes.append(Note(NoteKind.TRANSFORMED, own, text=str(self.expression)))
         elif self.scale != 1.0:
             si = SI[self.quantity]
@@ -282,7 +279,7 @@ def _apply_moteus_units(columns: dict[str, FileColumn], headers: Sequence[str]) 
         return columns
     return {
         quantity: replace(column, unit=unit)
-        if column.unit is None and column.expression is None and (unit := MOTEUS.get(normalise_name(column.header)))
+        if column.unit is None and not column.expression.name and (unit := MOTEUS.get(normalise_name(column.header)))
         else column
         for quantity, column in columns.items()
     }

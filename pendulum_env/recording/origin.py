@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from pendulum_env.recording.columns import NONE, FileColumn
 from pendulum_env.recording.expression import Expression
@@ -30,34 +31,24 @@ class Origin:
         """Return whether positions are in metres, so that the joint slides."""
         return self.columns["position"].unit in LINEAR["position"]
 
-    def change_columns(self, **changes: str) -> dict[str, str]:
-        """Return columns by quantity that read the file with changes, and otherwise as the user named them."""
-        return {**self.named, **changes}
-
-    def change_unit(self, quantity: str, unit: str) -> dict[str, str]:
-        """Return the columns with another unit of one of them."""
-        return self.change_columns(**{quantity: str(replace(self._get_expression(quantity), unit=unit))})
+    def change_column(self, quantity: str, **changes: Any) -> dict[str, str]:
+        """Return columns by quantity that read one with changes of its `Expression`, others as the user named them."""
+        return {**self.named, quantity: str(replace(self._get_expression(quantity), **changes))}
 
     def change_to_counts(self) -> dict[str, str]:
         """Return the columns with position in counts, for example 4096 per turn."""
-        expression = self._get_expression("position")
-        return self.change_columns(
-            position=str(replace(expression, unit="counts", factors=("/4096", *expression.factors)))
-        )
-
-    def confirm_column(self, quantity: str) -> dict[str, str]:
-        """Return the columns with an explicit column for a quantity."""
-        return self.change_columns(**{quantity: str(self._get_expression(quantity))})
+        factors = ("/4096", *self._get_expression("position").factors)
+        return self.change_column("position", unit="counts", factors=factors)
 
     def flip_sign(self, quantity: str) -> dict[str, str]:
         """Return the columns with the opposite sign of one of them, offset included."""
         old = self._get_expression(quantity)
         offset = None if old.offset is None else ("+" if old.offset[0] == "-" else "-") + old.offset[1:]
-        return self.change_columns(**{quantity: str(replace(old, negative=not old.negative, offset=offset))})
+        return self.change_column(quantity, negative=not old.negative, offset=offset)
 
     def omit_column(self, quantity: str) -> dict[str, str]:
         """Return the columns without an optional one."""
-        return self.change_columns(**{quantity: NONE})
+        return {**self.named, quantity: NONE}
 
     def shift_zero(self, angle: float, digits: int) -> dict[str, str] | None:
         """Return the columns with an angle [rad] added to position and reference, written in degrees.
@@ -67,9 +58,7 @@ class Origin:
         places = [quantity for quantity in ("position", "reference") if quantity in self.columns]
         if any(self.columns[quantity].unit not in {None, *UNITS["position"], *RAW["position"]} for quantity in places):
             return None
-        return self.change_columns(
-            **{quantity: str(self._shift_expression(quantity, angle, digits)) for quantity in places}
-        )
+        return {**self.named, **{quantity: str(self._shift_expression(quantity, angle, digits)) for quantity in places}}
 
     def can_be_degrees(self) -> bool:
         """Return whether position may be in degrees."""
@@ -79,8 +68,7 @@ class Origin:
     def _get_expression(self, quantity: str) -> Expression:
         """Return the expression that reads a column as before."""
         column = self.columns[quantity]
-        told = column.expression or Expression(column.header)
-        return replace(told, unit=told.unit or column.unit)
+        return replace(column.expression, name=column.header, unit=column.expression.unit or column.unit)
 
     def _shift_expression(self, quantity: str, angle: float, digits: int) -> Expression:
         old, column = self._get_expression(quantity), self.columns[quantity]

@@ -2,9 +2,11 @@
 
 import re
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 
@@ -15,7 +17,6 @@ from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.columns import NONE, FileColumn, add_labels
 from pendulum_env.recording.layout import HEAD, NUMBER, Layout, find_layout
 from pendulum_env.recording.notes import Note, NoteKind
-from pendulum_env.recording.stamps import CLOCK, STAMP, convert_times, parse_date
 from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series, rank_words
 from pendulum_env.recording.vocabulary import OPTIONAL
 from pendulum_env.settings import format_setting
@@ -29,6 +30,9 @@ TRUE, FALSE = (  # cells that are 1 and 0
 )
 EMPTY = ["", "NA", "N/A", "NULL", "null", "None", "-", "#N/A", "#DIV/0!"]  # cells without a value
 ARRIVAL = re.compile(rb"^\d\d:\d\d:\d\d\.\d{3} -> ", re.MULTILINE)  # that a serial monitor prints before a line
+CLOCK = re.compile(r"\s*(?:\d+:)?\d{1,2}:\d{1,2}(?:[.,]\d+)?\s*")  # hours, minutes and seconds
+DAY = 86400.0  # [s]
+STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d{1,9})?)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*")
 Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
 
 
@@ -62,7 +66,7 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
         except RecordingError:
             raise refusal from None
         notes.append(Note(NoteKind.LAST_ROW_CUT))
-    return RawTable(layout.headers, columns, values, tuple(notes), None if dated is None else parse_date(dated[0]))
+    return RawTable(layout.headers, columns, values, tuple(notes), None if dated is None else _parse_date(dated[0]))
 
 
 def _clean_text(opened: Opened) -> Opened:
@@ -135,11 +139,34 @@ def _read_values(opened: Opened, layout: Layout, columns: dict[str, FileColumn])
         _refuse_cell(str(error), layout, columns)
     series = dict(zip(columns, table.columns, strict=True))
     if is_spelt:
-        series["time"] = convert_times(series["time"])
+        series["time"] = _convert_times(series["time"])
     values = {quantity: convert_series(column) for quantity, column in series.items()}
     if values["time"].dtype.kind == "M":
         values["time"], _ = count_seconds(values["time"])
     return {quantity: rank_words(cells) if cells.dtype.kind == "O" else cells for quantity, cells in values.items()}
+
+
+def _convert_times(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Convert times of day to seconds, continued after midnight; dates with a decimal comma to dates."""
+    import pyarrow.compute as pc  # takes a while to import
+
+    column = pc.replace_substring(column, ",", ".")
+    if not CLOCK.fullmatch(column[0].as_py() or ""):
+        return column.cast(pa.timestamp("ns"))
+    parts = pc.split_pattern(column, ":")
+    count = len(parts[0])
+    seconds = sum(
+        60.0 ** (count - 1 - k) * convert_series(pc.list_element(parts, k).cast(pa.float64())) for k in range(count)
+    )
+    if count == 3:
+        seconds = seconds + np.append(0.0, np.cumsum(np.where(np.diff(seconds) < -DAY / 2, DAY, 0.0)))
+    return pa.chunked_array([seconds])
+
+
+def _parse_date(stamp: str) -> datetime:
+    """Parse a date, UTC without a zone; digits below a microsecond are dropped."""
+    date = datetime.fromisoformat(re.sub(r"(\.\d{6})\d+", r"\1", stamp.strip().replace(",", ".")))
+    return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
 def _choose_cell_type(quantity: str, layout: Layout, column: FileColumn) -> pa.DataType:

@@ -5,11 +5,11 @@ import os
 import select
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pendulum_env.backends.emulators.motor import Motor
-from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import process
 from pendulum_env.backends.hardware.config import load, mark_checked
 from pendulum_env.files import write_whole
@@ -19,6 +19,43 @@ from pendulum_env.reading import format_toml
 
 MARK = "# written by an emulator, and overwritten by the next one\n"
 TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which acts in time anyway
+
+
+class Wire:
+    """Serial cable that can be pulled out: the end of a pseudo-terminal at the drive.
+
+    Attributes:
+        place: path of the other end.
+        descriptor: to watch; -1 once the cable is pulled.
+    """
+
+    chunk = 4096  # bytes that are taken at once
+
+    def __init__(self, answer: Callable[[bytes], bytes]) -> None:
+        """Take what a drive answers to the bytes that come."""
+        try:
+            import pty
+            import tty
+        except ImportError:
+            raise OSError("pseudo-terminals are needed, which this system has not: use Linux or macOS") from None
+        self._answer = answer
+        self.descriptor, self._slave = pty.openpty()
+        tty.setraw(self._slave)  # held open, so that nothing changes when a host comes and goes
+        os.set_blocking(self.descriptor, False)
+        self.place = os.ttyname(self._slave)
+
+    def receive(self) -> None:
+        """Read the received bytes, and answer."""
+        with suppress(BlockingIOError):  # no data, or no reader
+            if answer := self._answer(os.read(self.descriptor, self.chunk)):
+                os.write(self.descriptor, answer)
+
+    def pull(self) -> None:
+        """Pull the cable out; may be called twice."""
+        for end in (self.descriptor, self._slave):
+            if end >= 0:
+                os.close(end)
+        self.descriptor = self._slave = -1
 
 
 class Emulated(NamedTuple):

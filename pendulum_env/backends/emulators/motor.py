@@ -7,10 +7,9 @@ from pathlib import Path
 
 from pendulum_env.backends.rigid_body import RigidBody
 from pendulum_env.backends.sensing import COUNTS
-from pendulum_env.backends.simulator import begin
 from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
-from pendulum_env.physics.simulation import LONGEST_STEP, TorqueBalance
+from pendulum_env.physics.simulation import LONGEST_STEP, TorqueBalance, begin
 
 FIRM, CALM = 60.0, 2.0  # [rad/s] of a hand: the stiffness with which it holds the arm, and how fast it turns it
 

@@ -1,8 +1,7 @@
 """The microcontroller of the serial rig, emulated: what its firmware does, in a page."""
 
-from pendulum_env.backends.emulators.emulator import Emulated
+from pendulum_env.backends.emulators.emulator import Emulated, Wire
 from pendulum_env.backends.emulators.motor import Motor
-from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.encoder import subtract_counts
 from pendulum_env.spaces import MAX_TORQUE
