@@ -13,7 +13,7 @@ import numpy as np
 
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.compiled import Machine, SymbolicStep
-from pendulum_env.physics.simulation import TorqueBalance, write_balance
+from pendulum_env.physics.simulation import TorqueBalance, move_half_way, write_balance
 from pendulum_env.physics.symbols import make_symbol
 from pendulum_env.physics.term import round_up
 
@@ -105,24 +105,18 @@ class CompiledSteps:
 def _compute_push(balance: TorqueBalance, x: Samples, h: Any) -> tuple[Push, Samples]:
     """Compute the impulse and the middle of the step, of numbers or symbols.
 
-    Friction keeps its direction until then; a body that starts to move takes that of the net torque. Where the body
-    reverses inside the step, the torque makes up for the friction that an engine only knows in the new direction.
+    Where the body reverses inside the step, the torque makes up for the friction that an engine only knows in the new
+    direction.
     """
     v: Any = x.velocity
-    net, dry = balance.net(x), np.maximum(balance.dry(x), 0.0)
-    leaves = np.where(np.abs(net) > dry, np.sign(net), 0.0)
-    direction = np.where(v == 0, leaves, np.sign(v))
-    middle_v = v + 0.5 * h * (net - dry * direction) / balance.mass(x)
-    middle_v = np.where(middle_v * direction <= 0, 0.0, middle_v)
-    memory = balance.advance(x, 0.5 * (v + middle_v), 0.5 * h)
-    middle: Any = replace(x, time=x.time + 0.5 * h, position=x.position + 0.5 * h * v, velocity=middle_v, memory=memory)
+    direction, middle = move_half_way(balance, x, h)
     net, dry, inertia = balance.net(middle), np.maximum(balance.dry(middle), 0.0), balance.mass(middle)
     acceleration = (net - dry * direction) / inertia
     reverses = (v + h * acceleration) * direction < 0
     moving = np.where(reverses, -v / np.where(reverses, acceleration, 1.0), h)
     turned = net - 2.0 * dry * direction * moving / h
     net = np.where(reverses & (np.abs(net) > dry), turned, net)
-    return Push(net, dry, inertia, moving, middle_v), middle  # type: ignore[arg-type]
+    return Push(net, dry, inertia, moving, middle.velocity), middle  # type: ignore[arg-type]
 
 
 def _compile_first(terms: tuple[Term, ...], longest: float) -> SymbolicStep:

@@ -137,13 +137,12 @@ def count_substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int
     return max(1, int(np.ceil(find_longest(period) / longest_step - 1e-9)))
 
 
-def step(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> Samples:
-    """Advance time, position, velocity and memory by `duration` [s] under constant commanded torque; all (B,).
+def move_half_way(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> tuple[Array, Samples]:
+    """Return the direction in which friction acts over a step of `duration` [s], and the samples at its middle.
 
-    Compiled simulations and exports run it on symbols in the place of arrays, which NumPy's operators and functions
-    take, but neither `np.asarray` nor a branch that `may_be_true` does not guard.
+    A joint at rest takes the direction of the net torque if friction cannot hold it, else 0.
     """
-    q, v, h = x.position, x.velocity, duration
+    v, h = x.velocity, duration
     direction = np.sign(v)
     start = _oppose_motion(*balance.evaluate_at(x, "start"), direction)
     if may_be_true(direction == 0):
@@ -151,8 +150,18 @@ def step(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> Samples:
     inertia = set_label(balance.mass(x), "inertia_at_start")
     middle_v = v + 0.5 * h * start / inertia
     middle_v = np.where(middle_v * direction < 0, 0.0, middle_v)
-    half_way = balance.advance(x, 0.5 * (v + middle_v), 0.5 * h)
-    middle = Samples(x.time + 0.5 * h, q + 0.5 * h * v, middle_v, x.torque, half_way, x.load)
+    memory = balance.advance(x, 0.5 * (v + middle_v), 0.5 * h)
+    return direction, Samples(x.time + 0.5 * h, x.position + 0.5 * h * v, middle_v, x.torque, memory, x.load)
+
+
+def step(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> Samples:
+    """Advance time, position, velocity and memory by `duration` [s] under constant commanded torque; all (B,).
+
+    Compiled simulations and exports run it on symbols in the place of arrays, which NumPy's operators and functions
+    take, but neither `np.asarray` nor a branch that `may_be_true` does not guard.
+    """
+    q, v, h = x.position, x.velocity, duration
+    direction, middle = move_half_way(balance, x, h)
     inertia = set_label(balance.mass(middle), "inertia_at_middle")
     net, dry = balance.evaluate_at(middle, "middle")
     a = (net - dry * direction) / inertia
@@ -166,12 +175,12 @@ def step(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> Samples:
         elapsed = np.where(stops, np.clip(-v / np.where(stops, a, 1.0), 0.0, h), h)
         stop_q = q + v * elapsed + 0.5 * a * elapsed**2
         at_rest = np.zeros_like(new_v)
-        rest = Samples(x.time + elapsed, stop_q, at_rest, x.torque, half_way, x.load)
+        rest = Samples(x.time + elapsed, stop_q, at_rest, x.torque, middle.memory, x.load)
         leave = _oppose_motion(*balance.evaluate_at(rest, "rest"), at_rest) / inertia
         left = h - elapsed
         new_q = np.where(stops, stop_q + 0.5 * leave * left**2, new_q)
         new_v = np.where(stops, leave * left, new_v)
-    memory = balance.advance(middle, 0.5 * (middle_v + new_v), 0.5 * h)
+    memory = balance.advance(middle, 0.5 * (middle.velocity + new_v), 0.5 * h)
     return Samples(x.time + h, clip_state(new_q), clip_state(new_v), x.torque, memory, x.load)
 
 
