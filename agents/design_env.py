@@ -6,7 +6,6 @@ parameters are only in `info`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -92,12 +91,8 @@ class ExcitationDesignVector(TaskVector):
         self._spread = Spread(self.pendulums.model, spread)
 
     def _begin_episodes(self, options: dict[str, Any]) -> TaskState:
-        given = options.get("theta", {})
-        if isinstance(given, Mapping):
-            given = {**self._spread.draw(self.np_random, self.num_envs), **given}
-        elif np.ndim(given) == 1 and self.num_envs == 1:
-            given = np.asarray(given)[:, None]  # of a single pendulum
-        _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": given})
+        theta = self._spread.draw(self.np_random, self.num_envs, options)
+        _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": theta})
         self._steps_left, self._plant = self.observer.ticks, info["plant"]
         self.observer.start(info["position"], info["velocity"])
         none = np.zeros((self.observer.samples_per_tick, self.num_envs))

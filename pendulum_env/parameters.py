@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model, Term, effects
 from pendulum_env.physics.terms import set_nonlinear_values
-from pendulum_env.plant import check_linear, check_nonlinear
+from pendulum_env.plant import check_linear, check_nonlinear, refuse_unnamed
 
 Values = Mapping[str, ArrayLike]  # parameters by name; of a batch also one for each plant (B,)
 
@@ -37,11 +37,11 @@ class PlantParameters:
         self._start: dict[str, Array] = {name: np.full(batch, own.value) for name, own in model.estimates.items()}
         self.now = dict(self._start)
 
-    def reset(self, theta: Values | Sequence[float] | Array | None = None) -> None:
+    def reset(self, theta: Values | None = None) -> None:
         """Begin an episode.
 
         Args:
-            theta: parameters of this and later episodes by name, or all linear parameters in order, (P,) or (P, B).
+            theta: parameters of this and later episodes by name.
 
         Raises:
             UserError: if a parameter is unknown or impossible. The episode then goes on as before.
@@ -50,7 +50,7 @@ class PlantParameters:
         try:
             if theta is not None:
                 self.change(theta)
-        except UserError:
+        except (TypeError, UserError):
             self.now = before
             raise
         self._start = dict(self.now)
@@ -59,7 +59,7 @@ class PlantParameters:
         """Begin an episode of some plants (B,)."""
         self.now = {name: np.where(which, self._start[name], value) for name, value in self.now.items()}
 
-    def change(self, values: Values | Sequence[float] | Array, which: Mask | None = None) -> None:
+    def change(self, values: Values, which: Mask | None = None) -> None:
         """Change some parameters until the next reset, of all plants or of some (B,)."""
         for name, value in self._check_values(values).items():
             self.now[name] = value if which is None else np.where(which, value, self.now[name])
@@ -90,10 +90,10 @@ class PlantParameters:
         everyone = np.ones(self._batch, dtype=bool)
         return {**self.now, **{f"_{name}": everyone for name in self.now}}
 
-    def _check_values(self, given: Values | Sequence[float] | Array) -> dict[str, Array]:
+    def _check_values(self, given: Values) -> dict[str, Array]:
         """Return arrays () or (B,) of given parameters; refuse unknown names and impossible values."""
-        values = dict(given) if isinstance(given, Mapping) else self._name_values(given)
-        values = {name: value for name, value in values.items() if not name.startswith("_")}  # masks of an info
+        refuse_unnamed(given)
+        values = {name: value for name, value in given.items() if not name.startswith("_")}  # masks of an info
         checked = {}
         for name, value in values.items():
             id = name.partition(".")[0]
@@ -113,12 +113,6 @@ class PlantParameters:
             checked[name] = array
         self._check_nonlinear(checked)
         return checked
-
-    def _name_values(self, theta: Any) -> dict[str, Any]:
-        theta, wanted = np.asarray(theta, dtype=float), (len(self._linear), *self._batch)
-        if theta.shape != wanted:
-            raise UserError(f"theta has shape {theta.shape}, it needs {wanted}: {', '.join(self._linear)}")
-        return dict(zip(self._linear, theta, strict=True))
 
     def _check_nonlinear(self, values: Mapping[str, Array]) -> None:
         """Refuse nonlinear parameters that make no sense together, or that plants of a batch cannot have apart."""

@@ -39,13 +39,18 @@ def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
         ValueError: if a parameter is unknown or impossible.
     """
     theta = {} if theta is None else theta
-    if not isinstance(theta, Mapping):
-        raise TypeError(f"theta is {quote_value(theta)}: give parameters by name, such as {{'gravity': 2.0}}")
+    refuse_unnamed(theta)
     for name, value in theta.items():
         find("parameter", name, PAPER)
         if not 0 <= value <= LARGE or (name == "inertia" and value == 0):
             raise ValueError(f"{name} of a plant cannot be {value:g}: give a positive number, {LARGE:g} at most")
     return Model.build(BASE, np.array([theta.get(name, usual) for name, usual in PAPER.items()]))
+
+
+def refuse_unnamed(theta: object) -> None:
+    """Refuse parameters that are not given by name."""
+    if not isinstance(theta, Mapping):
+        raise TypeError(f"theta is {quote_value(theta)}: give parameters by name, such as {{'gravity': 2.0}}")
 
 
 def get_typical_values(kind: type[Term]) -> dict[str, float]:

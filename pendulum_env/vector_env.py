@@ -113,7 +113,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         Args:
             seed: of the measurement's noise, one for all; of a list, the first.
             options: `position` [rad] and `velocity` [rad/s], scalars or (B,); `theta`, parameters for this and later
-                episodes by name, scalars or (B,), or all linear ones (P, B).
+                episodes by name, scalars or (B,).
 
         Raises:
             ValueError: if an option is unknown or impossible.

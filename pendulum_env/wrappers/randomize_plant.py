@@ -7,9 +7,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 
-from pendulum_env._typing import Array
 from pendulum_env.physics import Model
-from pendulum_env.plant import PAPER
+from pendulum_env.plant import PAPER, refuse_unnamed
 
 
 class Spread:
@@ -31,16 +30,12 @@ class Spread:
                 raise ValueError(f"the spread of {name} cannot be {width:g}: give a share from 0 to below 1")
         self._widths = self._nominal * [[widths.get(name, 0.0)] for name in self.names]
 
-    def draw(self, rng: np.random.Generator, count: int) -> dict[str, Array]:
-        """Draw parameters of `count` plants by name, (count,) each."""
+    def draw(self, rng: np.random.Generator, count: int, options: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Draw parameters of `count` plants by name, (count,) each; those in the options of a reset take precedence."""
         drawn = self._nominal + self._widths * rng.uniform(-1.0, 1.0, (len(self.names), count))
-        return dict(zip(self.names, drawn, strict=True))
-
-
-def _merge_options(options: Mapping[str, Any] | None, drawn: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge the options of a reset with drawn parameters; the user's take precedence."""
-    given = (options or {}).get("theta", {})
-    return {**(options or {}), "theta": {**drawn, **given} if isinstance(given, Mapping) else given}
+        given = (options or {}).get("theta", {})
+        refuse_unnamed(given)
+        return {**dict(zip(self.names, drawn, strict=True)), **given}
 
 
 class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -70,8 +65,8 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         """Reset the environment with a new plant; the same seed draws the same plants."""
         if seed is not None:
             self.np_random = np.random.default_rng([seed, 1])  # not the numbers that the measurement's noise draws
-        drawn = {name: value.item() for name, value in self._spread.draw(self.np_random, 1).items()}
-        return self.env.reset(seed=seed, options=_merge_options(options, drawn))
+        theta = {name: np.squeeze(own) for name, own in self._spread.draw(self.np_random, 1, options).items()}
+        return self.env.reset(seed=seed, options={**(options or {}), "theta": theta})
 
 
 class RandomizePlantVector(VectorWrapper):
@@ -96,7 +91,7 @@ class RandomizePlantVector(VectorWrapper):
         first = seed[0] if isinstance(seed, list) else seed
         if first is not None:
             self._rng = np.random.default_rng(first)
-        options = _merge_options(options, self._spread.draw(self._rng, self.num_envs))
+        options = {**(options or {}), "theta": self._spread.draw(self._rng, self.num_envs, options)}
         observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # lists are passed on
         self._time = np.asarray(info["time"])
         return observation, info

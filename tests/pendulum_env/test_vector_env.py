@@ -85,7 +85,7 @@ def test_bad_arguments_are_refused():
         (lambda: gym.make_vec(PENDULUM, num_envs=1, max_torque=-1), "max_torque of pendulums cannot be -1"),
         (lambda: env.step(np.zeros((1, 1))), r"the actions have shape \(1, 1\), 2 pendulums need one each"),
         (lambda: env.step(np.array([[0.0], [np.nan]])), "pendulum 1 is NaN"),
-        (lambda: env.reset(options={"theta": np.ones(4)}), r"theta has shape \(4,\)"),
+        (lambda: env.reset(options={"theta": np.ones(4)}), "give parameters by name"),
     ):
-        with pytest.raises(ValueError, match=why):
+        with pytest.raises((TypeError, ValueError), match=why):
             asked()
