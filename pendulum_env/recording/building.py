@@ -10,7 +10,7 @@ import numpy as np
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import ColumnError, RecordingError
 from pendulum_env.recording import checks, cleaning, sampling
-from pendulum_env.recording.clock import find_unix_unit, unwrap_clock
+from pendulum_env.recording.clock import find_date, find_unix_unit, unwrap_clock
 from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
@@ -85,7 +85,7 @@ def build_recording(
         drive=drive,
         origin=origin,
         log_format=log_format,
-        start_date=log.clock.date or (table.date and table.date + timedelta(seconds=log.clock.start)),
+        start_date=find_date(log.start) or (table.date and table.date + timedelta(seconds=log.start)),
     )
     recording = complete_torque(recording)
     checks.refuse_too_short(recording, origin)

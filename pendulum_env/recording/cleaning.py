@@ -7,7 +7,7 @@ import numpy as np
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.errors import RecordingError
 from pendulum_env.quantity import Quantity
-from pendulum_env.recording.clock import UNKNOWN, LogClock
+from pendulum_env.recording.clock import find_resolution
 from pendulum_env.recording.notes import NAMED, Note, NoteKind
 from pendulum_env.recording.vocabulary import QUANTITIES
 
@@ -44,13 +44,17 @@ class Log:
         notes: on what was changed.
         starts: index of the first sample of each segment.
         rows: number of each sample's row in the file (N,), from 1, header not counted.
-        clock: zero and rounding of its time.
+        start: first time, in the log's own count [s].
+        resolution: last decimal place of the time that was printed, or the spacing of float32; 0 if unknown [s].
+        rounding: error that float64 makes at these times [s].
     """
 
     values: dict[str, Array]
     notes: list[Note] = field(default_factory=list)
     starts: tuple[int, ...] = (0,)
-    clock: LogClock = UNKNOWN
+    start: float = 0.0
+    resolution: float = 0.0
+    rounding: float = 0.0
 
     def __post_init__(self) -> None:
         self.rows: Index = np.arange(1, len(self.values["time"]) + 1)
@@ -216,9 +220,10 @@ def drop_initial_hold(log: Log, position: Array) -> None:
 
 
 def start_from_zero(log: Log) -> None:
-    """Count time from the first sample; the log's clock keeps its own count."""
+    """Count time from the first sample; the log keeps the start and the rounding of its own count."""
     time = log.values["time"]
-    log.clock = LogClock.from_time(time)
+    log.start, log.resolution = float(time[0]), find_resolution(time)
+    log.rounding = 4.0 * float(np.spacing(np.abs(time).max()))
     log.values = {**log.values, "time": time - time[0]}
 
 

@@ -1,6 +1,5 @@
 """Clock of a log: seconds since 1970 in any unit, the rounding of its digits, and time counted from 0."""
 
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Any
@@ -31,34 +30,6 @@ def count_seconds(time: NDArray[Any]) -> tuple[Array, datetime | None]:
         return np.full(time.shape, np.nan), None
     date = datetime.fromtimestamp(known[0].astype("datetime64[us]").astype(np.int64) / 1e6, UTC)
     return (time - known[0]) / np.timedelta64(1, "s"), date
-
-
-@dataclass(frozen=True)
-class LogClock:
-    """Zero and rounding of a log's time.
-
-    Attributes:
-        start: first time, in the log's own count [s].
-        resolution: last decimal place of the time that was printed, or the spacing of float32; 0 if unknown [s].
-        rounding: error that float64 makes at these times [s].
-    """
-
-    start: float = 0.0
-    resolution: float = 0.0
-    rounding: float = 0.0
-
-    @classmethod
-    def from_time(cls, time: Array) -> "LogClock":
-        """Estimate the clock of time (N,) [s] as a log counts it."""
-        return cls(float(time[0]), find_resolution(time), 4.0 * float(np.spacing(np.abs(time).max())))
-
-    @property
-    def date(self) -> datetime | None:
-        """Return the date of the first sample, if the log counts seconds since 1970."""
-        return find_date(self.start)
-
-
-UNKNOWN = LogClock()
 
 
 def find_unix_unit(time: Array) -> str | None:

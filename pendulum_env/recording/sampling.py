@@ -48,7 +48,7 @@ def cut_at_gaps(log: Log, position: Array) -> None:
     steps = np.diff(time)
     usual = float(np.median(steps))
     gaps = np.empty(0, dtype=np.intp)
-    if steps.max() > SAMPLING.long * usual and not is_rounded(time, position, log.clock.resolution):
+    if steps.max() > SAMPLING.long * usual and not is_rounded(time, position, log.resolution):
         gaps = np.flatnonzero(steps > (count_bridgeable(time, position) + SAMPLING.long) * usual) + 1
     new = [int(gap) for gap in gaps if gap not in known]
     if new:
@@ -144,12 +144,12 @@ def resample_uniformly(log: Log) -> None:
     and torque, held from sample to sample, becomes its mean over each new step: the impulse it gives is kept, and
     jitter never shifts it by a whole sample.
     """
-    time, clock = log.values["time"], log.clock
+    time = log.values["time"]
     if is_uniform(time, log.starts):
         return
     parts = [{name: column[a:b] for name, column in log.values.items()} for a, b in pairwise((*log.starts, len(time)))]
     usual = float(np.median(np.concatenate([np.diff(part["time"]) for part in parts])))
-    if len(parts) > 1 or not is_rounded(time, log.values["position"], clock.resolution):
+    if len(parts) > 1 or not is_rounded(time, log.values["position"], log.resolution):
         parts = _fill_lost(log, parts, usual)
         _join(log, parts)
         time = log.values["time"]
@@ -160,10 +160,10 @@ def resample_uniformly(log: Log) -> None:
     period = float(np.mean(steps))
     off = max(compute_unevenness(part["time"], period) for part in parts)
     loses = len(parts) == 1 and has_lost_samples(time, log.values["position"])
-    if off <= max(1.001 * clock.resolution + clock.rounding, SAMPLING.negligible * period) and not loses:
+    if off <= max(1.001 * log.resolution + log.rounding, SAMPLING.negligible * period) and not loses:
         grids = [_make_grid(part["time"][0], period, len(part["time"])) for part in parts]
         log.values = {**log.values, "time": np.concatenate(grids)}
-        if off > clock.rounding:
+        if off > log.rounding:
             rate = {"rate": Quantity(1 / period, unit="Hz")}
             log.notes.append(Note(NoteKind.CLOCK_ROUNDED, numbers=rate | _make_seconds(error=off)))
         return
