@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
@@ -74,7 +73,7 @@ class ArmModel(Model):
             raise ModelError(f"is no model of an arm; {HINT}")
         data = convert(content, _ArmModelFile)
         if data.joints != body.joints:
-            raise ModelError(f"is of an arm with joints {', '.join(data.joints)}, not {', '.join(body.joints)}")
+            raise ModelError(f"is of an arm with joints {', '.join(data.joints or ())}, not {', '.join(body.joints)}")
         if data.base != {parameter.name: parameter.text for parameter in body.base}:
             raise ModelError(
                 "is of other links than this robot has: give the file that it was made with, and "
@@ -88,18 +87,27 @@ class ArmModel(Model):
         return replace(
             model,
             estimates={name: read_estimate(data.theta, name, own.unit) for name, own in model.estimates.items()},
-            log_format=data.log_format or {},
+            log_format=data.log_format,
         )
 
 
-class _ArmFile(Struct):
-    """Robot and log format in the model file of an arm."""
+class ModelOptions(Struct, frozen=True):
+    """Options by which a model was made: joints that move or are held, robot, and log format."""
 
-    joints: tuple[Text, ...] = ()
-    held: dict[str, Number] | None = None
+    joints: tuple[Text, ...] | None = None
+    held: dict[str, Number] = {}
     rotors: bool | None = None
-    weightless: bool | None = None
-    log_format: dict[str, Any] | None = None
+    weightless: bool = False
+    log_format: dict[str, Any] = {}
+
+    @classmethod
+    def read_from_model(cls, path: str | Path) -> ModelOptions:
+        """Read the options from the file of a model; empty if the file is no model."""
+        try:
+            found = convert(read_json(path, HINT), cls)
+        except FileError:
+            return cls()  # who loads it says why
+        return found if found.held else structs.replace(found, joints=None)
 
 
 class _ArmTerm(Struct):
@@ -111,7 +119,7 @@ class _ArmTerm(Struct):
     extent: dict[str, Any] | None = None
 
 
-class _ArmModelFile(_ArmFile, kw_only=True):
+class _ArmModelFile(ModelOptions, frozen=True, kw_only=True):
     """Content of the model file of an arm."""
 
     robot: Text | None = None
@@ -130,27 +138,6 @@ def make_arm_model(model: Model) -> Model:
 def load_model(path: str | Path, body: Mechanism) -> Model:
     """Read the model of a pendulum or of an arm; raises ModelError as `Model.load` and `ArmModel.load`."""
     return ArmModel.load(path, body) if isinstance(body, Body) else Model.load(path)
-
-
-@dataclass(frozen=True)
-class ModelOptions:
-    """Options by which a model was made: joints that move or are held, robot, and log format."""
-
-    joints: tuple[str, ...] | None = None
-    held: Mapping[str, float] = field(default_factory=dict)
-    rotors: bool | None = None
-    weightless: bool = False
-    log_format: Mapping[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def read_from_model(cls, path: str | Path) -> ModelOptions:
-        """Read the options from the file of a model; empty if the file is no model."""
-        try:
-            data = convert(read_json(path, HINT), _ArmFile)
-        except FileError:
-            return cls()  # who loads it says why
-        held = data.held or {}
-        return cls(data.joints if held else None, held, data.rotors, bool(data.weightless), data.log_format or {})
 
 
 def _build_term(k: int, data: _ArmModelFile, body: Body) -> Term:
