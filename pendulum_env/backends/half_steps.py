@@ -1,7 +1,6 @@
 """Impulses of the terms of a model for a physics engine: a splitting of second order around the step of the engine.
 
-Up to the push, a step is half one of the midpoint rule; after it, state variables go the other half. Both are compiled
-where the laws are formulas, and otherwise run by NumPy.
+Up to the push, a step is half one of the midpoint rule; after it, state variables go the other half. Both are compiled.
 """
 
 from __future__ import annotations
@@ -28,45 +27,8 @@ class Push(NamedTuple):
     middle: float  # velocity at the middle of the step [rad/s]
 
 
-def make_half_steps(balance: TorqueBalance, longest: float) -> CompiledSteps | InterpretedSteps:
-    """Make the half steps of a balance, none longer than `longest` [s]."""
-    try:
-        return CompiledSteps(balance, longest)
-    except Exception:  # a user's law may do anything that NumPy does
-        return InterpretedSteps(balance)
-
-
-class InterpretedSteps:
-    """Two halves of a step by NumPy, with the states of the terms; both have the same arguments."""
-
-    memory: Any  # state variables of the terms
-
-    def __init__(self, balance: TorqueBalance) -> None:
-        self._balance = balance
-        self.memory = {}
-
-    def place(self, x: Samples) -> None:
-        """Begin there."""
-        self.memory = x.memory
-
-    def push(self, time: float, position: float, velocity: float, torque: float, h: float) -> Push:
-        """Compute the impulse for a step h [s], and advance the states of terms to its middle."""
-        push, middle = _compute_push(self._balance, self._samples(time, position, velocity, torque), h)
-        self.memory = middle.memory
-        return Push(*map(float, push))
-
-    def complete(self, time: float, position: float, velocity: float, torque: float, h: float) -> None:
-        """Advance the states from the middle of a step of h [s] to its end, at the mean velocity."""
-        x = self._samples(time, position, velocity, torque)
-        self.memory = self._balance.advance(x, x.velocity, 0.5 * h)
-
-    def _samples(self, *state: float) -> Samples:
-        given: list[Any] = [*map(np.float64, state), self.memory]
-        return Samples(*given)
-
-
-class CompiledSteps:
-    """Compiled half steps; raises any exception if a law is no formula."""
+class HalfSteps:
+    """Two halves of a step, with the states of the terms; raises any exception if a law is no formula."""
 
     def __init__(self, balance: TorqueBalance, longest: float) -> None:
         self._until, self._after = (
@@ -90,13 +52,16 @@ class CompiledSteps:
         self._until.given["memory"][:, 0] = _flatten_samples(x)
 
     def push(self, *state: float) -> Push:
-        """Compute the impulse, see `InterpretedSteps`."""
+        """Compute the impulse of a step and advance the states to its middle.
+
+        `state` is time, position, velocity, torque and the length of the step.
+        """
         self._until.given["state"][:, 0] = state
         self._until.step()
         return Push._make(self._until.now["push"][:, 0].tolist())
 
     def complete(self, *state: float) -> None:
-        """Advance the states, see `InterpretedSteps`."""
+        """Advance the states from the middle of a step to its end, at the mean velocity; `state` as in `push`."""
         self._after.given["state"][:, 0], self._after.given["memory"][:] = state, self._until.now["memory"]
         self._after.step()
         self._until.given["memory"][:] = self._after.now["memory"]

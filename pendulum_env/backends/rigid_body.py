@@ -11,9 +11,18 @@ from typing import Any
 
 import pymunk
 
-from pendulum_env.backends.half_steps import make_half_steps
+from pendulum_env.backends.half_steps import HalfSteps
+from pendulum_env.backends.simulator import Engine, SteppedBody
 from pendulum_env.physics import Samples
 from pendulum_env.physics.simulation import UNBOUNDED, TorqueBalance
+
+
+def make_body(balance: TorqueBalance, longest: float) -> Engine:
+    """Make a pendulum in pymunk, or one that NumPy steps if a law is no formula; steps are at most `longest` [s]."""
+    try:
+        return RigidBody(balance, longest)
+    except Exception:  # a user's law may do anything that NumPy does
+        return SteppedBody(balance)
 
 
 class RigidBody:
@@ -22,13 +31,13 @@ class RigidBody:
     at_rest = 1e-12  # [rad/s], what rounding leaves of a velocity that the motor has stopped
 
     def __init__(self, balance: TorqueBalance, longest: float) -> None:
-        """Take the torques that act on it, and the longest step [s]."""
-        self._balance, self._halves, self._longest = balance, make_half_steps(balance, longest), longest
+        """Take the torques that act on it, and the longest step [s]; raises any exception if a law is no formula."""
+        self._balance, self._halves, self._longest = balance, HalfSteps(balance, longest), longest
 
     def take(self, balance: TorqueBalance) -> None:
         """Go on from where it is with other torques, of terms with the same state variables."""
         memory = self._halves.memory
-        self._balance, self._halves = balance, make_half_steps(balance, self._longest)
+        self._balance, self._halves = balance, HalfSteps(balance, self._longest)
         self._halves.memory = memory
 
     def place(self, x: Samples) -> None:

@@ -1,12 +1,15 @@
 """A simulated pendulum as a backend: a model's torques on the body of a physics engine, seen through a sensor."""
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.backends.port import Backend, Sample, Setup, Start, Traits
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.simulation import CommandLine, TorqueBalance, begin
+from pendulum_env.physics.simulation import CommandLine, TorqueBalance, begin, step
 
 
 class Engine(Protocol):
@@ -20,6 +23,28 @@ class Engine(Protocol):
 
     def step(self, torque: float, h: float, /) -> tuple[float, float]:
         """Advance by h [s] under a torque [N m], from where the last step ended: angle [rad], velocity [rad/s]."""
+
+
+class SteppedBody:
+    """Pendulum that the model's own step moves by NumPy, as the engine of a simulator."""
+
+    def __init__(self, balance: TorqueBalance) -> None:
+        """Take the torques that act on it."""
+        self.take(balance)
+
+    def take(self, balance: TorqueBalance) -> None:
+        """Go on from where it is with other torques."""
+        self._balance = balance
+
+    def place(self, x: Samples) -> None:
+        """Begin there."""
+        self._x = x
+
+    def step(self, torque: float, h: float) -> tuple[float, float]:
+        """Advance by h [s] under a torque [N m]; returns angle [rad] and velocity [rad/s]."""
+        command: Any = np.float64(torque)
+        self._x = step(self._balance, replace(self._x, torque=command), h)
+        return float(self._x.position), float(self._x.velocity)
 
 
 class Simulator(Backend):

@@ -5,7 +5,7 @@ import os
 import time
 from pathlib import Path
 
-from pendulum_env.backends.rigid_body import RigidBody
+from pendulum_env.backends.rigid_body import make_body
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
@@ -31,7 +31,7 @@ class Motor:
         if any(term.delay for term in model.terms):
             raise UserError("an emulated motor has no dead_time: hide another effect")
         balance = TorqueBalance(model.terms, model.theta)
-        self._body = RigidBody(balance, LONGEST_STEP)
+        self._body = make_body(balance, LONGEST_STEP)
         self._body.place(begin(balance, 0.0, 0.0))
         self._per_radian, self._first = COUNTS / (2 * math.pi), first
         self.moment = time.monotonic()  # that the plant has reached [s]
