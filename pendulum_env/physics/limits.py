@@ -101,13 +101,8 @@ def collect_limits(terms: Iterable[Term]) -> dict[str, tuple[float, float]]:
 
 
 def write_limits(limits: Limits) -> dict[str, list[float | None]]:
-    """Write limits for JSON: `[low, high]`, null for none."""
+    """Write limits for JSON, `[low, high]`, null for none, as bounds that `make_limits` takes."""
     return {name: [end if np.isfinite(end) else None for end in ends] for name, ends in limits.items()}
-
-
-def read_limits(content: Mapping[str, tuple[float | None, float | None]]) -> dict[str, tuple[float, float]]:
-    """Read limits as `write_limits` wrote them."""
-    return make_limits({}, content)
 
 
 def limit_term(term: Term, limits: Limits) -> Term:

@@ -13,7 +13,7 @@ from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import write_whole
 from pendulum_env.physics import library
 from pendulum_env.physics.estimate import Estimate
-from pendulum_env.physics.limits import collect_limits, limit_term, read_limits, write_limits
+from pendulum_env.physics.limits import collect_limits, limit_term, make_limits, write_limits
 from pendulum_env.physics.table import Table, read_table
 from pendulum_env.physics.term import NonlinearParameter, Term
 from pendulum_env.reading import Number, Text, convert, read_json
@@ -92,7 +92,7 @@ def parse_model(content: Any) -> ModelFile:
 
 def build_terms(data: ModelFile) -> tuple[Term, ...]:
     """Build the terms of a model file, with their nonlinear parameters and limits."""
-    limits = read_limits(data.limits or {})
+    limits = make_limits({}, data.limits or {})
     terms = tuple(limit_term(_build_term(id, data), limits) for id in data.terms)
     if len({term.id for term in terms}) != len(terms):
         raise ModelError("the model names a term twice: each may appear once")
