@@ -119,9 +119,9 @@ def build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
     if texts:
-        read = read_cells(headers, columns, values)
+        read = read_cells(columns, values)
         return replace(read, date=read.date or date)
-    return RawTable(headers, columns, values, date=date)
+    return RawTable(columns, values, date=date)
 
 
 def _find_first_text(item: Any) -> str | None:

@@ -46,7 +46,7 @@ def read_bag(path: Path, find: ColumnFinder) -> RawTable:
         series = {topic: _read_series(reader, topic, fields) for topic, fields in wanted.items()}
     values, notes = _merge_topics(columns, owners, series)
     first = series[owners[columns["position"].index - 1][0]][0][0]
-    return RawTable(headers, columns, values, notes, datetime.fromtimestamp(float(first) / 1e9, UTC))
+    return RawTable(columns, values, notes, datetime.fromtimestamp(float(first) / 1e9, UTC))
 
 
 def _open_reader(path: Path) -> Any:

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,14 +31,14 @@ def read_excel(path: Path, find: ColumnFinder) -> RawTable:
     return read_text_table(lambda: pa.BufferReader(content), find)
 
 
-def read_cells(headers: Sequence[str], columns: dict[str, FileColumn], cells: Mapping[str, NDArray[Any]]) -> RawTable:
+def read_cells(columns: dict[str, FileColumn], cells: Mapping[str, NDArray[Any]]) -> RawTable:
     """Read columns of arrays in memory, by quantity, as those of a text file: some of them hold text."""
     made = {quantity: _make_cells(values) for quantity, values in cells.items()}
     file = pa.BufferOutputStream()
     pacsv.write_csv(pa.table(made), file, pacsv.WriteOptions(delimiter=";"))  # cells may have decimal commas
     content, places = file.getvalue(), {q: replace(columns[q], index=k) for k, q in enumerate(made)}
     found = read_text_table(lambda: pa.BufferReader(content), lambda *_, **__: places)
-    return replace(found, headers=headers, columns={quantity: columns[quantity] for quantity in found.columns})
+    return replace(found, columns={quantity: columns[quantity] for quantity in found.columns})
 
 
 def _make_cells(values: NDArray[Any]) -> pa.Array:

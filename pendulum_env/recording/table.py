@@ -30,7 +30,6 @@ class ColumnFinder(Protocol):
 class RawTable:
     """Columns found in a file with their raw values: units as in the file, NaN for empty cells."""
 
-    headers: Sequence[str]  # of all columns in it
     columns: dict[str, FileColumn]  # by quantity
     values: dict[str, Array]  # by quantity, each (N,)
     notes: tuple[Note, ...] = ()  # what else a user should know

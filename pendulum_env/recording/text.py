@@ -66,7 +66,7 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
         except RecordingError:
             raise refusal from None
         notes.append(Note(NoteKind.LAST_ROW_CUT))
-    return RawTable(layout.headers, columns, values, tuple(notes), None if dated is None else _parse_date(dated[0]))
+    return RawTable(columns, values, tuple(notes), None if dated is None else _parse_date(dated[0]))
 
 
 def _clean_text(opened: Opened) -> Opened:
