@@ -39,13 +39,12 @@ class RigidBody:
 
     def __init__(self, balance: TorqueBalance, longest: float) -> None:
         """Take the torques that act on it, and the longest step [s]; raises any exception if a law is no formula."""
-        self._balance, self._halves, self._longest = balance, HalfSteps(balance, longest), longest
+        self._balance, self._halves = balance, HalfSteps(balance, longest)
 
     def take(self, balance: TorqueBalance) -> None:
         """Go on from where it is with other torques, of terms with the same state variables."""
-        memory = self._halves.memory
-        self._balance, self._halves = balance, HalfSteps(balance, self._longest)
-        self._halves.memory = memory
+        self._balance = balance
+        self._halves.take(balance)
 
     def place(self, x: Samples) -> None:
         """Put a new body there: nothing of an earlier run remains, so that equal runs are equal bit for bit."""
@@ -111,18 +110,14 @@ class HalfSteps:
         self._until, self._after = (
             Machine(half, (balance.terms, round_up(longest)), 1) for half in (_compile_first, _compile_second)
         )
-        _, _, nonlinear = write_balance(balance.terms)
+        self._free = [(place, own.name) for place, term in enumerate(balance.terms) for own in term.free]
+        self.take(balance)
+
+    def take(self, balance: TorqueBalance) -> None:
+        """Go on with other parameters of the same terms."""
+        nonlinear = [getattr(balance.terms[place], name) for place, name in self._free]
         for machine in (self._until, self._after):
-            machine.given["constants"][:, 0] = *balance.theta, *nonlinear.values()
-
-    @property
-    def memory(self) -> Any:
-        """Return the states of the terms."""
-        return self._until.given["memory"].copy()
-
-    @memory.setter
-    def memory(self, values: Any) -> None:
-        self._until.given["memory"][:] = values
+            machine.given["constants"][:, 0] = *balance.theta, *nonlinear
 
     def place(self, x: Samples) -> None:
         """Begin there."""
