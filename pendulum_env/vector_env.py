@@ -16,7 +16,7 @@ from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.parameters import PlantParameters, PlantProperties, Values
 from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import CommandLine, TorqueBalance, begin, step
+from pendulum_env.physics.simulation import CommandLine, TorqueBalance, begin, stack_rows, step, unstack_rows
 from pendulum_env.plant import Effects, make_plant
 from pendulum_env.spaces import (
     MAX_TORQUE,
@@ -178,17 +178,10 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         """Put some pendulums (B,) at rest, hanging down, with the parameters of an episode's start."""
         self.plant.restart(which)
         self._update_plant()
-        x, still = self._x, begin(self._balance, *np.zeros((2, self.num_envs)))
-        assert x is not None
-
-        def fresh(name: str) -> Array:
-            return np.where(which, getattr(still, name), getattr(x, name))
-
-        memory = {
-            id: tuple(np.where(which, *each) for each in zip(states, x.memory[id], strict=True))
-            for id, states in still.memory.items()
-        }
-        self._x = Samples(fresh("time"), fresh("position"), fresh("velocity"), fresh("torque"), memory)
+        assert self._x is not None
+        still = begin(self._balance, *np.zeros((2, self.num_envs)))
+        rows = [np.where(which, *each) for each in zip(stack_rows(still), stack_rows(self._x), strict=True)]
+        self._x = unstack_rows(rows, self._x)
         self._before = np.where(which, 0.0, self._before)
         self._command.forget(which)
         self.steps = np.where(which, 0, self.steps)

@@ -334,7 +334,7 @@ def stack_rows(x: Samples) -> list[Any]:
     return [x.time, x.position, x.velocity, *(row for memory in x.memory.values() for row in memory)]
 
 
-def unstack_rows(state: Array, like: Samples) -> Samples:
+def unstack_rows(state: Iterable[Array], like: Samples) -> Samples:
     """Return the samples of such rows, under the torque of other samples."""
     row = iter(state)
     t, q, v = next(row), next(row), next(row)
