@@ -53,20 +53,15 @@ def refuse_unnamed(theta: object) -> None:
         raise TypeError(f"theta is {quote_value(theta)}: give parameters by name, such as {{'gravity': 2.0}}")
 
 
-def get_typical_values(kind: type[Term]) -> dict[str, float]:
-    """Return typical parameters of an effect: linear ones first, names without the effect's id."""
-    return list_sizes(kind())
-
-
-def list_sizes(term: Term) -> dict[str, float]:
-    """List the sizes of a term; a term of several orders has more linear parameters."""
+def get_typical_values(term: Term) -> dict[str, float]:
+    """Return typical parameters of an effect: linear ones first, names without its id; more of several orders."""
     linear = {column.name.removeprefix(f"{term.id}."): TYPICAL.get(column.unit, 0.1) for column in term.columns}
     return linear | term.nonlinear_values | (read_parameters(size) if (size := term.typical_size) else {})
 
 
 def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
     """Draw parameters of an effect around typical values: linear ones first, then free nonlinear ones."""
-    values = get_typical_values(kind)
+    values = get_typical_values(kind())
     nonlinear = {
         parameter.name: float(rng.integers(5, 25))
         if parameter.integer
@@ -94,7 +89,7 @@ def hide(plant: Model, text: str) -> Model:
     if id in MEASURED:
         raise ValueError(f"{id} acts by the joint's {MEASURED[id].needs}, which no simulated pendulum has")
     kind = effect(id)
-    parameters = get_typical_values(kind)
+    parameters = get_typical_values(kind())
     if separator == "=":
         values = [_number(part, text) for part in listed.split(",")]
         if len(values) > len(parameters):
@@ -108,7 +103,7 @@ def hide(plant: Model, text: str) -> Model:
     for parameter in kind.nonlinear_parameters:
         check_nonlinear(id, parameter, nonlinear[parameter.name])
     term = kind(**nonlinear)
-    parameters = list_sizes(term)
+    parameters = get_typical_values(term)
     for name in given:
         find(f"parameter of {id}", name, parameters)
     linear = {name: given.get(name, usual) for name, usual in parameters.items() if name not in nonlinear}

@@ -98,7 +98,7 @@ def make_typical_effect(kind: type[Term], inertia: float = 0.0) -> tuple[Term, A
 
     With the inertia of a free swing [kg m^2], torques are scaled by its ratio to the inertia of the paper's rig.
     """
-    values = get_typical_values(kind)
+    values = get_typical_values(kind())
     term = kind(**{parameter.name: values.pop(parameter.name) for parameter in kind.nonlinear_parameters})
     theta = np.array(list(values.values()))
     if inertia:

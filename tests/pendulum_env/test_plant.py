@@ -9,7 +9,7 @@ from pendulum_env.registration import PENDULUM
 
 
 def test_values_in_order_by_name_and_typical_agree():
-    usual = get_typical_values(effects()["cogging"])
+    usual = get_typical_values(effects()["cogging"]())
     none = {f"order_{k}": 0.0 for k in range(2, 6)}
     assert usual == {"sin": 0.15, "cos": 0.1, "order": 12.0} | none
     plant = paper_plant()

@@ -65,7 +65,7 @@ def list_parameters(kind: type[Term]) -> str:
     further = {
         parameter.name for parameter in nonlinear if parameter.integer and parameter.nominal is not None
     }  # more of the same
-    pairs = zip(get_typical_values(kind).items(), units, strict=True)
+    pairs = zip(get_typical_values(kind()).items(), units, strict=True)
     return ", ".join(
         f"{name} {value:g} {unit}".removesuffix(" 1") for (name, value), unit in pairs if name not in further
     )

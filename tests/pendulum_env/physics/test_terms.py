@@ -97,7 +97,7 @@ def test_term_says_its_law_and_its_fields_are_nonlinear_parameters_within_their_
 
 @pytest.mark.parametrize("kind", BUILT_IN)
 def test_typical_sizes_are_of_parameters(kind):
-    assert not kind.typical_size or set(read_parameters(kind.typical_size)) <= get_typical_values(kind).keys()
+    assert not kind.typical_size or set(read_parameters(kind.typical_size)) <= get_typical_values(kind()).keys()
 
 
 @every_column
