@@ -1,5 +1,6 @@
 """Clock of a log: seconds since 1970 in any unit, the rounding of its digits, and time counted from 0."""
 
+import re
 from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Any
@@ -19,6 +20,12 @@ STEPS = (1e-5, 0.1)  # [s] between samples of a recording, the least and the mos
 def find_date(start: float) -> datetime | None:
     """Convert a time in seconds since 1970 to a date; None if it cannot be since 1970."""
     return datetime.fromtimestamp(start, UTC) if EPOCH[0] <= start < EPOCH[1] else None
+
+
+def parse_date(stamp: str) -> datetime:
+    """Parse a date, UTC without a zone; digits below a microsecond are dropped."""
+    date = datetime.fromisoformat(re.sub(r"(\.\d{6})\d+", r"\1", stamp.strip().replace(",", ".")))
+    return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
 def count_seconds(time: NDArray[Any]) -> tuple[Array, datetime | None]:

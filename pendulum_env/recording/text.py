@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import NoReturn
 
@@ -13,7 +12,7 @@ import pyarrow.csv as pacsv
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError, shorten_error
 from pendulum_env.reading import quote_value
-from pendulum_env.recording.clock import count_seconds
+from pendulum_env.recording.clock import count_seconds, parse_date
 from pendulum_env.recording.columns import NONE, FileColumn, add_labels
 from pendulum_env.recording.layout import HEAD, NUMBER, Layout, find_layout
 from pendulum_env.recording.notes import Note, NoteKind
@@ -66,7 +65,7 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
         except RecordingError:
             raise refusal from None
         notes.append(Note(NoteKind.LAST_ROW_CUT))
-    return RawTable(columns, values, tuple(notes), None if dated is None else _parse_date(dated[0]))
+    return RawTable(columns, values, tuple(notes), None if dated is None else parse_date(dated[0]))
 
 
 def _clean_text(opened: Opened) -> Opened:
@@ -161,12 +160,6 @@ def _convert_times(column: pa.ChunkedArray) -> pa.ChunkedArray:
     if count == 3:
         seconds = seconds + np.append(0.0, np.cumsum(np.where(np.diff(seconds) < -DAY / 2, DAY, 0.0)))
     return pa.chunked_array([seconds])
-
-
-def _parse_date(stamp: str) -> datetime:
-    """Parse a date, UTC without a zone; digits below a microsecond are dropped."""
-    date = datetime.fromisoformat(re.sub(r"(\.\d{6})\d+", r"\1", stamp.strip().replace(",", ".")))
-    return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
 def _choose_cell_type(quantity: str, layout: Layout, column: FileColumn) -> pa.DataType:
