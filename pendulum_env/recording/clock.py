@@ -1,6 +1,5 @@
 """Clock of a log: seconds since 1970 in any unit, the rounding of its digits, and time counted from 0."""
 
-import re
 from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Any
@@ -24,7 +23,7 @@ def find_date(start: float) -> datetime | None:
 
 def parse_date(stamp: str) -> datetime:
     """Parse a date, UTC without a zone; digits below a microsecond are dropped."""
-    date = datetime.fromisoformat(re.sub(r"(\.\d{6})\d+", r"\1", stamp.strip().replace(",", ".")))
+    date = datetime.fromisoformat(stamp.strip())
     return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
