@@ -108,7 +108,7 @@ class HalfSteps:
 
     def __init__(self, balance: TorqueBalance, longest: float) -> None:
         self._until, self._after = (
-            Machine(half, (balance.terms, round_up(longest)), 1) for half in (_compile_first, _compile_second)
+            Machine(_write_half, (balance.terms, round_up(longest), is_first), 1) for is_first in (True, False)
         )
         self._free = [(place, own.name) for place, term in enumerate(balance.terms) for own in term.free]
         self.take(balance)
@@ -156,30 +156,20 @@ def _compute_push(balance: TorqueBalance, x: Samples, h: Any) -> tuple[Push, Sam
     return Push(net, dry, inertia, moving, middle.velocity), middle  # type: ignore[arg-type]
 
 
-def _compile_first(terms: tuple[Term, ...], longest: float) -> SymbolicStep:
-    balance, x, given = _make_symbols(terms, longest)
-    push, middle = _compute_push(balance, x, given["state"][-1])
-    return SymbolicStep(given, {}, {"push": _make_array(push), "memory": _flatten_samples(middle)})
-
-
-def _compile_second(terms: tuple[Term, ...], longest: float) -> SymbolicStep:
-    balance, x, given = _make_symbols(terms, longest)
-    memory = balance.advance(x, x.velocity, 0.5 * given["state"][-1])
-    return SymbolicStep(given, {}, {"memory": _flatten_samples(replace(x, memory=memory))})
-
-
-def _make_symbols(terms: tuple[Term, ...], longest: float) -> tuple[TorqueBalance, Samples, dict[str, Any]]:
+def _write_half(terms: tuple[Term, ...], longest: float, is_first: bool) -> SymbolicStep:
+    """Write the first half of a step, with the push, or the second in symbols."""
     balance, x, nonlinear = write_balance(terms)
-    state = _make_array([x.time, x.position, x.velocity, x.torque, make_symbol("h", most=longest)])
-    return (
-        balance,
-        x,
-        {
-            "state": state,
-            "constants": _make_array([*balance.theta, *map(make_symbol, nonlinear)]),
-            "memory": _flatten_samples(x),
-        },
-    )
+    h: Any = make_symbol("h", most=longest)
+    given = {
+        "state": _make_array([x.time, x.position, x.velocity, x.torque, h]),
+        "constants": _make_array([*balance.theta, *map(make_symbol, nonlinear)]),
+        "memory": _flatten_samples(x),
+    }
+    if is_first:
+        push, middle = _compute_push(balance, x, h)
+        return SymbolicStep(given, {}, {"push": _make_array(push), "memory": _flatten_samples(middle)})
+    memory = balance.advance(x, x.velocity, 0.5 * h)
+    return SymbolicStep(given, {}, {"memory": _flatten_samples(replace(x, memory=memory))})
 
 
 def _flatten_samples(x: Samples) -> Any:
