@@ -38,11 +38,8 @@ class Renderer:
         self._clock: Any = None
         self._due = -np.inf
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"mode": self.mode}  # a window cannot be pickled: it opens anew
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(state["mode"])  # type: ignore[misc]
+    def __reduce__(self) -> Any:
+        return Renderer, (self.mode,)  # a window cannot be pickled: it opens anew
 
     def draw(
         self,
