@@ -212,7 +212,7 @@ Signal = TwoTone | Multisine | Chirp | Levels  # in a file
 
 def encode_signal(signal: Excitation) -> JSON:
     """Return a plain dictionary for JSON of a signal of this module, with its kind."""
-    encoded: JSON = json.decode(json.encode(signal))  # tuples are lists there
+    encoded: JSON = json.decode(json.encode(signal, enc_hook=float))  # tuples are lists there, NumPy's numbers floats
     return encoded
 
 

@@ -63,7 +63,7 @@ def test_a_family_stays_within_its_amplitude_and_differs_in_speed_and_strength()
 
 
 def test_signals_survive_json():
-    for signal in draw_family(np.random.default_rng(0), 20.0, 4.0):
+    for signal in draw_family(np.random.default_rng(0), 20.0, np.float64(4.0)):
         again = decode_signal(json.loads(json.dumps(encode_signal(signal))))
         assert again == signal
         assert np.array_equal(again.signal(TIME), signal.signal(TIME))
