@@ -17,7 +17,7 @@ from estimators.regression.least_squares import (
     weigh_recordings,
 )
 from estimators.search_hints import make_grid
-from estimators.weak_form.nonlinear import cross_entropy, list_continuous_parameters
+from estimators.weak_form.nonlinear import cross_entropy, list_continuous_parameters, refine_nonlinear
 from pendulum_env.physics import Samples, Term, effect
 
 
@@ -222,3 +222,11 @@ def test_the_quietest_recording_counts_most_and_one_without_equations_not_at_all
     assert weigh_recordings(np.array([40.0, 4000.0]), np.array([40, 40]), 0.0) == pytest.approx([1.0, 0.1])
     assert weigh_recordings(np.array([40.0, 4000.0]), np.array([40, 40]), 5.0) == pytest.approx([1.0, 0.5])
     assert weigh_recordings(np.array([4.0, 0.0]), np.array([1, 0]), 0.5).tolist() == [1.0, 0.0]
+
+
+def test_a_nonlinear_parameter_stays_within_its_limits():
+    def errors(variants: list[Term]) -> list[np.ndarray]:
+        return [np.full(5, own.nonlinear_values["stribeck_velocity"]) for own in variants]
+
+    found = refine_nonlinear(effect("stribeck")(stribeck_velocity=0.05), errors)
+    assert found.nonlinear_values["stribeck_velocity"] == effect("stribeck").nonlinear_parameters[0].low
