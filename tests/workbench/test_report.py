@@ -148,3 +148,9 @@ def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn():
     assert "wrapped" in drawn.layout["xaxis"]["title"]["text"] and np.abs(angle).max() <= np.pi
     assert np.corrcoef(drawn.data[-1]["y"], np.cos(7 * angle))[0, 1] > 0.98  # not smeared over all turns
     assert all(-np.pi <= stripe["x0"] < stripe["x1"] <= np.pi for stripe in drawn.layout["shapes"])
+
+
+def test_the_page_shows_how_to_do_it_again_if_that_is_known(page, diagnosis):
+    command = "pendulum-ident diagnose 'run one.csv' --only stribeck --fix gravity=2"
+    assert command in Page(render(diagnosis, command)).text
+    assert "Do it again" not in Page(page).text

@@ -101,3 +101,11 @@ def test_a_body_at_the_flange_of_a_robot_in_mujoco_is_told_whole():
     for name, value in (("Ixx", about[0, 0]), ("Iyy", about[1, 1]), ("Izz", about[2, 2])):
         assert found.estimates[name].value == pytest.approx(value, rel=0.1), name
     assert found.exists and found.stands_out and not found.hidden
+
+
+def test_standard_errors_hold_what_is_carried(model):
+    """Of the recordings without it as well, where these are given."""
+    for seed in range(1, 5):
+        found = find_payload(model, [run(seed, True)], [run(0, False)])
+        mass = found.estimates["m"]
+        assert abs(mass.value - MASS) < 4 * mass.std and mass.std < 0.002 * MASS

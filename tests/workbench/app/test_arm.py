@@ -120,3 +120,15 @@ def test_a_saved_study_and_model_bring_back_the_robot_its_recordings_and_its_ter
     assert replace(again.state.robot, file=robot) == session.state.robot
     assert [one.held_out for one in again.state.loaded] == [True, False]
     assert again.state.model.theta == pytest.approx(session.state.model.theta, rel=1e-6)
+
+
+def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
+    from workbench.app.stages import diagnose
+
+    file, run = two_link(tmp_path, 4.0)
+    session.act(lambda: session.take_robot(RobotFile(file, rotors=True, weightless=True)))
+    drop(session, run)
+    session.act(lambda: diagnose.start(session, SearchChoices("torque_offset,spring@elbow", "torque_offset@shoulder")))
+    first, second = write_commands(session.state).splitlines()
+    assert first.endswith("--rotors --no-gravity --scheme filtered_dynamic -o model.json")
+    assert "--only=torque_offset,spring@elbow --without=torque_offset@shoulder" in second
