@@ -37,6 +37,13 @@ def test_a_clock_since_1970_is_read_as_one_from_0(tmp_path: Path, rate: float, u
     assert abs((recording.start_date - datetime.fromtimestamp(START, UTC)).total_seconds()) < 1e-5
 
 
+def test_arrays_with_time_since_1970_count_from_the_first_sample_and_keep_their_segments() -> None:
+    run, kept = motion(500), np.r_[0:800, 1200:2000]
+    recording = Recording(*((START * (name == "time") + v)[kept] for name, v in run.items()), starts=(0, 800))
+    np.testing.assert_allclose(recording.time, run["time"][kept], rtol=0, atol=1e-6)
+    assert recording.starts == (0, 800) and recording.start_date.year == 2023
+
+
 @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
 def test_arrays_of_dates_and_of_durations_count_in_seconds(tmp_path: Path, unit: str) -> None:
     run = motion(100)

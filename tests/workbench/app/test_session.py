@@ -118,6 +118,9 @@ def test_what_is_said_of_one_file_holds_for_those_that_wait_with_the_same_column
     other = b"t,q,q2,current\n" + b"".join(b"%d,%d,0,0\n" % (k, k) for k in range(200))
     for name, content in (("a.csv", servo(swing)), ("other.csv", other), ("b.csv", servo(swing))):
         upload(session, name, content)
+    wrong = [*SERVO[:3], ColumnChoice("torque")]
+    session.act(lambda: session.answer(session.cards[0].set_choices(wrong, False)))
+    assert "'current' without a gain" in session.cards[0].why and len(session.cards) == 3 and not session.state.loaded
     session.act(lambda: session.answer(session.cards[0].set_choices(SERVO, False)))
     assert [one.id for one in session.state.loaded] == ["a.csv", "b.csv"]
     assert [card.source.file.name for card in session.cards] == ["other.csv"]
