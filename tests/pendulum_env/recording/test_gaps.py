@@ -172,15 +172,6 @@ def test_a_wrapped_angle_is_unwrapped_on_either_side_of_a_gap_after_which_a_join
     assert read_recording(columns | {"position": turns + 40.0 * (time > 2)}).starts == (0, 2000)
 
 
-def test_runs_that_a_column_counts_are_segments_even_if_each_clock_begins_anew() -> None:
-    columns = motion(np.tile(np.arange(500) / 500, 4)) | {"episode_index": np.repeat([3.0, 4.0, 5.0, 9.0], 500)}
-    recording = read_recording(columns)
-    assert recording.starts == (0, 500, 1000, 1500)
-    for part in recording.segments:
-        np.testing.assert_allclose(part.time - part.time[0], np.arange(500) / 500, atol=1e-9)
-        np.testing.assert_array_equal(part.position, columns["position"][:500])
-
-
 @settings(max_examples=60)
 @given(
     gone=st.lists(st.tuples(st.integers(0, 1990), st.integers(1, 150)), max_size=8),
