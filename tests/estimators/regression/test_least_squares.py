@@ -44,6 +44,17 @@ def test_solve_minimises_the_weighted_squares():
     assert fit.rms == pytest.approx(np.sqrt(np.mean(fit.residual**2)))
 
 
+@pytest.mark.parametrize("column", range(4))
+def test_normal_equations_are_solved_as_by_scipy_where_one_parameter_is_at_a_bound(column):
+    phi, y, theta = regression(column)
+    rows = np.column_stack([y, phi])
+    for side in (-1, 1):
+        least, most = np.full(4, -np.inf), np.full(4, np.inf)
+        (least if side < 0 else most)[column] = theta[column] - 0.3 * side
+        found = solve_gram(rows.T @ rows, least, most)
+        np.testing.assert_allclose(found, lsq_linear(phi, y, (least, most), tol=1e-14).x, rtol=1e-6, atol=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_normal_equations_are_solved_as_by_scipy_where_several_parameters_are_at_bounds(seed):
     rng = np.random.default_rng(seed)
