@@ -65,11 +65,6 @@ def test_identify_compare_and_diagnose_an_arm(done, folder):
     out = done(*of_arm(folder, "diagnose", "hidden.csv", *written))
     brief = out.partition("\n\n")[2].splitlines()
     assert brief[:2] == ["A torque offset at elbow is missing", "torque_offset@elbow: c"] and len(brief) <= 8
-    assert re.match(
-        r"held-out error: shoulder \S+ -> \S+ N m \(.*\), elbow 0\.\d+ -> 0\.0\d+ N m \(noise floor 0\.00\d+\)$",
-        brief[2],
-    )
-    assert re.match(r"parameters: torque_offset@elbow (0\.\d+ ± 0\.\d+) N m$", brief[3])
     page = (folder / "found.html").read_text()
     assert "<h1" in page and "A torque offset at elbow is missing" in page and 'id="candidates"' in page
     found = json.loads((folder / "diagnosis.json").read_text())["model"]["theta"]["torque_offset@elbow"]

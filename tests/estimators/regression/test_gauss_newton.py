@@ -38,9 +38,9 @@ def test_a_wrong_start_leads_to_the_minimum(start):
 
 @pytest.mark.parametrize(("at", "limits", "side"), [(0, {"most": 1.5}, -1.0), (1, {"least": -1.0}, 1.0)])
 def test_a_parameter_at_its_bound_stays_there_and_the_others_are_the_best_beside_it(at, limits, side):
-    near, best = decay(**limits)
+    (near, best), (bound,) = decay(**limits), limits.values()
     found = gauss_newton(START, near, best, ALL)
-    assert found[at] == [*limits.values()][0]
+    assert found[at] == bound
     local = near(found)
     slope = local.slopes[:, 1 - at]
     assert abs(slope @ local.error) < 1e-3 * np.linalg.norm(slope) * np.linalg.norm(local.error)
