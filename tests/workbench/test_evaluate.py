@@ -34,17 +34,8 @@ def policy(tmp_path, monkeypatch):
     return "policy.npz"
 
 
-def test_every_policy_is_printed_beside_the_baseline(done, policy):
-    told, out = figures(done, policy, 1)
-    assert list(told["policies"]) == ["two-tone", policy]
-    assert told["policies"]["two-tone"]["gain"]["information"]["ratio"] == pytest.approx(1.0)
-    for own in told["policies"].values():
-        assert all(f"{100 * middle:.3f} (" in out for _, middle, _ in own["error"].values())
-        assert f"{own['gain']['information']['ratio']:.2f} (" in out
-
-
-def test_an_own_class_and_a_model_of_stable_baselines_take_part(done, policy):
-    """Both always play nothing, so they learn nothing."""
+def test_a_file_an_own_class_and_a_model_of_stable_baselines_are_printed_beside_the_baseline(done, policy):
+    """The class and the model always play nothing, so they learn nothing."""
     lines = (
         "import numpy as np",
         "from stable_baselines3 import A2C",
@@ -61,9 +52,13 @@ def test_an_own_class_and_a_model_of_stable_baselines_take_part(done, policy):
         for parameter in model.policy.action_net.parameters():
             parameter.zero_()
     model.save("model.zip")
-    told, _ = figures(done, "own_class_of_a_test:Rest", 1, "own_class_of_a_test:Model")
-    assert list(told["policies"]) == ["two-tone", "own_class_of_a_test:Rest", "own_class_of_a_test:Model"]
-    assert [own["torque_peak"] > 0 for own in told["policies"].values()] == [True, False, False]
+    told, out = figures(done, policy, 1, "own_class_of_a_test:Rest", "own_class_of_a_test:Model")
+    assert list(told["policies"]) == ["two-tone", policy, "own_class_of_a_test:Rest", "own_class_of_a_test:Model"]
+    assert [own["torque_peak"] > 0 for own in told["policies"].values()] == [True, True, False, False]
+    assert told["policies"]["two-tone"]["gain"]["information"]["ratio"] == pytest.approx(1.0)
+    for own in (told["policies"][name] for name in ("two-tone", policy)):
+        assert all(f"{100 * middle:.3f} (" in out for _, middle, _ in own["error"].values())
+        assert f"{own['gain']['information']['ratio']:.2f} (" in out
 
 
 @pytest.mark.slow
