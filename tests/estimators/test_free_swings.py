@@ -19,6 +19,7 @@ from pendulum_env.physics import Model, ModelError, effects
 from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Load, Recording
 from tests import slow
+from tests.cases import diagnosed
 from tests.once import once
 
 INERTIA = 0.01
@@ -160,7 +161,7 @@ def test_the_decay_tells_viscous_from_dry_friction(name):
 
 @pytest.mark.parametrize("id", slow.but(["quadratic_drag", "stribeck", "gravity_tilt"], HIDDEN))
 def test_an_effect_is_found(id):
-    found = diagnose(hiding(id))
+    found = diagnosed(hiding(id))
     assert id in found.effects[0] and len(found.selected) == 1
     if found.selected == (id,):
         for name, value in HIDDEN[id][1].items():
@@ -188,7 +189,7 @@ def test_effects_of_the_torque_are_refused():
 
 
 def test_a_saved_model_is_relative_to_the_inertia(tmp_path):
-    diagnose(hiding("quadratic_drag")).model.save(tmp_path / "model.json")
+    diagnosed(hiding("quadratic_drag")).model.save(tmp_path / "model.json")
     model = Model.load(tmp_path / "model.json")
     assert model.torque_unit == "rad/s^2" and model.estimates["inertia"].value == 1.0
     assert model.estimates["quadratic_drag"].unit == "1/rad"
