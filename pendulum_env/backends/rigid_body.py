@@ -39,18 +39,24 @@ class RigidBody:
 
     def __init__(self, balance: TorqueBalance, longest: float) -> None:
         """Take the torques that act on it, and the longest step [s]; raises any exception if a law is no formula."""
-        self._balance, self._halves = balance, HalfSteps(balance, longest)
+        self._first, self._second = (
+            Machine(_write_half, (balance.terms, round_up(longest), is_first), 1) for is_first in (True, False)
+        )
+        self._free = [(place, own.name) for place, term in enumerate(balance.terms) for own in term.free]
+        self.take(balance)
 
     def take(self, balance: TorqueBalance) -> None:
-        """Go on from where it is with other torques, of terms with the same state variables."""
+        """Go on from where it is with other torques, of the same terms with other parameters."""
         self._balance = balance
-        self._halves.take(balance)
+        nonlinear = [getattr(balance.terms[place], name) for place, name in self._free]
+        for half in (self._first, self._second):
+            half.given["constants"][:, 0] = *balance.theta, *nonlinear
 
     def place(self, x: Samples) -> None:
         """Put a new body there: nothing of an earlier run remains, so that equal runs are equal bit for bit."""
         self._time, self._position, self._velocity = float(x.time), float(x.position), float(x.velocity)
         self._inertia, self._dry = float(self._balance.mass(x)), 0.0
-        self._halves.place(x)
+        self._first.given["memory"][:, 0] = _flatten_samples(x)
         self._build()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -75,7 +81,10 @@ class RigidBody:
     def step(self, torque: float, h: float) -> tuple[float, float]:
         """Advance by h [s] under a torque [N m]; returns angle [rad] and velocity [rad/s]."""
         q, v, body = self._position, self._velocity, self._body
-        body.torque, dry, inertia, moving, middle_v = self._halves.push(self._time, q, v, torque, h)
+        first, second = self._first, self._second
+        first.given["state"][:, 0] = self._time, q, v, torque, h
+        first.step()
+        body.torque, dry, inertia, moving, middle_v = first.now["push"][:, 0].tolist()
         if inertia != self._inertia:
             body.moment = self._inertia = inertia
         if dry != self._dry:
@@ -88,7 +97,10 @@ class RigidBody:
         body.angle = self._position = q + 0.5 * (v * moving + reached * (h if moving == h else h - moving))
         if self._balance.has_states:
             mean = 0.5 * (middle_v + reached)
-            self._halves.complete(self._time + 0.5 * h, q + 0.5 * h * v, mean, torque, h)
+            second.given["state"][:, 0] = self._time + 0.5 * h, q + 0.5 * h * v, mean, torque, h
+            second.given["memory"][:] = first.now["memory"]
+            second.step()
+            first.given["memory"][:] = second.now["memory"]
         self._time, self._velocity = self._time + h, reached
         return self._position, reached
 
@@ -101,42 +113,6 @@ class Push(NamedTuple):
     inertia: float  # [kg m^2]
     moving: float  # duration of motion in one direction [s]
     middle: float  # velocity at the middle of the step [rad/s]
-
-
-class HalfSteps:
-    """Two halves of a step, with the states of the terms; raises any exception if a law is no formula."""
-
-    def __init__(self, balance: TorqueBalance, longest: float) -> None:
-        self._until, self._after = (
-            Machine(_write_half, (balance.terms, round_up(longest), is_first), 1) for is_first in (True, False)
-        )
-        self._free = [(place, own.name) for place, term in enumerate(balance.terms) for own in term.free]
-        self.take(balance)
-
-    def take(self, balance: TorqueBalance) -> None:
-        """Go on with other parameters of the same terms."""
-        nonlinear = [getattr(balance.terms[place], name) for place, name in self._free]
-        for machine in (self._until, self._after):
-            machine.given["constants"][:, 0] = *balance.theta, *nonlinear
-
-    def place(self, x: Samples) -> None:
-        """Begin there."""
-        self._until.given["memory"][:, 0] = _flatten_samples(x)
-
-    def push(self, *state: float) -> Push:
-        """Compute the impulse of a step and advance the states to its middle.
-
-        `state` is time, position, velocity, torque and the length of the step.
-        """
-        self._until.given["state"][:, 0] = state
-        self._until.step()
-        return Push._make(self._until.now["push"][:, 0].tolist())
-
-    def complete(self, *state: float) -> None:
-        """Advance the states from the middle of a step to its end, at the mean velocity; `state` as in `push`."""
-        self._after.given["state"][:, 0], self._after.given["memory"][:] = state, self._until.now["memory"]
-        self._after.step()
-        self._until.given["memory"][:] = self._after.now["memory"]
 
 
 def _compute_push(balance: TorqueBalance, x: Samples, h: Any) -> tuple[Push, Samples]:
