@@ -11,7 +11,7 @@ import numpy as np
 from pendulum_env._typing import Array, Index
 from pendulum_env.errors import ColumnError, RecordingError
 from pendulum_env.recording.angle_unit import suspect_unit
-from pendulum_env.recording.clock import STEPS, find_plausible_unit
+from pendulum_env.recording.clock import STEPS, list_plausible_units
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
@@ -83,12 +83,12 @@ def refuse_too_short(recording: Recording, origin: Origin) -> None:
 
 def _suggest_time_unit(period: float, origin: Origin) -> str:
     """Suggest the unit of time in which the steps [s], as they were read, become plausible."""
-    unit = find_plausible_unit(period / origin.columns["time"].scale)
-    return (
-        ""
-        if unit is None
-        else f"read it with {_format_columns(origin.change_column('time', unit=unit))} if time is in {unit}, or "
-    )
+    units = list_plausible_units(period / origin.columns["time"].scale)
+    hints = [
+        f"read it with {_format_columns(origin.change_column('time', unit=own))} if time is in {own}, or "
+        for own in units
+    ]
+    return "".join(hints[:1])
 
 
 def refuse_still(position: Array) -> None:

@@ -43,12 +43,8 @@ def find_unix_unit(time: Array) -> str | None:
     known = time[np.isfinite(time)]
     if len(known) < 2:
         return None
-    step = float(np.median(np.abs(np.diff(known))))
-    for unit in TIME_UNITS:
-        scale = UNITS["time"][unit]
-        if EPOCH[0] <= known[0] * scale < EPOCH[1] and STEPS[0] <= step * scale <= STEPS[1]:
-            return unit
-    return None
+    units = list_plausible_units(float(np.median(np.abs(np.diff(known)))))
+    return next((unit for unit in units if find_date(known[0] * UNITS["time"][unit]) is not None), None)
 
 
 def unwrap_clock(time: Array) -> Array:
@@ -64,9 +60,9 @@ def unwrap_clock(time: Array) -> Array:
     return time
 
 
-def find_plausible_unit(step: float) -> str | None:
-    """Find the unit in which a step of time, as the file has it, is that of a recording; None if there is none."""
-    return next((unit for unit in TIME_UNITS if STEPS[0] <= step * UNITS["time"][unit] <= STEPS[1]), None)
+def list_plausible_units(step: float) -> list[str]:
+    """List the units in which a step of time, as the file has it, is that of a recording."""
+    return [unit for unit in TIME_UNITS if STEPS[0] <= step * UNITS["time"][unit] <= STEPS[1]]
 
 
 def find_resolution(time: Array) -> float:
