@@ -17,12 +17,12 @@ RESET_OPTIONS = dict.fromkeys(("position", "velocity", "theta", "clear_fault"))
 WHOLE = ("substeps", "num_envs")  # numbers that count something
 
 
-def make_spaces(max_torque: float) -> tuple[gym.spaces.Box[np.float32], gym.spaces.Box[np.float32]]:
-    """Make the spaces of an observation, cos q, sin q, q' [rad/s], and of an action, a torque [N m]."""
-    high = np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32)
+def make_spaces(max_torque: float, joints: int = 1) -> tuple[gym.spaces.Box[np.float32], gym.spaces.Box[np.float32]]:
+    """Make the spaces of an observation, cos q, sin q, q' [rad/s] of all joints, and of an action, torques [N m]."""
+    high = np.repeat(np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32), joints)
     return (
         gym.spaces.Box(-high, high, dtype=np.float32),
-        gym.spaces.Box(-max_torque, max_torque, (1,), dtype=np.float32),
+        gym.spaces.Box(-max_torque, max_torque, (joints,), dtype=np.float32),
     )
 
 

@@ -17,7 +17,7 @@ from pendulum_env.formatting import join_words
 from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.plant import PAPER, Effects
 from pendulum_env.rendering import MODES, Renderer
-from pendulum_env.spaces import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond
+from pendulum_env.spaces import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond, make_spaces
 
 RESET_OPTIONS = dict.fromkeys(("position", "velocity"))
 
@@ -57,10 +57,7 @@ class SimulatedArm(gym.Env[Observation, Action]):
         self.joints, self.sensor, self._bodies = tuple(joints), sensor, bodies
         self.rate, self.counts, self.max_torque = float(rate), sensor.counts, float(max_torque)
         self.metadata = {**self.metadata, "render_fps": self.rate}
-        n = len(self.joints)
-        high = np.repeat(np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32), n)
-        self.observation_space = gym.spaces.Box(-high, high, dtype=np.float32)
-        self.action_space = gym.spaces.Box(-self.max_torque, self.max_torque, (n,), dtype=np.float32)
+        self.observation_space, self.action_space = make_spaces(self.max_torque, len(self.joints))
         self._running = False
 
     def reset(
