@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from pendulum_env._typing import Array, ArrayLike, Mask
+from pendulum_env._typing import Array, Mask
 from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.parameters import PlantParameters, PlantProperties, Values
@@ -189,17 +189,14 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
     def _show(self, torque: Array, clipped: Bools) -> tuple[Batch, dict[str, Any]]:
         """Return observation and info of the pendulums, after `torque` (B,), of which some were `clipped`."""
         assert self._x is not None
-        position = self.sensor.position(self._x.position)
-        velocity: ArrayLike | None = self.sensor.velocity(self._x.velocity)
-        if velocity is None:
-            velocity = (position - self._before) * self.rate
+        position, velocity = self.sensor.measure(self._x.position, self._x.velocity, self._before, self.rate)
         self._before = position
         bounded = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
         observation = np.stack([np.cos(position), np.sin(position), bounded], axis=1, dtype=np.float32)
         seen = {
             "time": self._x.time,
             "position": position,
-            "velocity": np.asarray(velocity),
+            "velocity": velocity,
             "torque": np.asarray(self.sensor.torque(torque, self.np_random)),
             "clipped": clipped,
             "follows": self._everyone,

@@ -104,10 +104,8 @@ class SimulatedArm(gym.Env[Observation, Action]):
         return array
 
     def _show(self, torque: Any, clipped: Mask) -> tuple[Observation, dict[str, Any]]:
-        position = self.sensor.position(self._bodies.position)
-        velocity = self.sensor.velocity(self._bodies.velocity)
-        if velocity is None:
-            velocity = (position - self._before) * self.rate
+        bodies = self._bodies
+        position, velocity = self.sensor.measure(bodies.position, bodies.velocity, self._before, self.rate)
         self._before = position
         bounded = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
         observation = np.concatenate([np.cos(position), np.sin(position), bounded]).astype(np.float32)

@@ -37,9 +37,10 @@ class Sensor:
         rounded: Array = np.rint(position / count)
         return count * rounded
 
-    def velocity(self, velocity: ArrayLike) -> ArrayLike | None:
-        """Return the measured velocity [rad/s], if there is one."""
-        return velocity if self.ideal_velocity else None
+    def measure(self, position: Array, velocity: Array, before: Array, rate: float) -> tuple[Array, Array]:
+        """Return position [rad] and velocity [rad/s] as measured, where the encoder read `before` a sample ago."""
+        seen = self.position(position)
+        return seen, velocity if self.ideal_velocity else (seen - before) * rate
 
     def torque(self, torque: ArrayLike, rng: np.random.Generator) -> ArrayLike:
         """Return the measured torque [N m]."""
