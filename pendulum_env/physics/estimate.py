@@ -84,13 +84,9 @@ def derive_estimates(
 ) -> dict[str, Estimate]:
     """Compute the derived quantities of a model, by name, with standard errors to first order."""
     names, values = list(estimates), np.array([estimate.value for estimate in estimates.values()])
-    found, first = {}, 0
+    found = {}
     for term in terms:
-        place = [
-            *range(first, first + len(term.columns)),
-            *(names.index(term.get_full_name(s.name)) for s in term.free),
-        ]
-        first += len(term.columns)
+        place = [names.index(name) for name in term.parameter_names]
         own = values[place]
         perturbations = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
         moved = [_derive_quantities(term, own + perturbation) for perturbation in perturbations]

@@ -211,10 +211,7 @@ class Model(Mapping[str, Estimate]):
     def get_parameters(self, id: str) -> dict[str, Estimate]:
         """Return the parameters of one of the terms, by name."""
         (term,) = (own for own in self.terms if own.id == id)
-        names = [column.name for column in term.columns] + [
-            term.get_full_name(parameter.name) for parameter in term.free
-        ]
-        return {name: self.estimates[name] for name in names}
+        return {name: self.estimates[name] for name in term.parameter_names}
 
     def mark_biased(self, names: Container[str] | None = None) -> Self:
         """Mark estimates, by default all, as biased by an effect that the model lacks."""

@@ -309,6 +309,11 @@ class Term:
         """Return the nonlinear parameters to be found: those that are not at their nominal value."""
         return tuple(p for p in self.nonlinear_parameters if np.any(getattr(self, p.name) != p.nominal))
 
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Return the full names of the linear and of the free nonlinear parameters."""
+        return (*(column.name for column in self.columns), *(self.get_full_name(p.name) for p in self.free))
+
 
 def derive_kind(kind: type[T], factory: Callable[..., type[T]], *arguments: Any, **members: Any) -> type[T]:
     """Derive a kind of term with some other members: `factory(kind, *arguments)` makes it again.
