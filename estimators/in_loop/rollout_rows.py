@@ -213,7 +213,8 @@ class RolloutRows:
     def _begin(self, terms: Key) -> Point:
         """Return the start of a fit: the likeliest of starts from the most similar fitted model, and from a linear fit.
 
-        Parameters that the similar model lacks are 0, or their typical size times 1 or 3.
+        Parameters that the similar model lacks are 0, or their typical size times 1 or 3. A link also starts from the
+        likeliest model with another link in its place, with the same inertia.
         """
         known = {term.id for term in terms}
         parents = sorted(
@@ -231,9 +232,25 @@ class RolloutRows:
         ]
         if all(name in values for name in names):
             del starts[1:]
+        starts += self._exchange_link(terms)
         if terms in self._starts:
             starts.append(self._starts[terms])
         return starts[0] if len(starts) == 1 else choose_likeliest_point(self.rollouts, starts)[0]
+
+    def _exchange_link(self, terms: Key) -> list[Point]:
+        """Return the likeliest fit that differs from some terms in the kind of its link, with their link, if any."""
+        own = next((term.id for term in terms if term.link), "")
+        kinds = ["link" if term.link else term.id for term in terms]
+        similar = [
+            linear
+            for key, linear in self._linear.items()
+            if own and own not in {t.id for t in key} and ["link" if t.link else t.id for t in key] == kinds
+        ]
+        if not similar:
+            return []
+        return [
+            Point.from_parameters(terms, min(similar, key=lambda one: scale_of(self.rollouts, one.error)).point.theta)
+        ]
 
     def _first(self, terms: Key) -> list[Point]:
         """Return starts of the first fit: the parameters fitted to torque, with several least sizes."""

@@ -11,7 +11,7 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.search_hints import find_hints, is_possible
 from estimators.selection.errors import Gate, Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.weak_form.nonlinear import release
+from estimators.weak_form.nonlinear import list_continuous_parameters, release, set_values
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
 
 SAME = 1e-6  # relative difference of equal torques by rounding
@@ -116,11 +116,28 @@ def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
 
 
 def parts_of(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
-    """Return the effects of the library without nonlinear parameters that an effect contains, as a spring an offset."""
-    if len(effect.columns) < 2 or effect.kind == "transmission":
+    """Return the simpler effects of the library that an effect contains, as a spring an offset.
+
+    They have no nonlinear parameters. In rows of simulated motion, they include the laws that the effect becomes where
+    a nonlinear parameter is zero, as a play without a gap an elastic joint.
+    """
+    if effect.kind == "transmission":
+        return [] if evaluator.train.layout.predicts_torque else _list_reductions(evaluator, effect)
+    if len(effect.columns) < 2:
         return []
     simple = [kind() for kind in evaluator.library.values() if kind.at == effect.at and not kind.nonlinear_parameters]
     return [term for term in simple if contains(evaluator, effect, term)]
+
+
+def _list_reductions(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
+    """Return the effects of the library that an effect becomes where a parameter is zero, with its other parameters."""
+    found = []
+    for reduced in effect.reductions:
+        variants = [kind() for kind in evaluator.library.values() if (kind.id, kind.at) == (reduced.id, effect.at)]
+        for variant in variants:
+            sought = list_continuous_parameters(variant)
+            found.append(set_values(variant, sought, [reduced.nonlinear_values[own.name] for own in sought]))
+    return found
 
 
 def needs_all_parts(evaluator: ModelEvaluator, terms: Terms) -> bool:

@@ -247,6 +247,11 @@ class Term:
         return self
 
     @property
+    def reductions(self) -> tuple[Term, ...]:
+        """Return the simpler laws that this law becomes where a nonlinear parameter is zero."""
+        return ()
+
+    @property
     def open_ends(self) -> tuple[bool, bool]:
         """Return whether the term may act below and above the angles of a motion, as a stop that was never met."""
         return False, False

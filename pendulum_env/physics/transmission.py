@@ -209,6 +209,10 @@ class Backlash(Transmission):
     )
 
     @property
+    def reductions(self) -> tuple[Term, ...]:
+        return (JointFlexibility(self.resonance, self.damping, self.gravity),)
+
+    @property
     def play(self) -> float:
         return self.gap
 
