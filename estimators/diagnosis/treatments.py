@@ -9,7 +9,6 @@ from estimators.diagnosis.result import TriedTreatment
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.errors import compute_held_out_cost
-from estimators.selection.motion import is_misfit
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_links
 from pendulum_env.arms.recording import add_payload
@@ -76,7 +75,7 @@ def narrow_windows(trial: Trial) -> FitData | None:
     evaluator, found = trial.evaluator, trial.found
     if trial.data.has_treatment(Kind.NARROWER_WINDOWS):
         return None
-    if not evaluator.residuals.is_noise_by_part(found.terms)[0] or not is_misfit(evaluator, found.steps[-1]):
+    if not evaluator.residuals.is_noise_by_part(found.terms)[0] or not evaluator.is_misfit(found.steps[-1]):
         return None
     share = evaluator.criterion.shorter_window
     return trial.data.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), window_share=share)

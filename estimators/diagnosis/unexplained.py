@@ -9,7 +9,6 @@ from estimators.data.regions import find_failures, find_regions_at
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.motion import is_misfit
 from estimators.selection.physical import find_violations
 from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table
@@ -51,7 +50,7 @@ def find_unexplained(found: SearchResult) -> list[Region]:
     if not evaluator.residuals.is_noise_in(holdout, holdout_residual):
         regions_held_out = find_failures(holdout, holdout_residual, floors=evaluator.residuals.holdout_floors)
         return [replace(region, held_out_recordings=holdout.names) for region in regions_held_out]
-    if not is_misfit(evaluator, last):
+    if not evaluator.is_misfit(last):
         return []
     error, units = last.errors["train"].position_rms, last.model.units()
     cause = Finding(Kind.NEAR_REVERSALS, {"error": Quantity(error, unit=units.unit("rad"))})

@@ -240,11 +240,11 @@ class RolloutRows:
     def _exchange_link(self, terms: Key) -> list[Point]:
         """Return the likeliest fit that differs from some terms in the kind of its link, with their link, if any."""
         own = next((term.id for term in terms if term.link), "")
-        kinds = ["link" if term.link else term.id for term in terms]
+        names = _list_columns_without_link(terms)
         similar = [
             linear
             for key, linear in self._linear.items()
-            if own and own not in {t.id for t in key} and ["link" if t.link else t.id for t in key] == kinds
+            if own and own not in {term.id for term in key} and _list_columns_without_link(key) == names
         ]
         if not similar:
             return []
@@ -358,6 +358,11 @@ class RolloutRows:
             else np.empty((len(self.rollouts.position), 0))
         )
         return slopes[:, len(slopes[0]) - len(names) :], names
+
+
+def _list_columns_without_link(terms: Key) -> list[list[str]]:
+    """List the names of the linear parameters of each term; none of a link, which thus counts as any other link."""
+    return [[] if term.link else [column.name for column in term.columns] for term in terms]
 
 
 def _release_link_friction(point: Point, share: float) -> Point:

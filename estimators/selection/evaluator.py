@@ -19,8 +19,10 @@ from estimators.selection.residuals import Residuals, set_time_grid
 from estimators.selection.score import (
     Bootstrap,
     Gain,
+    compute_accuracy,
     compute_motion_gain,
     cross_validated,
+    errs_by_more_than_noise,
     make_blocks,
     predict_density,
 )
@@ -36,6 +38,7 @@ from pendulum_env.physics import (
     effects,
     has_link,
     has_transmission,
+    is_dry,
     list_ids,
     list_loads,
     release_term,
@@ -190,6 +193,40 @@ class ModelEvaluator:
         """Return whether the model `after` predicts significantly better than `before`."""
         return self.gain(after, before).p_value <= self.criterion.p_value
 
+    def evidence(self, after: Terms, before: Terms) -> Gain:
+        """Return the gain of a larger model in torque, or in free motion if only that is significant.
+
+        Windows of torque leave out rest and reversals, where dry friction acts in full. So free motion is simulated if
+        the terms that `after` adds are dry friction, and if `before` is a misfit to the motion.
+        """
+        by_torque = self.gain(after, before)
+        if by_torque.p_value <= self.criterion.p_value or not self._is_seen_at_rest(after, before):
+            return by_torque
+        by_motion = self.gain_in_motion(after, before, self.penalty(after, before))[0]
+        return by_motion if by_motion.p_value <= self.criterion.p_value else by_torque
+
+    def _is_seen_at_rest(self, after: Terms, before: Terms) -> bool:
+        """Return whether free motion may show what a larger model adds though windows of torque do not."""
+        known = list_ids(before)
+        added = [term for term in after if term.id not in known]
+        return bool(added) and all(map(is_dry, added)) and self.is_misfit(self.fit(None, before))
+
+    def is_misfit(self, step: Step) -> bool:
+        """Return whether free-running simulation errs by more than `criterion.misfit` noise levels.
+
+        That must hold from measured and from fitted initial states. It is False for a transmission, whose impacts are
+        too sharp to simulate, and without segments or a known inertia.
+        """
+        segments, limit = self.train.segments, self.criterion.misfit
+        if has_transmission(step.model.terms) or not (segments and step.model.has_known_inertia):
+            return False
+        if not errs_by_more_than_noise(segments, step.model, step.errors["train"].position_rms, self.criterion):
+            return False
+        point = output_error.Point.from_model(step.model)
+        accuracy = compute_accuracy(segments, self.criterion.accuracy)
+        noise = max(accuracy, output_error.compute_torque_noise_rms(segments, point))
+        return output_error.compute_rms(segments, point) > limit * noise
+
     def is_supported(self, after: Terms, before: Terms) -> bool:
         """Return whether the larger model `after` passes all `gates` beside `before`."""
         return all(gate.passed for gate in self.gates(after, before))
@@ -206,11 +243,12 @@ class ModelEvaluator:
     def gates(self, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
         """Return the gates of a larger model up to the first failure: gain with p-value, share, base parameters.
 
+        The gain is that of `evidence`.
         Beside known parameters, `after` also has to predict significantly better than `before` with these free, else it
         explains only other values of them. `least_share` is the limit of the explained share of torque or
         motion, by default `criterion.explained_share`.
         """
-        gain, penalty, criterion = self.gain(after, before), self.penalty(after, before), self.criterion
+        gain, penalty, criterion = self.evidence(after, before), self.penalty(after, before), self.criterion
         least_share = criterion.explained_share if least_share is None else least_share
         std = gain.error if np.isfinite(gain.error) else None
         gates = [
@@ -235,20 +273,28 @@ class ModelEvaluator:
         share = self.residuals.explained_share(after, before)
         return share if share > enough else max(share, min(self.explained_shares_of_motion(after, before)))
 
-    @memoized
     def explained_shares_of_motion(self, after: Terms, before: Terms) -> tuple[float, float]:
         """Return the shares of the power of free-running errors, training first, that one model has less than another.
 
-        Both are fitted to the motion, so that parameters of the other model imitate what they can. Shares are 0 if the
-        gain over all segments is not significant, without segments, and with a transmission: its segments soon diverge.
+        Shares are 0 if the gain over all segments is not significant, and without a simulation.
+        """
+        gain, shares = self.gain_in_motion(after, before, 0.0)
+        return shares if gain.p_value <= self.criterion.p_value else (0.0, 0.0)
+
+    @memoized
+    def gain_in_motion(self, after: Terms, before: Terms, penalty: float = 0.0) -> tuple[Gain, tuple[float, float]]:
+        """Return the gain of one model over another in free motion, and the shares of the power of errors it removes.
+
+        Both are fitted to the motion, so that parameters of the other model imitate what they can. There is no gain
+        without segments, and with a transmission: its segments soon diverge.
         """
         if not self.train.segments or has_transmission(after) or has_transmission(before):
-            return 0.0, 0.0
+            return Gain(0.0, 0.0, 1.0), (0.0, 0.0)
         new, old = (self.refit_to_motion(self.fit(None, one)).model for one in (after, before))
         if not (new.has_known_inertia and old.has_known_inertia):
-            return 0.0, 0.0
-        gain, shares = compute_motion_gain((self.train.segments, self.holdout.segments), new, old)
-        return shares if gain.p_value <= self.criterion.p_value else (0.0, 0.0)
+            return Gain(0.0, 0.0, 1.0), (0.0, 0.0)
+        parts = self.train.segments, self.holdout.segments
+        return compute_motion_gain(parts, new, old, penalty)
 
     def without_known(self, terms: Terms) -> Terms:
         """Return the terms with known parameters free; unchanged for free swings, whose inertia has to be known."""
@@ -303,10 +349,17 @@ class ModelEvaluator:
         if has_transmission(step.model.terms) or not self.train.segments or not step.model.has_known_inertia:
             return step
         if step.model.terms not in self._in_motion:
-            point = output_error.fit(self.train.segments, output_error.Point.from_model(step.model))
-            refined = output_error.make_model(self.train.segments, point)
-            self._in_motion[step.model.terms] = self.make_step(step.added, refined)
+            self._in_motion[step.model.terms] = self.fit_to_motion(output_error.Point.from_model(step.model))
         return replace(self._in_motion[step.model.terms], added=step.added)
+
+    def fit_to_motion(self, start: output_error.Point, added: str | None = None) -> Step:
+        """Return the step of adding the effect `added`, fitted to free-running simulation from a point.
+
+        It is stored for `refit_to_motion` of the fitted terms.
+        """
+        point = output_error.fit(self.train.segments, start)
+        step = self.make_step(added, output_error.make_model(self.train.segments, point))
+        return self._in_motion.setdefault(step.model.terms, step)
 
     def violations(self, terms: Terms) -> list[Gate]:
         """Return a failed gate for each physical bound that a fit of the terms violates at joints of its effects."""

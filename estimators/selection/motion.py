@@ -1,18 +1,16 @@
 """Refits of the final model to simulated motion, which, unlike windows, includes stick and reversals."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step, compute_held_out_cost
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
-from estimators.simulation.free_running import Segments, choose_segments
+from estimators.simulation.free_running import choose_segments
 from estimators.simulation.output_error import Point
-from pendulum_env.physics import Model, has_link, has_transmission
+from pendulum_env.physics import Model, has_link
 from pendulum_env.physics.terms import has_bristles
 
 SEGMENT = 0.5  # length of a segment [s], short enough to linearise the growth of errors
@@ -22,48 +20,17 @@ FEWEST = 2  # least number of segments per parameter
 def refit_if_misfit(found: SearchResult) -> SearchResult:
     """Return the result with the last model refitted to free-running motion, if that is confirmed by held-out data.
 
-    The result is unchanged if the model is no `is_misfit` and has no bristles. The better of both by held-out cost is
-    kept.
+    The result is unchanged if the model is no misfit to the motion and has no bristles. The better of both by held-out
+    cost is kept.
     """
     evaluator, (*others, last) = found.evaluator, found.steps
-    if not (is_misfit(evaluator, last) or any(has_bristles(term) for term in last.model.terms)):
+    if not (evaluator.is_misfit(last) or any(has_bristles(term) for term in last.model.terms)):
         return found
     evaluator.progress("fitting the segments", 0.9)
     refined = min(last, evaluator.refit_to_motion(last), key=compute_held_out_cost)
     if others and not evaluator.is_confirmed(refined, others[-1]):
         return found
     return replace(found, steps=[*others, refined])
-
-
-def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
-    """Return whether free-running simulation errs by more than `criterion.misfit` noise levels.
-
-    That must hold from measured and from fitted initial states. It is False for a transmission, whose impacts are too
-    sharp to simulate, and without segments or a known inertia.
-    """
-    if has_transmission(step.model.terms):
-        return False
-    if not (evaluator.train.segments and step.model.has_known_inertia):
-        return False
-    segments, point = evaluator.train.segments, Point.from_model(step.model)
-    if not errs_by_more_than_noise(segments, step, evaluator.criterion):
-        return False
-    noise = max(_accuracy(segments, evaluator.criterion), output_error.compute_torque_noise_rms(segments, point))
-    return output_error.compute_rms(segments, point) > evaluator.criterion.misfit * noise
-
-
-def errs_by_more_than_noise(segments: Sequence[Segments], step: Step, criterion: Criterion) -> bool:
-    """Return whether the position error of a step exceeds `criterion.misfit` times that by noise in the segments.
-
-    Noise is that of torque and initial states, at least the accuracy of the simulation.
-    """
-    noise = max(_accuracy(segments, criterion), output_error.compute_noise_rms(segments, Point.from_model(step.model)))
-    return step.errors["train"].position_rms > criterion.misfit * noise
-
-
-def _accuracy(segments: Sequence[Segments], criterion: Criterion) -> float:
-    """Return the accuracy of a simulation of the segments [rad]."""
-    return criterion.accuracy * float(np.std(np.concatenate([segment.position.ravel() for segment in segments])))
 
 
 def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> SearchResult:

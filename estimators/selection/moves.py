@@ -14,6 +14,7 @@ from estimators.selection.candidates import (
     screen_effects,
     screen_replacements,
 )
+from estimators.selection.dry_friction import screen_dry_friction
 from estimators.selection.errors import Terms, compute_held_out_cost
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import multiple_shooting
@@ -66,7 +67,8 @@ def add_effect(state: SearchState) -> SearchState | None:
     """Add one effect, or release a nonlinear parameter of an effect; else add a pair. None if nothing is confirmed.
 
     The best `criterion.max_tried` candidates have to be supported and confirmed. Of those that tie with the best one,
-    that with the fewest parameters is added. A link that comes before any other is added by `add_link`.
+    that with the fewest parameters is added. A link that comes before any other is added by `add_link`. Without a pair
+    either, `add_dry_friction` follows.
     """
     evaluator, terms = state.evaluator, state.terms
     confirmed: list[Terms] = []
@@ -88,7 +90,7 @@ def add_effect(state: SearchState) -> SearchState | None:
             confirmed.append(longer)
     if confirmed:
         return state.with_terms(min(confirmed, key=count_parameters))
-    return add_pair(state, screened[: evaluator.criterion.beam])
+    return add_pair(state, screened[: evaluator.criterion.beam]) or add_dry_friction(state)
 
 
 def improves_form(evaluator: ModelEvaluator, longer: Terms, terms: Terms) -> bool:
@@ -127,6 +129,20 @@ def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
             ):
                 found.append(refit_nonlinear(evaluator, pair))
     return state.with_terms(min(found, key=evaluator.screening_score)) if found else None
+
+
+def add_dry_friction(state: SearchState) -> SearchState | None:
+    """Add an effect of dry friction that only free motion shows; None if none is confirmed.
+
+    If it leaves a misfit to the motion, it has to explain more than `criterion.needed_share`.
+    """
+    evaluator, terms = state.evaluator, state.terms
+    for longer in screen_dry_friction(evaluator, terms)[: evaluator.criterion.beam]:
+        is_misfit = evaluator.is_misfit(evaluator.refit_to_motion(evaluator.fit(None, longer)))
+        is_enough = evaluator.is_needed if is_misfit else evaluator.is_supported
+        if is_enough(longer, terms) and evaluator.lowers_errors(longer, terms):
+            return state.with_terms(longer)
+    return None
 
 
 def add_link(state: SearchState, longer: Terms) -> SearchState | None:

@@ -27,6 +27,7 @@ from scipy.special import gammaln
 from estimators.data.rows import BLOCK, FOLDS, RowLayout
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import SOLVER
+from estimators.selection.criterion import Criterion
 from estimators.simulation import output_error
 from estimators.simulation.free_running import Segments
 from pendulum_env._typing import JSON, Array, Index
@@ -231,19 +232,36 @@ class Bootstrap:
         return np.asarray(np.mean(odds / odds.sum(axis=1, keepdims=True), axis=0))
 
 
+def compute_accuracy(segments: Sequence[Segments], share: float) -> float:
+    """Return the accuracy of a simulation of the segments [rad], a share of the standard deviation of the motion."""
+    return share * float(np.std(np.concatenate([segment.position.ravel() for segment in segments])))
+
+
+def errs_by_more_than_noise(segments: Sequence[Segments], model: Model, rms: float, criterion: Criterion) -> bool:
+    """Return whether the position error `rms` [rad] of a model exceeds `criterion.misfit` times that by noise.
+
+    Noise is that of torque and initial states, at least the accuracy of the simulation.
+    """
+    noise = output_error.compute_noise_rms(segments, output_error.Point.from_model(model))
+    return rms > criterion.misfit * max(compute_accuracy(segments, criterion.accuracy), noise)
+
+
 def compute_motion_gain(
-    parts: tuple[Sequence[Segments], Sequence[Segments]], after: Model, before: Model
+    parts: tuple[Sequence[Segments], Sequence[Segments]], after: Model, before: Model, penalty: float = 0.0
 ) -> tuple[Gain, tuple[float, float]]:
     """Return the gain of one model over another on all segments, and the removed share of squared errors of each part.
 
     Errors within a segment are fully correlated, so the gain is the logarithm of their ratio. Torque noise is known: it
     is added to both errors in the gain, since errors below it carry no information, and subtracted from the shares.
+    `penalty` is that of `Bootstrap.gain`.
     """
     points = [output_error.Point.from_model(model) for model in (after, before)]
     new, old = (np.concatenate([output_error.compute_segment_rms(part, one) ** 2 for part in parts]) for one in points)
     owner = np.repeat(np.arange(2), [sum(len(segment.first) for segment in part) for part in parts])
     noise = np.array([output_error.compute_torque_noise_rms(part, points[1]) ** 2 for part in parts])[owner]
-    gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
+    gain = Bootstrap(owner, np.random.default_rng(0)).gain(
+        -0.5 * np.log(new + noise), -0.5 * np.log(old + noise), penalty
+    )
     had, left = (np.bincount(owner, squares - noise).tolist() for squares in (old, new))
     first, second = ((a - b) / a if a > 0 else 0.0 for a, b in zip(had, left, strict=True))
     return gain, (first, second)

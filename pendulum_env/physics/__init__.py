@@ -12,7 +12,15 @@ from pendulum_env.physics.plugin import PluginError, load_plugin
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.table import COMPETING, TABLES, ByTime, Table
 from pendulum_env.physics.term import LOAD, Column, KnownLoad, NonlinearParameter, Samples, Term, list_loads
-from pendulum_env.physics.terms import count_term_parameters, find_link, has_link, has_transmission, is_hidden, list_ids
+from pendulum_env.physics.terms import (
+    count_term_parameters,
+    find_link,
+    has_link,
+    has_transmission,
+    is_dry,
+    is_hidden,
+    list_ids,
+)
 
 __all__ = [
     "BASE",
@@ -48,6 +56,7 @@ __all__ = [
     "find_term",
     "has_link",
     "has_transmission",
+    "is_dry",
     "is_hidden",
     "list_addable",
     "list_ids",

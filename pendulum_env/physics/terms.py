@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pendulum_env._typing import ArrayLike
-from pendulum_env.physics.term import Samples, Term
+from pendulum_env.physics.term import Samples, Term, zero
 from pendulum_env.quantity import Quantity
 from pendulum_env.units import TURNING, JointUnits
 
@@ -56,6 +56,13 @@ def has_transmission(terms: Sequence[Term]) -> bool:
 def has_bristles(term: Term) -> bool:
     """Return whether a term is friction with a state, which is not measured."""
     return term.kind == "dissipative" and term.hides
+
+
+def is_dry(term: Term) -> bool:
+    """Return whether a term is dry friction without a state."""
+    return (
+        term.kind == "dissipative" and not term.has_state() and any(column.dry is not zero for column in term.columns)
+    )
 
 
 def is_hidden(term: Term) -> bool:

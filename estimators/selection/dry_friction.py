@@ -1,0 +1,66 @@
+"""Dry friction that shows in free motion: windows of torque leave out rest and reversals, where it acts in full.
+
+Friction that differs at rest decides when a joint sticks and breaks away. A fit to simulated motion starts from the
+best of several variants and sizes of an effect, since the windows determine neither.
+"""
+
+import numpy as np
+
+from estimators.search_hints import is_possible, make_grid
+from estimators.selection.errors import Terms
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.simulation import output_error
+from estimators.simulation.output_error import Point
+from pendulum_env._typing import Array
+from pendulum_env.physics import Samples, Term, is_dry, list_ids
+
+SHARES = (0.1, 0.3, 1.0, -0.1, -0.3)  # of the dry friction of the model, sizes of an effect in the best start
+
+
+def screen_dry_friction(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
+    """Return the terms plus each possible effect of dry friction, fitted to free motion, the largest gain first.
+
+    Nothing is returned if the terms are no misfit to the motion.
+    """
+    if not evaluator.is_misfit(evaluator.fit(None, terms)):
+        return []
+    known, found = list_ids(terms), list[Terms]()
+    for id, kind in evaluator.library.items():
+        if id in known or not is_dry(kind()):
+            continue
+        evaluator.progress(f"fitting {id} to the motion", 0.5)
+        x = evaluator.train.motions[kind.at]
+        starts = list_starts(evaluator, terms, make_grid(kind, x, np.zeros_like(x.torque)), x)
+        if starts:
+            found.append(evaluator.fit_to_motion(choose_start(evaluator, starts), id).model.terms)
+    possible = [longer for longer in found if is_possible(longer[-1], evaluator.train.motions[longer[-1].at])]
+    return sorted(possible, key=lambda longer: -evaluator.gain_in_motion(longer, terms)[0].total)
+
+
+def list_starts(evaluator: ModelEvaluator, terms: Terms, variants: list[Term], x: Samples) -> list[Point]:
+    """Return points with each variant of an effect, each of its columns in several sizes, beside the terms.
+
+    The terms have their parameters of the fit to torque, or of that to motion. `x` are samples of the motion.
+    """
+    fitted = evaluator.fit(None, terms)
+    others = [Point.from_model(step.model) for step in (fitted, evaluator.refit_to_motion(fitted))]
+    starts = []
+    for variant in variants:
+        largest = [float(np.max(np.abs(np.broadcast_to(column.dry(x), x.time.shape)))) for column in variant.columns]
+        for other in others:
+            friction = abs(other.linear_values.get("coulomb", 0.0))
+            for k, of_column in enumerate(largest):
+                for size in friction / max(of_column, 1e-300) * np.array(SHARES) if of_column else ():
+                    own = np.where(np.arange(len(largest)) == k, size, 0.0)
+                    point = Point.from_parameters((*other.terms, variant), np.append(other.theta, own))
+                    if point.theta[len(other.theta) + k] == size:  # within its bounds
+                        starts.append(point)
+    return starts
+
+
+def choose_start(evaluator: ModelEvaluator, starts: list[Point]) -> Point:
+    """Return the point with the least errors of free motion, by the mean logarithm over training segments."""
+    errors, which = output_error.compute_errors(evaluator.train.segments, starts)
+    counts = np.bincount(which)
+    squares: list[Array] = [np.bincount(which, series**2) / counts for series in errors.T]
+    return starts[int(np.argmin([np.mean(np.log(own + 1e-24)) for own in squares]))]
