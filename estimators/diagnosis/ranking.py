@@ -157,7 +157,7 @@ def make_gates(evaluator: ModelEvaluator, after: Terms, before: Terms, least_sha
 
 def _compute_gain(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tuple[Gain, int]:
     """Return the gain of a candidate over its absence, and the number of variants that were tried."""
-    return evaluator.gain(after, before), evaluator.n_variants(after, before)
+    return evaluator.evidence(after, before), evaluator.n_variants(after, before)
 
 
 def _compute_held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:

@@ -197,12 +197,15 @@ class ModelEvaluator:
         """Return the gain of a larger model in torque, or in free motion if only that is significant.
 
         Windows of torque leave out rest and reversals, where dry friction acts in full. So free motion is simulated if
-        the terms that `after` adds are dry friction, and if `before` is a misfit to the motion.
+        the terms that `after` adds are dry friction, and if `before` is a misfit to the motion. Only effects of dry
+        friction are compared there, so the penalty counts them alone.
         """
         by_torque = self.gain(after, before)
         if by_torque.p_value <= self.criterion.p_value or not self._is_seen_at_rest(after, before):
             return by_torque
-        by_motion = self.gain_in_motion(after, before, self.penalty(after, before))[0]
+        compared = sum(is_dry(kind()) for kind in self.library.values())
+        penalty = float(np.log(max(1, compared * self.n_variants(after, before))))
+        by_motion = self.gain_in_motion(after, before, penalty)[0]
         return by_motion if by_motion.p_value <= self.criterion.p_value else by_torque
 
     def _is_seen_at_rest(self, after: Terms, before: Terms) -> bool:

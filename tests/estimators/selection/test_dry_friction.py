@@ -1,0 +1,54 @@
+"""Dry friction of slow motion: windows of torque leave it out, and free motion shows it."""
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant
+from estimators import diagnose
+from estimators.data.regression_data import RegressionData
+from estimators.selection.dry_friction import screen_dry_friction
+from estimators.selection.evaluator import ModelEvaluator
+from pendulum_env.physics import BASE, effects, is_dry
+from pendulum_env.recording import Recording
+from tests.cases import recorded
+from tests.slow import but_first
+
+RATE, SECONDS = 500.0, 12.0
+FRICTION = [id for id, kind in effects().items() if is_dry(kind())]
+
+
+def swept(size: float, speed: float, seed: int) -> tuple[Recording, Recording]:
+    """Two recordings under a torque of 3 N m whose frequency rises to 3 Hz."""
+    hidden = {"stribeck": {"strib_d": size, "strib_v": speed}} if size else {}
+    time = np.arange(round(RATE * SECONDS)) / RATE
+    commands = [
+        3.0 * np.sin(2 * np.pi * (begin * time + (3.0 - begin) * time**2 / (2 * SECONDS))) for begin in (0.1, 0.17)
+    ]
+    experiments = [Experiment(RATE, SECONDS, seed=seed + k, torque_noise=0.03, counts=65_536) for k in (1, 2)]
+    fitted, held_out = recorded(Plant(effects=hidden), *experiments, commands=commands)
+    return fitted, held_out
+
+
+def test_friction_that_acts_at_rest_is_dry():
+    assert {"stribeck", "coulomb_asymmetry", "position_dependent_friction", "load_dependent_friction"} <= {*FRICTION}
+    assert not {"quadratic_drag", "presliding", "cogging", "friction_drift"} & {*FRICTION}
+
+
+@pytest.mark.parametrize(("size", "speed"), but_first([(0.45, 0.08), (0.45, 0.12), (0.3, 0.1)]))
+def test_friction_below_the_speeds_of_the_windows_is_found_by_free_motion(size, speed):
+    fitted, held_out = swept(size, speed, 10)
+    found = diagnose(fitted, held_out, only=[*FRICTION, "cogging", "quadratic_drag"])
+    evaluator, terms = found.evaluator, found.evaluator.base
+    (candidate,) = (own for own in found.candidates if own.effect == "stribeck")
+    assert found.selected == ("stribeck",) and candidate.gain.p_value < 0.05
+    assert evaluator.gain(candidate.terms, terms).p_value > 0.05  # windows do not show it
+    for name, truth in (("stribeck", size), ("stribeck.stribeck_velocity", speed)):
+        estimate = found.model.estimates[name]
+        assert abs(estimate.value - truth) < 3 * estimate.std < truth
+
+
+def test_without_a_misfit_of_the_motion_no_dry_friction_is_tried():
+    fitted, held_out = map(lambda run: RegressionData.from_recordings([run]), swept(0.0, 0.1, 20))
+    evaluator = ModelEvaluator(fitted, held_out)
+    assert not evaluator.is_misfit(evaluator.fit(None, BASE))
+    assert screen_dry_friction(evaluator, BASE) == []
