@@ -10,7 +10,7 @@ from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.regression.least_squares import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.simulation.free_running import choose_segments, select
+from estimators.simulation.free_running import choose_segments
 from estimators.weak_form.torque_windows import choose_half_width, cut_all, prepare
 from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
@@ -81,10 +81,9 @@ def _split_into_parts(recordings: Sequence[Recording], holdout: Sequence[Recordi
 def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) -> Parts:
     """Return fitted and held-out data with contacts with a stop, see `TorqueWindows.with_contacts`.
 
-    The same `data` are returned with fewer than `repeated` contacts at each end, which may be accidents, and for terms
-    with a link, which has impacts. If less than half of the contacts are fitted or none is held out, the same
-    recordings are split again by `split_at_contacts`: a stop is found in fitted data, and confirmed in held-out data.
-    Contacts at an end that no fitted contact met, and their segments, are not held out: no fitted model predicts them.
+    The same `data` are returned with fewer than `repeated` contacts, which may be accidents, and for terms with a link,
+    which has impacts. If less than half of the contacts are fitted or none is held out, the same recordings are split
+    again by `split_at_contacts`: a stop is found in fitted data, and confirmed in held-out data.
     """
     if has_link(terms):
         return data
@@ -98,46 +97,21 @@ def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) 
         return replace(part, data=part.data.with_contacts(*fit_arguments, free))
 
     found = add(data[0]), add(data[1])
-    middle = 0.5 * sum(free)
-    instants, angles = (np.concatenate(series) for series in zip(*map(_list_contacts, found), strict=True))
-    met = [int(np.sum(angles < middle)), int(np.sum(angles >= middle))]
-    low, high = (-np.inf if met[0] >= repeated else middle), (np.inf if met[1] >= repeated else middle)
-    contacts = instants[(angles >= low) & (angles < high)]
-    counts = [_count_between(part, low, high) for part in found]
+    counts = [part.data.contacts for part in found]
     is_uneven = counts[0] < MOTION * sum(counts) or counts[1] == 0
-    if is_uneven and len(contacts) >= repeated and data[0].recordings == data[1].recordings:
-        centers = [w.centers / len(w.recording) for part in data for w in part.data.windows]
-        split = split_at_contacts(np.concatenate(centers), contacts)
+    if is_uneven and sum(counts) >= repeated and data[0].recordings == data[1].recordings:
+        contacts, center_shares = (
+            np.concatenate([shares for part in parts for shares in instants(part)])
+            for parts, instants in (
+                (found, lambda part: part.data.contact_instants),
+                (data, lambda part: [w.centers / len(w.recording) for w in part.data.windows]),
+            )
+        )
+        split = split_at_contacts(center_shares, contacts)
         if split is not None:
             found = add(_cut_again(data[0], split[0])), add(_cut_again(data[1], split[1]))
-            counts = [_count_between(part, low, high) for part in found]
-    if counts[0] < 1 or sum(counts) < repeated:
-        return data
-    is_low = _list_contacts(found[0])[1] < middle
-    low, high = (-np.inf if is_low.any() else middle), (np.inf if not is_low.all() else middle)
-    return found[0], _leave_out_contacts(found[1], low, high)
-
-
-def _leave_out_contacts(part: RegressionData, low: float, high: float) -> RegressionData:
-    """Return the data without contacts whose angle is not from `low` to `high` [rad], and without their segments."""
-    data, segments = part.data.select_contacts(low, high), []
-    for w, kept, own in zip(part.data.windows, data.windows, part.segments, strict=True):
-        left_out = np.setdiff1d(w.centers, kept.centers)
-        inside = (left_out >= own.first[:, None]) & (left_out < own.first[:, None] + len(own.torque))
-        is_free = ~inside.any(axis=1)
-        segments.append(select(own, is_free) if is_free.any() else own)
-    return replace(part, data=data, segments=tuple(segments))
-
-
-def _list_contacts(part: RegressionData) -> tuple[Array, Array]:
-    """Return instants of contacts, as shares of their recordings, and their angles [rad], (C,) each."""
-    return part.data.contact_instants, part.data.contact_angles
-
-
-def _count_between(part: RegressionData, low: float, high: float) -> int:
-    """Return the number of contacts at angles from `low` up to `high` [rad]."""
-    angles = part.data.contact_angles
-    return int(np.sum((angles >= low) & (angles < high)))
+            counts = [part.data.contacts for part in found]
+    return found if counts[0] >= 1 and sum(counts) >= repeated else data
 
 
 def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | None:

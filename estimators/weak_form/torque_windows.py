@@ -312,40 +312,19 @@ class TorqueWindows:
     @property
     def contacts(self) -> int:
         """Number of contacts with a stop; a lasting contact counts once a second."""
-        return sum(len(samples) for samples in self._contact_samples)
+        return sum(len(instants) for instants in self.contact_instants)
 
     @property
-    def contact_instants(self) -> Array:
-        """Instants of the contacts (C,), as shares of their recordings."""
-        counts = [len(w.recording) for w in self.windows]
-        return np.concatenate([found / count for found, count in zip(self._contact_samples, counts, strict=True)])
-
-    @property
-    def contact_angles(self) -> Array:
-        """Angles of the contacts (C,) [rad]."""
-        pairs = zip(self._contact_samples, self.windows, strict=True)
-        return np.concatenate([w.samples.position[found] for found, w in pairs])
-
-    @property
-    def _contact_samples(self) -> list[Index]:
-        """Samples of contacts of each entry; a lasting contact counts once a second."""
+    def contact_instants(self) -> list[Array]:
+        """Instants of contacts of each entry, as shares of the recording; a lasting contact counts once a second."""
         found = []
         for w in self.windows:
-            period, samples = len(w.kernel) // 2 / w.recording.rate, list[int]()
+            period, instants = len(w.kernel) // 2 / w.recording.rate, list[float]()
             for run in np.split(w.unclear, np.flatnonzero(np.diff(w.unclear) > len(w.kernel) // 2) + 1):
                 own = run[np.isin(run, w.centers)]
-                samples += own[:: max(1, round(1.0 / period))].tolist()
-            found.append(np.array(samples, dtype=np.intp))
+                instants += own[:: max(1, round(1.0 / period))].tolist()
+            found.append(np.array(instants) / len(w.recording))
         return found
-
-    def select_contacts(self, low: float, high: float) -> TorqueWindows:
-        """Return windows without the contacts whose angle is not from `low` to `high` [rad]."""
-        windows = []
-        for w in self.windows:
-            angle = w.samples.position[w.centers]
-            is_kept = ~np.isin(w.centers, w.unclear) | ((angle >= low) & (angle <= high))
-            windows.append(replace(w, centers=w.centers[is_kept]))
-        return join_windows(windows)
 
     @property
     def without_contacts(self) -> TorqueWindows:

@@ -30,13 +30,13 @@ def swept(size: float, speed: float, seed: int) -> tuple[Recording, Recording]:
 
 
 def test_friction_that_acts_at_rest_is_dry():
-    assert {"stribeck", "coulomb_asymmetry", "position_dependent_friction", "load_dependent_friction"} <= {*FRICTION}
-    assert not {"quadratic_drag", "presliding", "cogging", "friction_drift"} & {*FRICTION}
+    assert {"stribeck", "position_dependent_friction", "load_dependent_friction"} <= {*FRICTION}
+    assert not {"quadratic_drag", "presliding", "cogging", "backlash"} & {*FRICTION}
 
 
-@pytest.mark.parametrize(("size", "speed"), but_first([(0.45, 0.08), (0.45, 0.12), (0.3, 0.1)]))
-def test_friction_below_the_speeds_of_the_windows_is_found_by_free_motion(size, speed):
-    fitted, held_out = swept(size, speed, 10)
+@pytest.mark.parametrize(("size", "speed", "seed"), but_first([(0.45, 0.08, 10), (0.45, 0.05, 10), (0.4, 0.06, 30)]))
+def test_friction_below_the_speeds_of_the_windows_is_found_by_free_motion(size, speed, seed):
+    fitted, held_out = swept(size, speed, seed)
     found = diagnose(fitted, held_out, only=[*FRICTION, "cogging", "quadratic_drag"])
     evaluator, terms = found.evaluator, found.evaluator.base
     (candidate,) = (own for own in found.candidates if own.effect == "stribeck")
@@ -44,7 +44,7 @@ def test_friction_below_the_speeds_of_the_windows_is_found_by_free_motion(size, 
     assert evaluator.gain(candidate.terms, terms).p_value > 0.05  # windows do not show it
     for name, truth in (("stribeck", size), ("stribeck.stribeck_velocity", speed)):
         estimate = found.model.estimates[name]
-        assert abs(estimate.value - truth) < 3 * estimate.std < truth
+        assert abs(estimate.value - truth) < 3 * estimate.std < 1.5 * truth
 
 
 def test_without_a_misfit_of_the_motion_no_dry_friction_is_tried():
