@@ -20,9 +20,9 @@ SHARES = (0.1, 0.3, 1.0, -0.1, -0.3)  # of the dry friction of the model, sizes 
 def screen_dry_friction(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
     """Return the terms plus each possible effect of dry friction, fitted to free motion, the largest gain first.
 
-    Nothing is returned if the terms are no misfit to the motion.
+    Nothing is returned without segments, or if the terms are no misfit to the motion.
     """
-    if not evaluator.is_misfit(evaluator.fit(None, terms)):
+    if not (evaluator.train.segments and evaluator.is_misfit(evaluator.fit(None, terms))):
         return []
     known, found = list_ids(terms), list[Terms]()
     for id, kind in evaluator.library.items():

@@ -212,7 +212,8 @@ class ModelEvaluator:
         """Return whether free motion may show what a larger model adds though windows of torque do not."""
         known = list_ids(before)
         added = [term for term in after if term.id not in known]
-        return bool(added) and all(map(is_dry, added)) and self.is_misfit(self.fit(None, before))
+        is_tried = bool(self.train.segments and added) and all(map(is_dry, added))
+        return is_tried and self.is_misfit(self.fit(None, before))
 
     def is_misfit(self, step: Step) -> bool:
         """Return whether free-running simulation errs by more than `criterion.misfit` noise levels.

@@ -11,7 +11,15 @@ from estimators.selection import candidates, evaluator, tables
 from estimators.selection.candidates import screen_library
 from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.moves import SearchState, add_effect, add_pair, drop_effect, revise, swap_effect
+from estimators.selection.moves import (
+    SearchState,
+    add_dry_friction,
+    add_effect,
+    add_pair,
+    drop_effect,
+    revise,
+    swap_effect,
+)
 from estimators.selection.score import Bootstrap
 from estimators.selection.tables import replace_by_table
 from pendulum_env.physics import BASE, Term, effect
@@ -106,6 +114,7 @@ HIDDEN = {"D": 2.0, "O": 2.0, "DO": 1000.0}  # each effect shows only beside the
         (add_effect, CLEAR, "", "D"),
         (add_effect, CLEAR, "D", None),
         (add_effect, TWO, "D", "DO"),
+        (add_dry_friction, CLEAR, "", None),  # without segments of motion
         (add_effect, {"A": 3.0}, "", None),  # below the penalty for three effects and the p-value
         (add_effect, {"A": 100.0}, "", None),  # significant, but a tenth of the residual
         (add_effect, HIDDEN, "", "DO"),
