@@ -22,7 +22,7 @@ def screen_dry_friction(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
 
     Nothing is returned without segments, or if the terms are no misfit to the motion.
     """
-    if not (evaluator.train.segments and evaluator.is_misfit(evaluator.fit(None, terms))):
+    if not evaluator.has_misfit(terms):
         return []
     known, found = list_ids(terms), list[Terms]()
     for id, kind in evaluator.library.items():

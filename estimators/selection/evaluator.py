@@ -212,8 +212,12 @@ class ModelEvaluator:
         """Return whether free motion may show what a larger model adds though windows of torque do not."""
         known = list_ids(before)
         added = [term for term in after if term.id not in known]
-        is_tried = bool(self.train.segments and added) and all(map(is_dry, added))
-        return is_tried and self.is_misfit(self.fit(None, before))
+        return bool(added) and all(map(is_dry, added)) and self.has_misfit(before)
+
+    @memoized
+    def has_misfit(self, terms: Terms) -> bool:
+        """Return whether the fit of some terms is a misfit to the motion; see `is_misfit`."""
+        return bool(self.train.segments) and self.is_misfit(self.fit(None, terms))
 
     def is_misfit(self, step: Step) -> bool:
         """Return whether free-running simulation errs by more than `criterion.misfit` noise levels.
