@@ -32,7 +32,7 @@ from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_continuous_parameters, set_values
 from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import Array
-from pendulum_env.physics import Term
+from pendulum_env.physics import Term, find_link, has_link
 
 Key = tuple[Term, ...]
 
@@ -239,18 +239,18 @@ class RolloutRows:
 
     def _exchange_link(self, terms: Key) -> list[Point]:
         """Return the likeliest fit that differs from some terms in the kind of its link, with their link, if any."""
-        own = next((term.id for term in terms if term.link), "")
-        names = _list_columns_without_link(terms)
+        if not has_link(terms):
+            return []
+        own, names = find_link(terms).id, _list_columns_without_link(terms)
         similar = [
             linear
             for key, linear in self._linear.items()
-            if own and own not in {term.id for term in key} and _list_columns_without_link(key) == names
+            if has_link(key) and find_link(key).id != own and _list_columns_without_link(key) == names
         ]
         if not similar:
             return []
-        return [
-            Point.from_parameters(terms, min(similar, key=lambda one: scale_of(self.rollouts, one.error)).point.theta)
-        ]
+        likeliest = min(similar, key=lambda linear: scale_of(self.rollouts, linear.error))
+        return [Point.from_parameters(terms, likeliest.point.theta)]
 
     def _first(self, terms: Key) -> list[Point]:
         """Return starts of the first fit: the parameters fitted to torque, with several least sizes."""

@@ -12,6 +12,7 @@ from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE
+from pendulum_env.physics.actuation import DeadTime
 from pendulum_env.physics.transmission import Backlash, JointFlexibility
 from pendulum_env.recording import Recording
 from pendulum_env.servo import ServoDrive
@@ -55,7 +56,8 @@ def test_an_elastic_joint_starts_from_the_fit_of_a_play_in_its_place():
     rows = RolloutRows(Rollouts(tuple(recordings)), RegressionData.from_recordings(recordings).torque)
     play = Backlash(1e-4, math.sqrt(STIFFNESS / LINK), DAMPING / LINK, WEIGHT / LINK)
     theta = np.array([MOTOR + LINK, WEIGHT, VISCOUS, COULOMB, LINK])
-    rows.near(BASE)
+    for terms in (BASE, (*BASE, DeadTime(0.005))):  # an effect without linear parameters is no link
+        rows.near(terms)
     rows.begin_at(Point.from_parameters((*BASE, play), theta))
     linears = [rows.near((*BASE, link)) for link in (play, *play.reductions)]
     heights = [float(compute_likelihood(rows.rollouts, linear.error[:, None])[0]) for linear in linears]
