@@ -44,7 +44,8 @@ class LoopSettings:
     poll: tuple[float, ...] = (0.1, 0.4)  # and shares by which it is moved
     enough: float = 0.3  # [nat], gain of a turn at which a fit ends,
     roughly: float = 0.05  # or share of what it has gained so far, where models are only compared
-    scales: int = 20  # turns of the fixed point for a scale
+    scales: int = 20  # turns of Newton's method for a scale at most, until
+    settled: float = 1e-7  # is its largest relative change
     typical: float = 0.05  # of the torque, a size at which a parameter matters
     hopeless: float = 15.0  # [nat], gain that linear equations foresee, below which a single turn says enough
     seldom: float = 200.0  # [Hz], at which a slow controller looks at its encoder
@@ -57,12 +58,20 @@ LOOP = LoopSettings()
 
 
 def compute_error_scales(rollouts: Rollouts, errors: Array) -> Array:
-    """Return the scale (V,) of the errors (R, V) of V models [rad], at least the resolution of the encoder."""
+    """Return the scale (V,) of the errors (R, V) of V models [rad], at least the resolution of the encoder.
+
+    The likeliest scale s solves mean(a tanh(a / s)) = s with a = pi |e| / 2, by Newton's method for the logarithms.
+    """
     absolute = np.pi / 2 * np.abs(errors)
     scale = np.maximum(np.mean(absolute, axis=0), rollouts.resolution)
     for _ in range(LOOP.scales):
-        scale = np.sqrt(scale * np.mean(absolute * np.tanh(absolute / scale), axis=0))
-        scale = np.maximum(scale, rollouts.resolution)
+        relative = absolute / scale
+        slope = np.tanh(relative)
+        ratio = np.maximum(np.einsum("rv,rv->v", relative, slope) / len(absolute), 1e-300)
+        bend = np.einsum("rv,rv,rv->v", relative, relative, 1.0 - slope**2) / len(absolute)
+        before, scale = scale, np.maximum(scale * ratio ** (ratio / (ratio + bend)), rollouts.resolution)
+        if (np.abs(scale - before) <= LOOP.settled * before).all():
+            break
     return np.asarray(scale)
 
 

@@ -1,0 +1,65 @@
+"""Reading of goals as a treatment of the data: held from row to row, or run on between rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.data.fit_data import FitData
+from estimators.diagnosis.case import Trial
+from estimators.findings import Finding, Kind
+from estimators.in_loop.fit import LOOP
+from estimators.in_loop.goals import change_reading, read_goals, with_goals
+from estimators.in_loop.refit import refine_rows
+from estimators.in_loop.rollout_rows import RolloutRows
+from estimators.in_loop.split import choose_parts
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.moves import SearchState, drop_effect
+from estimators.simulation.output_error import Point
+from pendulum_env.physics import Term
+
+
+def with_goal_reading(data: FitData, base: Sequence[Term]) -> FitData:
+    """Return the data with goals that are held or run on between rows, decided once, by the base model."""
+    reading = read_goals(data.recordings, base, choose_parts(data.holdout)[0])
+    if reading is None and all(r.drive is None or r.drive.goal for r in data.holdout):
+        return data
+    if reading is not None and any(r.drive is not None and r.drive.goal for r in data.holdout):
+        undeclared = [r.name for r in data.recordings if r.drive is None or not r.drive.goal]
+        reading = replace(reading, recordings=tuple(undeclared))  # a reading of some recordings is not reversed
+    is_held = reading is None or reading.kind is Kind.GOALS_HELD
+    data = replace(data, recordings=with_goals(data.recordings, is_held), holdout=with_goals(data.holdout, is_held))
+    return data if reading is None else data.with_treatment(reading)
+
+
+def reread_goals(trial: Trial) -> FitData | None:
+    """Read the goals the other way if the base model leaves the reading open, but the found model does not.
+
+    The found model is refitted under the other reading. The goals are read the other way if it then predicts held-out
+    motion better, or does not need one of its effects.
+    """
+    data, unseen = trial.data, refine_rows(trial.evaluator)[1]
+    readings = [treatment for treatment in data.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
+    error = trial.found.steps[-1].errors["holdout"].total
+    if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
+        return None
+    fitted, held_out = (change_reading(part, readings[0]) for part in (data.recordings, data.holdout))
+    if fitted is None or held_out is None:
+        return None
+    other = Kind.GOALS_RUN_ON if readings[0].kind is Kind.GOALS_HELD else Kind.GOALS_HELD
+    data = replace(data, recordings=fitted, holdout=held_out).with_treatment(Finding(other))
+    state = refit_state(trial, trial.case.evaluator(data, trial.setting))
+    is_likelier = state.evaluator.fit(None, state.terms).errors["holdout"].total < error
+    return data if is_likelier or drop_effect(state) is not None else None
+
+
+def refit_state(trial: Trial, evaluator: ModelEvaluator) -> SearchState:
+    """Return the state of a search that reached the model of a trial, refitted from its parameters to other data."""
+    first, last = trial.found.steps[0].model, trial.found.steps[-1].model
+    start = Point.from_parameters(last.terms, np.asarray(last.theta))
+    rows = evaluator.train.rollouts
+    assert isinstance(rows, RolloutRows)
+    rows.begin_at(start)
+    return SearchState(evaluator, first.terms, start.terms).refit(start.terms)
