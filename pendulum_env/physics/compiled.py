@@ -93,7 +93,7 @@ class Recurrence:
         """Return states at the start and after every `every` steps (N held / every + 1, kept, V, B).
 
         Args:
-            inputs: (N, inputs, B), the same for all V.
+            inputs: (N, inputs, B), the same for all V; or wrapped by `wrap_inputs`.
             constants: (constants, V, B).
             states: at the start (S, V, B).
             every: steps from one state that is kept to the next.
@@ -102,9 +102,7 @@ class Recurrence:
         """
         shape, cycle, lanes = states.shape, states.shape[2], states.shape[1] * states.shape[2]
         rows = np.arange(len(states)) if kept is None else np.array(kept)
-        if cycle % self.width:  # lanes that are computed at once may belong to two variants
-            inputs = np.take(inputs, np.arange(cycle + self.width) % cycle, axis=-1)
-        given = np.ascontiguousarray(inputs, dtype=float)
+        given = inputs if inputs.shape[2] > cycle else self.wrap_inputs(inputs)
         padded = -(-lanes // self.width) * self.width
         own, now = np.empty((len(constants) + self.derived, padded)), np.empty((len(states), padded))
         for values, place in ((constants, own), (states, now)):
@@ -116,6 +114,16 @@ class Recurrence:
         counts = steps, every, held, padded, cycle, given.shape[2], len(rows)
         self.program(*counts, *(values.ctypes.data for values in (given, own, now, path, rows)))
         return path[..., :lanes].reshape(len(path), len(rows), *shape[1:])
+
+    def wrap_inputs(self, inputs: Array) -> Array:
+        """Return inputs (N, inputs, B) as the program reads them, with the first lanes again behind the last.
+
+        Lanes that are computed at once may belong to two variants.
+        """
+        cycle = inputs.shape[2]
+        if cycle % self.width:
+            inputs = np.take(inputs, np.arange(cycle + self.width) % cycle, axis=-1)
+        return np.ascontiguousarray(inputs, dtype=float)
 
 
 @dataclass(frozen=True)

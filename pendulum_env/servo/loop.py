@@ -4,11 +4,13 @@ A closed loop does not run away, so that nothing has to start anew from what was
 integrator the controller looks at the simulated motion, and what it asks for is held until it looks again.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +31,9 @@ from pendulum_env.physics.symbols import make_symbol, repeat
 from pendulum_env.physics.term import ROOM, round_up
 from pendulum_env.physics.terms import move_to_motor, read_encoder
 from pendulum_env.servo.drive import ServoDrive
+
+if TYPE_CHECKING:
+    from pendulum_env.physics.compiled import Recurrence
 
 GAINS = ("kp", "ki", "kd", "most", "seen", "old", "turn")  # of each servo
 
@@ -77,6 +82,16 @@ class Servos:
         warm = np.full_like(self.goal, ROOM) if self.temperature is None else self.temperature
         outside = np.broadcast_to(self.load.torque, self.goal.shape)
         return np.stack([self.goal, scale, self.on, _find_updates(self), warm, outside], axis=1)
+
+    @cached_property
+    def _wrapped_inputs(self) -> dict[int, Array]:
+        return {}
+
+    def wrap_inputs(self, step: Recurrence) -> Array:
+        """Return the inputs as a compiled step reads them, memoised by its width."""
+        if step.width not in self._wrapped_inputs:
+            self._wrapped_inputs[step.width] = step.wrap_inputs(self.inputs)
+        return self._wrapped_inputs[step.width]
 
 
 class ControllerState(NamedTuple):
@@ -137,7 +152,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     shown = next(k for k, row in enumerate(rows) if row is seen)
     states = np.array([np.broadcast_to(row, shape) for row in rows])
     if program.step is not None:
-        return np.asarray(program.step(servos.inputs, own, states, every, kept=[shown])[:, 0])
+        return np.asarray(program.step(servos.wrap_inputs(program.step), own, states, every, kept=[shown])[:, 0])
 
     def once(given: Array, now: Array) -> list[Any]:  # a law of a user's is no formula
         held, *late = now[len(stack_rows(x)) :]
