@@ -127,7 +127,14 @@ def solve_each_fold(grams: Array, weights: Array, least: Array, most: Array) -> 
 
 
 def compute_squared_errors(grams: Array, least: Array, most: Array) -> Array:
-    """Return squared errors (V,) of V fits within bounds (P,), from their Gram matrices (V, P + 1, P + 1)."""
+    """Return squared errors (V,) of V fits within bounds (P,), from their Gram matrices (V, P + 1, P + 1).
+
+    Parameters with equal bounds are known; their part moves to the left-hand side.
+    """
+    is_free = least < most
+    given = np.eye(len(least) + 1)[:, np.append(True, is_free)]
+    given[1:, 0] = np.where(is_free, 0.0, -least)
+    grams, least, most = given.T @ grams @ given, least[is_free], most[is_free]
     scale = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), 1e-300))  # (V, P + 1)
     grams = grams / (scale[:, :, None] * scale[:, None, :])
     normal, target = grams[:, 1:, 1:] + RIDGE * np.eye(grams.shape[1] - 1), grams[:, 1:, :1]

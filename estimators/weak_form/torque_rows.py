@@ -358,6 +358,12 @@ class TorqueRows:
         """Return an orthonormal basis (R, P) of the weighted derivatives of the errors by the parameters."""
         return np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
 
+    @memoized
+    def _frame_of_unknown(self, terms: Terms) -> Array:
+        """Return an orthonormal basis (R, F) of the weighted derivatives of the errors by the F unknown parameters."""
+        least, most = list_bounds(terms)
+        return np.linalg.qr(self.tangent(terms).slopes[:, least < most] * self.weights(terms)[:, None])[0]
+
     def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
         """Return, per term that filters torque, its rows and the variance of torque noise that it removes [(N m)^2].
 
@@ -404,7 +410,7 @@ class TorqueRows:
         def exact(variant: Term, columns: Columns) -> float:
             return with_variant()(variant, columns).least_squared()
 
-        if not terms or is_known(*terms, variants[0]):
+        if not terms:
             squares = np.array([exact(*pair) for pair in zip(variants, parts, strict=True)])
         else:
             grams = self._fold_grams(terms)
@@ -468,13 +474,15 @@ class TorqueRows:
     def _residuals(self, terms: Terms) -> Residuals:
         """Return a function of variants that returns the weighted residual (R,) of the fit of the terms plus each.
 
-        The columns of the terms are projected out once, so each variant takes a small solve. A variant whose fit leaves
-        the bounds, has known parameters or depends on the torque is fitted exactly.
+        The columns of the unknown parameters are projected out once, so each variant takes a small solve. A variant
+        whose fit leaves the bounds, has known parameters or depends on the torque is fitted exactly.
         """
         shared, w = self.columns_of_each(terms), self.weights(terms)
-        tangent, frame = self.tangent(terms), self.frame(terms)
-        scale, target = w * tangent.scale, w * tangent.error
-        inverse = np.linalg.pinv(frame.T @ (w[:, None] * tangent.slopes))
+        tangent, frame, (least, most) = self.tangent(terms), self._frame_of_unknown(terms), list_bounds(terms)
+        is_free = least < most
+        start = np.where(is_free, tangent.theta, least)
+        scale, target = w * tangent.scale, w * (tangent.error - tangent.slopes @ (start - tangent.theta))
+        inverse = np.linalg.pinv(frame.T @ (w[:, None] * tangent.slopes[:, is_free]))
 
         def project_out(columns: Array, here: slice) -> Array:
             projected = -frame @ (frame[here].T @ columns)
@@ -488,7 +496,7 @@ class TorqueRows:
             return balance.weights * balance.error(balance.solve())
 
         def residual(variant: Term, variant_columns: Columns) -> Array:
-            if is_known(*terms, variant) or not variant.columns:
+            if is_known(variant) or not variant.columns:
                 return exact(self.assemble((*terms, variant), [*shared, variant_columns], w))
             here = self.data.locate_rows(variant.at)
             columns = scale[here, None] * variant_columns.linear
@@ -496,7 +504,8 @@ class TorqueRows:
             size = np.maximum(np.linalg.norm(free, axis=0), 1e-300)
             free = free / size
             theta = np.linalg.solve(free.T @ free + 1e-12 * np.eye(len(size)), free.T @ remaining) / size
-            others = tangent.theta + inverse @ (frame.T @ target - frame[here].T @ (columns @ theta))
+            others = start.copy()
+            others[is_free] += inverse @ (frame.T @ target - frame[here].T @ (columns @ theta))
             (least, most), parameters = list_bounds((*terms, variant)), np.append(others, theta)
             if np.any((parameters < least) | (parameters > most)):
                 return exact(self.assemble((*terms, variant), [*shared, variant_columns], w))

@@ -17,6 +17,7 @@ from estimators.weak_form.torque_windows import prepare
 from pendulum_env.filters import filter_lag
 from pendulum_env.physics import BASE, Column, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.limits import limit_term
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
@@ -126,12 +127,16 @@ def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
     assert evaluator.density(lag).sum() < evaluator.density(base).sum()
 
 
+@pytest.mark.parametrize("known", [{}, {"gravity": (2.1, 2.1)}, {"gravity": (0.0, 0.0), "coulomb": (0.8, 0.8)}])
 @pytest.mark.parametrize("id", ["stribeck", "friction_drift", "cogging"])
-def test_beside_a_linear_model_variants_compare_by_their_exact_errors(regression: TorqueRows, id: str):
+def test_beside_a_linear_model_variants_compare_by_their_exact_errors(
+    regression: TorqueRows, id: str, known: dict[str, tuple[float, float]]
+):
     variants = make_grid(effects()[id], regression.data.samples, regression.data.torque())[:6]
-    weights = regression.weights(BASE)
-    for variant, error in zip(variants, regression.compare(BASE, variants), strict=True):
-        terms = (*BASE, variant)
+    base = tuple(limit_term(term, known) for term in BASE)
+    weights = regression.weights(base)
+    for variant, error in zip(variants, regression.compare(base, variants), strict=True):
+        terms = (*base, variant)
         exact = regression.assemble(terms, regression.columns_of_each(terms), weights).least_squared()
         assert error == pytest.approx(np.sqrt(exact / (weights @ weights)), rel=1e-9)
 
