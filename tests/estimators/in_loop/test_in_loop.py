@@ -11,9 +11,14 @@ from benchmarks import servos
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import add, compare, diagnose
 from estimators.arguments import apply_limits
+from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
-from estimators.findings import Kind
+from estimators.diagnosis.case import Trial
+from estimators.diagnosis.setting import Setting
+from estimators.findings import Finding, Kind, Quantity
+from estimators.in_loop.case import SERVO
 from estimators.in_loop.fit import compute_likelihood, fit, linearise_errors
+from estimators.in_loop.goal_reading import reread_goals
 from estimators.in_loop.goals import read_goals, with_goals
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts, are_driven
@@ -419,6 +424,20 @@ def test_no_dead_time_of_half_a_sample_is_named(is_held):
     assert not found.selected
     own = found.model.estimates["viscous"]
     assert abs(own.value - 0.2) < 3 * own.std
+
+
+@pytest.mark.parametrize("is_held", [True, False])
+def test_goals_are_read_the_other_way_only_if_the_found_model_predicts_better_so(is_held):
+    """The goals are held. The model lacks the tilt of the horn, which leaves an error under either reading."""
+    tilt = 0.1  # [rad]
+    straight = [logged_slowly(True, 0.0, kp, k) for k, kp in enumerate((4.0, 7.0, 5.0))]
+    tilted = [replace(own, position=own.position + tilt, reference=own.reference + tilt) for own in straight]
+    first, second, last = with_goals(tilted, is_held)
+    tie = Finding(Kind.GOALS_HELD if is_held else Kind.GOALS_RUN_ON, {"gain": Quantity(0.0, 1.0)})
+    data = FitData.from_recordings([first, second], [last], BASE).with_treatment(tie)
+    changed = reread_goals(Trial.search(SERVO, data, Setting(BASE, {"dead_time": effects()["dead_time"]})))
+    goals = None if changed is None else {own.drive.goal for own in changed.recordings if own.drive}
+    assert goals == (None if is_held else {"held"})
 
 
 def test_goals_are_read_from_the_data_also_where_a_given_model_favours_the_other_reading():
