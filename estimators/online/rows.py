@@ -1,45 +1,21 @@
-"""Rows of the torque balance in its three views, detection of stick, and equations of schemes, as recurrences."""
+"""Step of a stream by one instant, in symbols: rows of the torque balance, detection of stick, equations of schemes."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.schemes.six import Integral, LowPass, Scheme, compute_decay
+from estimators.schemes.six import VIEWS, Integral, LowPass, Scheme, compute_decay
 from pendulum_env.physics import Samples, Term
+from pendulum_env.physics.compiled import SymbolicStep
+from pendulum_env.physics.simulation import TorqueBalance
 from pendulum_env.physics.symbols import Operand, Symbol, make_symbols
 from pendulum_env.physics.term import Law, zero
 
-VIEWS = ("torque", "impulse", "energy")
-TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, HELD = range(6)  # values of an instant, as in `Measurements`
-
-
-class History:
-    """Values at past instants, as states of a recurrence.
-
-    Attributes:
-        before: symbols of the states.
-        after: their values after the next step.
-    """
-
-    def __init__(self) -> None:
-        """Create a history without states."""
-        self.before: dict[str, Any] = {}
-        self.after: dict[str, Any] = {}
-
-    def remember(self, label: str, value: Any, times: int) -> list[Any]:
-        """Return a scalar now and at `times` >= 1 past instants, the newest first.
-
-        A value that is no symbol, such as an array of symbols, counts as constant, and is repeated.
-        """
-        if not isinstance(value, Symbol):
-            return (times + 1) * [value]
-        past = make_symbols(label, times)
-        self.before[label], self.after[label] = past, np.array([value, *past[:-1]])
-        return [value, *past]
+TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, HELD = range(INSTANT := 6)  # values of an instant, as in `Measurements`
 
 
 class StickGuards(NamedTuple):
@@ -72,87 +48,158 @@ def list_laws(terms: Sequence[Term]) -> dict[str, Law]:
     return laws
 
 
-def compute_balance_rows(
-    terms: Sequence[Term],
-    index: Any,
-    instant: Any,
-    supplied: Any,
-    memory: Mapping[str, Any],
-    period: float,
-    history: History,
-) -> tuple[Any, Any, dict[str, Symbol]]:
-    """Compute the row of the last but one instant in the three views.
+def list_guards(schemes: Sequence[Scheme]) -> tuple[float | None, ...]:
+    """List the different guards of schemes [s]."""
+    return tuple(dict.fromkeys(scheme.guard for scheme in schemes))
 
-    Args:
-        terms: of the model.
-        index: of the newest instant since the start.
-        instant: values of the newest instant (6,).
-        supplied: torque at the last but one instant, and over the sample before it (2,).
-        memory: states of the terms by id.
-        period: between instants [s].
-        history: where values of earlier instants are kept.
 
-    Returns:
-        phi and, in the last column, y (3, P + 1); the velocity at that instant; and symbols of the laws that are no
-        formulas, whose values must be given.
+def list_windows(schemes: Sequence[Scheme], period: float) -> list[int]:
+    """List the numbers of rows in the sums of integral schemes; 0 sums from the start."""
+    return [scheme.operator.samples(period) for scheme in schemes if isinstance(scheme.operator, Integral)]
+
+
+def write_step(terms: Sequence[Term], schemes: Sequence[Scheme], guards: StickGuards, period: float) -> SymbolicStep:
+    """Write the step by one instant, up to the equations of the sample `behind` the newest.
+
+    Its inputs: `index` and velocity `newest` of the newest instant; the last but `behind` `instant` (6,); `supplied`,
+    the delayed torque at the row and over the sample before it (2,); `memory.ID` of each term with states; `halts`, the
+    index of the last halt as of the distance of each guard (G,); `oldest`, the sums of each integral scheme one window
+    ago, with their numbers of clear rows (K, P + 2); and the value of each law that is no formula.
+
+    Its results: `equations`, phi and, in the last column, y of each scheme (S, P + 1), which equal those of
+    `Scheme.regression`; `usable` (S,); and `regressor`, the row of the torque balance, 0 in stick (P,).
     """
-    _, q, v, a, _, _ = instant
-    x: Any = Samples(instant[TIME], q, v, instant[TORQUE])
-    x = replace(x, memory={id: tuple(states) for id, states in memory.items()})
-    law_symbols, laws = {}, {}
-    for label, law in list_laws(terms).items():
-        value = _evaluate_formula(law, x)
-        if value is None:
-            value = law_symbols[label] = make_symbols(label)
-        laws[label] = history.remember(label, value, 3)
-
-    def average(values: list[Any]) -> Any:
-        """Average over the sample before the instant of the view, of fourth order with four values."""
-        newest, at, older, oldest = values
-        if not isinstance(newest, Symbol):
-            return newest
-        of_two, of_four = 0.5 * (at + older), (13 * (at + older) - (newest + oldest)) / 24
-        return np.where(index == 2, of_two, of_four)
-
-    _, position, last_position = history.remember("position", q, 2)
-    _, velocity, last_velocity = history.remember("velocity", v, 2)
-    _, acceleration = history.remember("acceleration", a, 1)
-    acceleration_mean = (velocity - last_velocity) / period
-    kinetic_rate = (velocity * velocity - last_velocity * last_velocity) / (2 * period)
-    rows = []
-    for j in range(len(laws) // 4):
-        mass, torque, power, stored = (laws[f"{part}.{j}"] for part in ("mass", "torque", "power", "stored"))
-        at_instant = mass[1] * acceleration + torque[1]
-        impulse = average(mass) * acceleration_mean + average(torque)
-        energy = average(mass) * kinetic_rate + average(power) + (stored[1] - stored[2]) / period
-        rows.append([at_instant, impulse, energy])
-    count = sum(len(term.columns) for term in terms)
-    y = [supplied[0], supplied[1], supplied[1] * ((position - last_position) / period)]
-    y = [value - sum(row[k] for row in rows[count:]) for k, value in enumerate(y)]
-    return np.array([*rows[:count], y], dtype=object).T, velocity, law_symbols
+    return _StepWriter(terms, schemes, guards, period).write()
 
 
-def compute_stick_mask(guards: StickGuards, index: Any, velocity: Any, halts: Any, history: History) -> Any:
-    """Compute for each guard whether the sample `behind` the newest is clear of stick (G,).
+class _StepWriter:
+    """Writer of a step: its inputs, its states `before`, and their values `after`."""
 
-    Args:
-        guards: distances of the guards.
-        index: of the newest sample.
-        velocity: of the newest sample [rad/s].
-        halts: index of the last halt for each guard, as of the sample at the distance of the guard (G,).
-        history: states of the recurrence.
-    """
-    halt, (_, last) = make_symbols("halt"), history.remember("newest", velocity, 1)
-    turned = (np.sign(velocity) != np.sign(last)) & (index > 0)
-    halted = ((np.abs(velocity) <= guards.slowest) | turned) & (index >= 0)
-    history.before["halt"], history.after["halt"] = halt, np.where(halted, index, halt)
-    row_index, clear = index - guards.behind, []
-    for distance, past in zip(guards.distances, halts, strict=True):
-        known = row_index >= guards.lead_in
-        if distance is not None:
-            known = known & ((history.after["halt"] if distance == guards.behind else past) < row_index - distance)
-        clear.append(known)
-    return np.array(clear, dtype=object)
+    def __init__(self, terms: Sequence[Term], schemes: Sequence[Scheme], guards: StickGuards, period: float) -> None:
+        self.terms, self.schemes, self.guards, self.period = terms, schemes, guards, period
+        self.before: dict[str, Any] = {}
+        self.after: dict[str, Any] = {}
+        self.index, self.instant, self.newest = (
+            make_symbols("index"),
+            make_symbols("instant", INSTANT),
+            make_symbols("newest"),
+        )
+        self.inputs: dict[str, Any] = {"index": self.index, "instant": self.instant, "newest": self.newest}
+
+    def write(self) -> SymbolicStep:
+        """Write the step."""
+        views, velocity = self.balance()
+        clear, moving = self.find_clear(), np.abs(velocity) > self.guards.slowest
+        equations, usable = self.apply_schemes(views, clear, moving)
+        results = {"regressor": _apply_gate(views[0, :-1], clear[0]), "equations": equations, "usable": usable}
+        return SymbolicStep(self.inputs, self.before, self.after | results)
+
+    def remember(self, label: str, value: Any, times: int) -> list[Any]:
+        """Return a scalar now and at `times` >= 1 past instants, the newest first.
+
+        A value that is no symbol, such as an array of symbols, counts as constant, and is repeated.
+        """
+        if not isinstance(value, Symbol):
+            return (times + 1) * [value]
+        past = make_symbols(label, times)
+        self.before[label], self.after[label] = past, np.array([value, *past[:-1]])
+        return [value, *past]
+
+    def ask(self, label: str, *shape: int) -> Any:
+        """Return an input of the step."""
+        self.inputs[label] = make_symbols(label, *shape)
+        return self.inputs[label]
+
+    def balance(self) -> tuple[Any, Any]:
+        """Return the row of the last but one instant in the three views (3, P + 1), and the velocity there."""
+        instant, period = self.instant, self.period
+        if any(term.delay for term in self.terms):
+            supplied = self.ask("supplied", 2)
+        else:
+            supplied = [self.remember(f"supplied.{k}", instant[k], 1)[1] for k in (TORQUE, HELD)]
+        _, q, v, a, _, _ = instant
+        theta = np.ones(sum(len(term.columns) for term in self.terms))
+        at_rest = TorqueBalance(self.terms, theta).start(Samples(*np.zeros((4, 1))))
+        memory = {id: tuple(self.ask(f"memory.{id}", len(states))) for id, states in at_rest.items()}
+        x: Any = replace(Samples(instant[TIME], q, v, instant[TORQUE]), memory=memory)
+        laws = {}
+        for label, law in list_laws(self.terms).items():
+            value = _evaluate_formula(law, x)
+            laws[label] = self.remember(label, self.ask(label) if value is None else value, 3)
+        is_second = self.index - (self.guards.behind - 1) == 2  # instant since the start
+
+        def average(values: list[Any]) -> Any:
+            """Average over the sample before the instant of the view, of fourth order with four values."""
+            newest, at, older, oldest = values
+            if not isinstance(newest, Symbol):
+                return newest
+            of_two, of_four = 0.5 * (at + older), (13 * (at + older) - (newest + oldest)) / 24
+            return np.where(is_second, of_two, of_four)
+
+        _, position, last_position = self.remember("position", q, 2)
+        _, velocity, last_velocity = self.remember("velocity", v, 2)
+        _, acceleration = self.remember("acceleration", a, 1)
+        acceleration_mean = (velocity - last_velocity) / period
+        kinetic_rate = (velocity * velocity - last_velocity * last_velocity) / (2 * period)
+        rows = []
+        for j in range(len(laws) // 4):
+            mass, torque, power, stored = (laws[f"{part}.{j}"] for part in ("mass", "torque", "power", "stored"))
+            at_instant = mass[1] * acceleration + torque[1]
+            impulse = average(mass) * acceleration_mean + average(torque)
+            energy = average(mass) * kinetic_rate + average(power) + (stored[1] - stored[2]) / period
+            rows.append([at_instant, impulse, energy])
+        y = [supplied[0], supplied[1], supplied[1] * ((position - last_position) / period)]
+        y = [value - sum(row[k] for row in rows[len(theta) :]) for k, value in enumerate(y)]
+        return np.array([*rows[: len(theta)], y], dtype=object).T, velocity
+
+    def find_clear(self) -> Any:
+        """Return for each guard whether the sample `behind` the newest is clear of stick (G,)."""
+        guards, index, velocity = self.guards, self.index, self.newest
+        halts = self.ask("halts", len(guards.distances))
+        halt, (_, last) = make_symbols("halt"), self.remember("newest", velocity, 1)
+        turned = (np.sign(velocity) != np.sign(last)) & (index > 0)
+        halted = ((np.abs(velocity) <= guards.slowest) | turned) & (index >= 0)
+        self.before["halt"], self.after["halt"] = halt, np.where(halted, index, halt)
+        row_index, clear = index - guards.behind, []
+        for distance, past in zip(guards.distances, halts, strict=True):
+            known = row_index >= guards.lead_in
+            if distance is not None:
+                known = known & ((self.after["halt"] if distance == guards.behind else past) < row_index - distance)
+            clear.append(known)
+        return np.array(clear, dtype=object)
+
+    def apply_schemes(self, views: Any, clear: Any, moving: Any) -> tuple[Any, Any]:
+        """Return the equations of the schemes (S, P + 1), which start from rest, and whether each is usable (S,)."""
+        period, before, after, index = self.period, self.before, self.after, self.index - self.guards.behind
+        guards, windows, width = list_guards(self.schemes), list_windows(self.schemes, self.period), views.shape[1]
+        oldest = self.ask("oldest", len(windows), width + 1)
+        before["clear"], after["clear"] = make_symbols("clear", len(guards)), clear
+        before["moving"], after["moving"] = make_symbols("moving"), moving
+        before["total"] = make_symbols("total", len(windows), width + 1)
+        after["total"] = before["total"].copy()
+        equations, usable, window_numbers = [], [], itertools.count()
+        for s, scheme in enumerate(self.schemes):
+            guard = guards.index(scheme.guard)
+            gate = clear[guard]
+            if scheme.view != "torque":  # over the step up to the sample
+                gate = gate * before["clear"][guard]
+            if scheme.view == "energy":
+                gate = gate * moving * before["moving"]
+            row = _apply_gate(views[list(VIEWS).index(scheme.view)], gate)
+            if isinstance(scheme.operator, LowPass):
+                gain = 1.0 - compute_decay(scheme.operator.cutoff, period)
+                for stage in range(scheme.operator.order):
+                    label = f"filter.{s}.{stage}"
+                    before[label] = make_symbols(label, width)
+                    after[label] = row = before[label] + gain * (row - before[label])
+            if isinstance(scheme.operator, Integral):
+                k = next(window_numbers)
+                after["total"][k] = total = before["total"][k] + np.array([*row * period, gate], dtype=object)
+                *row, n_clear = total - (oldest[k] if windows[k] else 0.0)
+                gate = (2 * n_clear >= windows[k] if windows[k] else gate) & (index >= max(1, windows[k]))
+            equations.append(row)
+            usable.append(gate)
+        return np.array(equations), np.array(usable, dtype=object)
 
 
 def _evaluate_formula(law: Law, x: Samples) -> Operand | None:
@@ -164,74 +211,6 @@ def _evaluate_formula(law: Law, x: Samples) -> Operand | None:
     return value if isinstance(value, Symbol) else float(value) if np.ndim(value) == 0 else None
 
 
-def list_guards(schemes: Sequence[Scheme]) -> tuple[float | None, ...]:
-    """List the different guards of schemes [s]."""
-    return tuple(dict.fromkeys(scheme.guard for scheme in schemes))
-
-
-def apply_gate(row: Any, gate: Any) -> Any:
+def _apply_gate(row: Any, gate: Any) -> Any:
     """Set a row (P,) to zero where a gate is closed, also where the row is not finite."""
     return np.array([np.where(gate, value, 0.0) for value in row], dtype=object)
-
-
-def list_windows(schemes: Sequence[Scheme], period: float) -> list[int]:
-    """List the numbers of rows in the sums of integral schemes; 0 sums from the start."""
-    return [scheme.operator.samples(period) for scheme in schemes if isinstance(scheme.operator, Integral)]
-
-
-def update_scheme_equations(
-    schemes: Sequence[Scheme],
-    views: Any,
-    clear: Any,
-    moving: Any,
-    oldest: Any,
-    index: Any,
-    period: float,
-    history: History,
-) -> tuple[Any, Any]:
-    """Update the equations of S schemes with one row, starting from rest.
-
-    For a whole recording, the equations equal those of `Scheme.regression`.
-
-    Args:
-        schemes: S of them.
-        views: the row in each view (3, P + 1).
-        clear: whether the row is clear of stick, for each guard (G,).
-        moving: whether the joint moves at the sample.
-        oldest: sums of integral schemes one window ago, with their numbers of clear rows (K, P + 2).
-        index: of the row since the start.
-        period: between rows [s].
-        history: states of the recurrence.
-
-    Returns:
-        phi and, in the last column, y (S, P + 1); and whether each equation is usable (S,).
-    """
-    guards, windows, width = list_guards(schemes), list_windows(schemes, period), views.shape[1]
-    before, after = history.before, history.after
-    before["clear"], after["clear"] = make_symbols("clear", len(guards)), clear
-    before["moving"], after["moving"] = make_symbols("moving"), moving
-    before["total"] = make_symbols("total", len(windows), width + 1)
-    after["total"] = before["total"].copy()
-    equations, usable, window_numbers = [], [], itertools.count()
-    for s, scheme in enumerate(schemes):
-        guard = guards.index(scheme.guard)
-        gate = clear[guard]
-        if scheme.view != "torque":  # over the step up to the sample
-            gate = gate * before["clear"][guard]
-        if scheme.view == "energy":
-            gate = gate * moving * before["moving"]
-        row = apply_gate(views[VIEWS.index(scheme.view)], gate)
-        if isinstance(scheme.operator, LowPass):
-            gain = 1.0 - compute_decay(scheme.operator.cutoff, period)
-            for stage in range(scheme.operator.order):
-                label = f"filter.{s}.{stage}"
-                before[label] = make_symbols(label, width)
-                after[label] = row = before[label] + gain * (row - before[label])
-        if isinstance(scheme.operator, Integral):
-            k = next(window_numbers)
-            after["total"][k] = total = before["total"][k] + np.array([*row * period, gate], dtype=object)
-            *row, n_clear = total - (oldest[k] if windows[k] else 0.0)
-            gate = (2 * n_clear >= windows[k] if windows[k] else gate) & (index >= max(1, windows[k]))
-        equations.append(row)
-        usable.append(gate)
-    return np.array(equations), np.array(usable, dtype=object)

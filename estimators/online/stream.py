@@ -13,19 +13,16 @@ import numpy as np
 
 from estimators.online.rows import (
     HELD,
+    INSTANT,
     POSITION,
     TIME,
     TORQUE,
     VELOCITY,
-    History,
     StickGuards,
-    apply_gate,
-    compute_balance_rows,
-    compute_stick_mask,
     list_guards,
     list_laws,
     list_windows,
-    update_scheme_equations,
+    write_step,
 )
 from estimators.schemes.six import Scheme
 from estimators.signals.measurements import Smoothing
@@ -38,7 +35,6 @@ from pendulum_env.physics.symbols import make_symbols
 from pendulum_env.recording.sampling import SAMPLING
 
 NEVER = -1e9
-INSTANT = 6  # values
 
 
 class StreamEquations(NamedTuple):
@@ -105,7 +101,7 @@ class Stream:
         behind = max([1, *(distance for distance in distances if distance is not None)])
         stick_guards = StickGuards(distances, behind, lead_in, smoothing.slowest)
         self.delay, self._behind = smoothing.reach + behind, behind
-        self._machine = Machine(_advance_instant, (self._terms, tuple(schemes), stick_guards, period), batch)
+        self._machine = Machine(write_step, (self._terms, tuple(schemes), stick_guards, period), batch)
         self._numeric_laws = self._list_numeric_laws()
         # weights of the last samples, the oldest first; a sample is time, position, its increment and torque, where the
         # newest torque acted until the newest position
@@ -270,36 +266,6 @@ def _receive_sample(longest: float) -> SymbolicStep:
         "restarted": 1.0 - is_number * (values[0] - time <= longest),
     }
     return SymbolicStep({"sample": sample}, {"last": np.array([time, position])}, after)
-
-
-def _advance_instant(
-    terms: Sequence[Term], schemes: Sequence[Scheme], guards: StickGuards, period: float
-) -> SymbolicStep:
-    """Build the step by one instant in symbols, up to the equations of the sample `behind` the newest."""
-    index, instant, newest, history = (
-        make_symbols("index"),
-        make_symbols("instant", INSTANT),
-        make_symbols("newest"),
-        History(),
-    )
-    inputs = {"index": index, "instant": instant, "newest": newest}
-    if any(term.delay for term in terms):
-        supplied = inputs["supplied"] = make_symbols("supplied", 2)
-    else:
-        supplied = [history.remember(f"supplied.{k}", instant[k], 1)[1] for k in (TORQUE, HELD)]
-    at_rest = TorqueBalance(terms, np.ones(sum(len(term.columns) for term in terms))).start(Samples(*np.zeros((4, 1))))
-    memory = {id: make_symbols(f"memory.{id}", len(states)) for id, states in at_rest.items()}
-    inputs |= {f"memory.{id}": states for id, states in memory.items()}
-    views, velocity, law_symbols = compute_balance_rows(
-        terms, index - (guards.behind - 1), instant, supplied, memory, period, history
-    )
-    inputs["halts"] = make_symbols("halts", len(guards.distances))
-    clear = compute_stick_mask(guards, index, newest, inputs["halts"], history)
-    inputs["oldest"] = make_symbols("oldest", len(list_windows(schemes, period)), views.shape[1] + 1)
-    moving, place = np.abs(velocity) > guards.slowest, index - guards.behind
-    equations, usable = update_scheme_equations(schemes, views, clear, moving, inputs["oldest"], place, period, history)
-    results = {"regressor": apply_gate(views[0, :-1], clear[0]), "equations": equations, "usable": usable}
-    return SymbolicStep(inputs | law_symbols, history.before, history.after | results)
 
 
 class Clock:
