@@ -5,14 +5,14 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.online.arm_stream import make_stream
 from estimators.online.rows import POSITION, TIME, TORQUE, VELOCITY
-from estimators.online.stream import StreamEquations
+from estimators.regression.balance import LEAST_SLOPE
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
@@ -46,66 +46,52 @@ class Bin(NamedTuple):
         return float(self.series[TIME, 0])
 
 
-class _JointBinner:
-    """Current bin of one joint of B plants."""
-
-    def __init__(self, every: int, columns: int, batch: int) -> None:
-        self._every, self._instants = every, np.zeros((every + MARGIN, 4, batch))
-        self._sum, self._count, self._step = np.zeros((batch, columns + 1)), np.zeros(batch), 0
-
-    def reset(self, which: Mask) -> None:
-        """Empty the current bin of plants (B,)."""
-        self._count[which] = 0
-
-    def take(self, sample: StreamEquations) -> Iterator[tuple[int, Array, Array]]:
-        """Add the equation of the first scheme at one sample of each plant; yield the complete bins.
-
-        Each bin has an index of its plant, a series (4, n + 3) with two instants before its first row and one after
-        its last, and a mean equation (P + 1,). A bin of n samples is left
-        out if an equation is not usable, or if the instants before it are missing.
-        """
-        ring, every = len(self._instants), self._every
-        self._instants[self._step % ring] = sample.following[[TIME, POSITION, VELOCITY, TORQUE]]
-        self._sum += np.where(sample.usable, sample.equations[:, 0], 0.0)
-        self._count += sample.usable[:, 0]
-        self._step += 1
-        if self._step % every:
-            return
-        is_complete, mean = (self._count == every) & (sample.place > every), self._sum / every
-        self._sum[:], self._count[:] = 0.0, 0
-        if is_complete.any():
-            instants = self._instants[(self._step + np.arange(ring)) % ring]  # (n + 3, 4, B)
-            for b in np.flatnonzero(is_complete).tolist():
-                yield b, instants[:, :, b].T.copy(), mean[b]
-
-
 class Binner:
     """Collection of samples of B plants into bins; bins near stick are left out.
 
     Attributes:
         every: number of samples in a bin.
         joints: names of the joints of a plant; a pendulum has one joint without a name.
+        period: between samples [s].
+        length: duration of a bin divided by the number of joints, since each joint has its own bins [s].
     """
 
     def __init__(self, rate: float, terms: Sequence[Term], smoothing: Smoothing, batch: int = 1) -> None:
         """Create a binner of the rows of terms for B plants at a sampling rate [Hz]."""
-        self.every = max(1, round(BIN * rate))
-        self._stream = make_stream(terms, [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
+        self.every, self.period = max(1, round(BIN * rate)), 1.0 / rate
+        self._stream = make_stream(terms, [scheme("hamiltonian")], smoothing, self.period, batch)
         self.joints = self._stream.joints
-        columns = sum(len(term.columns) for term in terms)
-        self._joint_binners = [_JointBinner(self.every, columns, batch) for _ in self.joints]
+        count, columns = len(self.joints), sum(len(term.columns) for term in terms)
+        self.length = self.every / rate / count
+        self._instants = np.zeros((count, self.every + MARGIN, 4, batch))  # ring buffers of the last instants
+        self._sum, self._n_usable = np.zeros((count, batch, columns + 1)), np.zeros((count, batch))
+        self._step = count * [0]
 
     def reset(self, which: Mask) -> None:
         """Restart plants (B,) with their next sample."""
         self._stream.reset(which)
-        for binner in self._joint_binners:
-            binner.reset(which)
+        self._n_usable[:, which] = 0
 
     def take(self, time: Array, position: Array, torque: Array) -> Iterator[tuple[int, Bin]]:
-        """Add a sample of each plant, as `OnlineEstimator.take`; yield plants and their complete bins."""
+        """Add a sample of each plant, as `OnlineEstimator.take`; yield plants and their complete bins.
+
+        A bin of n samples is left out if an equation is not usable, or if the instants before it are missing.
+        """
         for sample in self._stream.take(time, position, torque):
-            for b, series, mean in self._joint_binners[sample.joint].take(sample):
-                yield b, Bin(sample.joint, series, mean[:-1], float(mean[-1]))
+            j, every, ring = sample.joint, self.every, self.every + MARGIN
+            instants, total, n_usable = self._instants[j], self._sum[j], self._n_usable[j]
+            instants[self._step[j] % ring] = sample.following[[TIME, POSITION, VELOCITY, TORQUE]]
+            total += np.where(sample.usable, sample.equations[:, 0], 0.0)
+            n_usable += sample.usable[:, 0]
+            self._step[j] += 1
+            if self._step[j] % every:
+                continue
+            is_complete, mean = (n_usable == every) & (sample.place > every), total / every
+            total[:], n_usable[:] = 0.0, 0
+            if is_complete.any():
+                series = instants[(self._step[j] + np.arange(ring)) % ring]  # (n + 3, 4, B)
+                for b in np.flatnonzero(is_complete).tolist():
+                    yield b, Bin(j, series[:, :, b].T.copy(), mean[b, :-1], float(mean[b, -1]))
 
 
 class ModelRows(NamedTuple):
@@ -123,13 +109,25 @@ class ModelRows(NamedTuple):
     slope: Array
     y_slope: Array
 
+    def linearise(self, theta: Array, error: Array) -> tuple[Array, Array]:
+        """Linearise the errors of the predicted torque at theta (..., P), see `competitors`; return phi and y.
 
-def linearise(phi: Array, y: Array, slope: Array, theta: Array, error: Array) -> tuple[Array, Array]:
-    """Linearise the errors of the predicted torque at parameters theta (..., P), see `competitors`; return phi and y.
+        `error` is the error of the torque (...,) [N m].
+        """
+        return self.phi - error[..., None] * self.slope, self.y - error * np.einsum("...p,...p->...", self.slope, theta)
 
-    `slope` is the derivative of the rows phi by the torque (..., P), `error` the error of the torque (...,) [N m].
-    """
-    return phi - error[..., None] * slope, y - error * np.einsum("...p,...p->...", slope, theta)
+    def predict(self, theta: Array) -> tuple[Array, Array]:
+        """Return the errors of the torque predicted at theta (..., P) [N m], and derivatives of the equations by it.
+
+        The divisor of an error is at least `LEAST_SLOPE`.
+        """
+        error = self.y - np.einsum("...p,...p->...", self.phi, theta)
+        error_slope = self.y_slope - np.einsum("...p,...p->...", self.slope, theta)
+        return error / np.maximum(error_slope, LEAST_SLOPE), error_slope
+
+    def select(self, index: Any) -> ModelRows:
+        """Select bins or models."""
+        return ModelRows(*(series[index] for series in self))
 
 
 @dataclass(frozen=True)
@@ -202,6 +200,10 @@ class Bins:
                 y[in_joint] -= value / scale
                 y_slope[in_joint] -= by_torque
         return ModelRows(phi, y, slope, y_slope)
+
+    def evaluate_running(self, terms: Sequence[Term]) -> ModelRows:
+        """Evaluate the balance of each bin for one model: (R, P), and (R,)."""
+        return self.evaluate_rows(terms).select((slice(None), 0))
 
     def _column(self, column: Column, of_torque: bool) -> tuple[Array, Array | float]:
         """Average a column over the bins (R, V), and differentiate it by the torque if it depends on it.

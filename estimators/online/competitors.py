@@ -28,10 +28,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.online.binning import Bins, ModelRows, linearise
+from estimators.online.binning import Bins, ModelRows
 from estimators.online.forgetting import ForgettingMixture, cap_density
 from estimators.online.recursion import SquareRootLeastSquares
-from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE
 from estimators.regression.recursive import PRIOR
 from estimators.selection.score import log_student, weigh_squares
@@ -131,44 +130,41 @@ class CompetingModels:
         rows = bins.evaluate_rows(self._stacked[family], models.stop - models.start)
         phi, slope = np.zeros((2, *rows.y.shape, self._lower.shape[1]))
         phi[..., : rows.phi.shape[-1]], slope[..., : rows.phi.shape[-1]] = rows.phi, rows.slope
-        return ModelRows(phi, base.y + rows.y - bins.y[:, None], slope, base.y_slope + rows.y_slope - 1.0)
+        y, y_slope = base.y[:, None] + rows.y - bins.y[:, None], base.y_slope[:, None] + rows.y_slope - 1.0
+        return ModelRows(phi, y, slope, y_slope)
 
     def _fit(self, bins: Bins) -> None:
         """Fit all models and their error scales to bins, family by family, which limits the memory."""
-        base, root, self.residual = _fit_running(bins.evaluate_rows(self.terms))
-        phi, (count, width) = base.phi[:, 0], self._lower.shape
-        prior, P = _prior_information(np.einsum("rp,rp->p", phi, phi)), root @ root.T
-        self.y_on_base, self.columns_on_base = np.zeros((count, len(prior))), np.zeros((count, width, len(prior)))
+        base, root, self.residual = _fit_running(bins.evaluate_running(self.terms))
+        (rows, parameters), (count, width), P = base.phi.shape, self._lower.shape, root @ root.T
+        # the prior of the running model as further rows, whose y and effect columns are 0
+        phi = np.concatenate([base.phi, np.diag(np.sqrt(_prior_information(np.sum(base.phi**2, axis=0))))])
+        self.y_on_base, self.columns_on_base = np.zeros((count, parameters)), np.zeros((count, width, parameters))
         self.information, self.moment = np.zeros((count, width, width)), np.zeros((count, width))
         self.square, self.weight = np.zeros((2, count))
         for family, models in enumerate(self.models):
-            rows = self._effect_rows(family, bins, base)
-            residual, delta = np.repeat(self.residual[:, None], rows.y.shape[1], axis=1), self.moment[models]
-            for _ in range(ONLINE.n_tangents if rows.slope.any() else 1):
-                effect_phi, y = linearise(rows.phi, rows.y, rows.slope, delta, residual)
-                self.y_on_base[models] = y_on_base = y.T @ phi @ P
-                self.columns_on_base[models] = columns_on_base = (
-                    np.einsum("rvk,rp->vkp", effect_phi, phi, optimize=True) @ P
-                )
-                error, remaining = (
-                    y - phi @ y_on_base.T,
-                    effect_phi - np.einsum("rp,vkp->rvk", phi, columns_on_base, optimize=True),
-                )
-                column_squares = np.einsum("rvk,rvk->vk", effect_phi, effect_phi)
-                effect_prior = _prior_information(column_squares)[..., None] * np.eye(width)
-                from_prior = np.einsum("vkp,p,vlp->vkl", columns_on_base, prior, columns_on_base, optimize=True)
-                self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining) + effect_prior + from_prior
-                from_prior = np.einsum("vkp,p,vp->vk", columns_on_base, prior, y_on_base, optimize=True)
-                self.moment[models] = np.einsum("rvk,rv->vk", remaining, error) + from_prior
+            family_rows = self._effect_rows(family, bins, base)
+            residual, delta = np.repeat(self.residual[:, None], family_rows.y.shape[1], axis=1), self.moment[models]
+            for _ in range(ONLINE.n_tangents if family_rows.slope.any() else 1):
+                columns, y = family_rows.linearise(delta, residual)
+                self.y_on_base[models] = y.T @ base.phi @ P
+                self.columns_on_base[models] = np.einsum("rvk,rp->vkp", columns, base.phi, optimize=True) @ P
+                error = -phi @ self.y_on_base[models].T
+                remaining = -np.einsum("rp,vkp->rvk", phi, self.columns_on_base[models], optimize=True)
+                error[:rows] += y
+                remaining[:rows] += columns
+                prior = _prior_information(np.einsum("rvk,rvk->vk", columns, columns))[..., None] * np.eye(width)
+                self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining) + prior
+                self.moment[models] = np.einsum("rvk,rv->vk", remaining, error)
                 theta = self.theta_of(models)
-                residual, _ = _predict(theta, phi, base.slope[:, 0], *rows)
-                delta = theta[:, len(prior) :]
+                residual, _ = _predict(theta, base, family_rows)
+                delta = theta[:, parameters:]
             squares = residual**2  # (R, V)
             square = np.maximum(squares.mean(axis=0), 1e-12)
             for _ in range(ONLINE.n_scale_iterations):
                 square = np.maximum(weigh_squares(squares, square).mean(axis=0), 1e-12)
-            self.square[models] = square * len(phi) / max(1, len(phi) - len(prior) - width)
-        self._count, self._running = len(phi), SquareRootLeastSquares((1, 1), len(prior))
+            self.square[models] = square * rows / max(1, rows - parameters - width)
+        self._count, self._running = rows, SquareRootLeastSquares((1, 1), parameters)
         self._running.root = root[None, None]
 
     def theta_of(self, models: slice = slice(None)) -> Array:
@@ -191,11 +187,8 @@ class CompetingModels:
 
     def linearise_running(self, bins: Bins) -> tuple[Array, Array]:
         """Linearise the rows of the running model over R bins at its estimates: phi (R, P) and y (R,)."""
-        rows, theta = bins.evaluate_rows(self.terms), self.y_on_base[0]
-        phi, y, slope = rows.phi[:, 0], rows.y[:, 0], rows.slope[:, 0]
-        return linearise(
-            phi, y, slope, theta, (y - phi @ theta) / np.maximum(rows.y_slope[:, 0] - slope @ theta, LEAST_SLOPE)
-        )
+        rows, theta = bins.evaluate_running(self.terms), self.y_on_base[0]
+        return rows.linearise(theta, rows.predict(theta)[0])
 
     def take(self, bins: Bins) -> tuple[Array, Array]:
         """Predict R bins in sequence, with an update after each.
@@ -204,48 +197,38 @@ class CompetingModels:
             Log density of each bin under each family and, last, under the models with forgetting (R, F); and errors of
             the running model (R,) [N m].
         """
-        base = bins.evaluate_rows(self.terms)
+        base = bins.evaluate_running(self.terms)
         family_rows = [self._effect_rows(family, bins, base) for family in range(len(self.families))]
-        effect_rows = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*family_rows, strict=True)))
-        rows = zip(base.phi[:, 0], base.slope[:, 0], *effect_rows, strict=True)
-        densities, errors = zip(*(self._take(*row) for row in rows), strict=True)
+        rows = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*family_rows, strict=True)))
+        densities, errors = zip(*(self._take(base.select(k), rows.select(k)) for k in range(len(bins.y))), strict=True)
         return np.array(densities), np.array(errors) * bins.scale
 
-    def _take(
-        self, phi: Array, slope: Array, effect_phi: Array, y: Array, effect_slope: Array, y_slope: Array
-    ) -> tuple[Array, float]:
+    def _take(self, base: ModelRows, rows: ModelRows) -> tuple[Array, float]:
         """Predict one bin with all models, then update them.
 
-        Args:
-            phi: row of the running model (P,).
-            slope: derivative of phi by the torque (P,).
-            effect_phi: columns of the effects (V, K).
-            y: left-hand sides (V,).
-            effect_slope: derivative of effect_phi by the torque (V, K).
-            y_slope: derivative of y by the torque (V,).
+        `base` is the row of the running model (P,), `rows` those of the effects (V, K), see `_effect_rows`.
 
         Returns:
             The log density under each family and, last, under the models with forgetting (F,); and the error of the
             running model.
         """
-        running, (theta, information) = self._running, self._solve()
-        residual, error_slope = _predict(theta, phi, slope, effect_phi, y, effect_slope, y_slope)
-        effect_phi, y = linearise(effect_phi, y, effect_slope, theta[:, len(phi) :], residual)
-        phi, y = linearise(phi, y, slope, theta[0, : len(phi)], residual[0])
+        running, (theta, information), parameters = self._running, self._solve(), len(base.phi)
+        residual, error_slope = _predict(theta, base, rows)
+        columns, y = rows.linearise(theta[:, parameters:], residual)
+        phi, y = base._replace(y=y).linearise(theta[0, :parameters], residual[0])
         gain = running.root[0, 0] @ (phi @ running.root[0, 0])
         variance = 1.0 + phi @ gain
-        error, remaining = y - self.y_on_base @ phi, effect_phi - self.columns_on_base @ phi  # (V,), (V, K)
+        error, remaining = y - self.y_on_base @ phi, columns - self.columns_on_base @ phi  # (V,), (V, K)
         # predicted variance of the error, relative to the squared scale
-        variance_ratio = variance + np.einsum(
-            "vk,vk->v", remaining, np.linalg.solve(information, remaining[..., None])[..., 0]
-        )
+        of_effect = np.linalg.solve(information, remaining[..., None])[..., 0]
+        variance_ratio = variance + np.einsum("vk,vk->v", remaining, of_effect)
         density = log_student(residual**2, self.square * variance_ratio)
         density = cap_density(density, error_slope, density[0])
         densities = self._mix(density)
         self._count += 1
         if self._forgetting is not None:
-            forgetting = self._forgetting.take(phi, slope, float(y_slope[0]), float(y[0]), float(density[0]))
-            densities = np.append(densities, forgetting)
+            row = base._replace(phi=phi, y=y[0], y_slope=rows.y_slope[0])
+            densities = np.append(densities, self._forgetting.take(row, density[0]))
         step = weigh_squares(residual**2 / variance_ratio, self.square) - self.square
         self.square = np.maximum(self.square + step / min(self._count, ONLINE.scale_memory), 1e-12)
         running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
@@ -332,38 +315,33 @@ def solve_each_within_bounds(information: Array, moment: Array, lower: Array, up
         right_side = np.where(held, held_values, moment - np.einsum("vkl,vl->vk", information, held_values))
 
 
-def _predict(
-    theta: Array, phi: Array, slope: Array, effect_phi: Array, y: Array, effect_slope: Array, y_slope: Array
-) -> tuple[Array, Array]:
-    """Compute the errors of the torque that V models predict, and derivatives of the equations by the torque (..., V).
+def _predict(theta: Array, base: ModelRows, rows: ModelRows) -> tuple[Array, Array]:
+    """Compute the errors of the torque that V models predict, and derivatives of the equations by it (..., V).
 
-    The columns phi (..., P) are those of the running model, and effect_phi (..., V, K) those of the effects; the slopes
-    are derivatives by the torque. The divisor of an error is at least `LEAST_SLOPE`.
+    `base` has the rows of the running model (..., P), `rows` those of the effects (..., V, K).
     """
-    base, delta = theta[:, : phi.shape[-1]], theta[:, phi.shape[-1] :]
-    error = y - phi @ base.T - np.einsum("...vk,vk->...v", effect_phi, delta)
-    error_slope = y_slope - slope @ base.T - np.einsum("...vk,vk->...v", effect_slope, delta)
-    return np.asarray(error / np.maximum(error_slope, LEAST_SLOPE)), error_slope
+    of_base, parameters = theta[:, : base.phi.shape[-1]].T, base.phi.shape[-1]
+    y, y_slope = rows.y - base.phi @ of_base, rows.y_slope - base.slope @ of_base
+    return rows._replace(y=y, y_slope=y_slope).predict(theta[:, parameters:])
 
 
-def _fit_running(base: ModelRows) -> tuple[ModelRows, Array, Array]:
+def _fit_running(rows: ModelRows) -> tuple[ModelRows, Array, Array]:
     """Fit the running model; return its linearised rows, the root of P (P, P), and the errors of the torque (R,).
 
     The first of several iterations leaves out columns that depend on the torque, since they would explain it by itself.
     """
-    rows, y_recorded, slope, y_slope = base.phi[:, 0], base.y[:, 0], base.slope[:, 0], base.y_slope[:, 0]
-    depends_on_torque = slope.any(axis=0)
-    theta, error = np.zeros(rows.shape[1]), np.zeros(len(y_recorded))
+    depends_on_torque = rows.slope.any(axis=0)
+    theta, error = np.zeros(rows.phi.shape[1]), np.zeros(len(rows.y))
     for k in range(ONLINE.n_tangents if depends_on_torque.any() else 1):
-        phi, y = linearise(rows, y_recorded, slope, theta, error) if k else (rows * ~depends_on_torque, y_recorded)
+        phi, y = rows.linearise(theta, error) if k else (rows.phi * ~depends_on_torque, rows.y)
         # J = sum phi phi' + 1 / P(0), of columns scaled to length one
         squares = np.einsum("rp,rp->p", phi, phi)
         scale = np.sqrt(squares + 1.0 / PRIOR)
         information = (phi / scale).T @ (phi / scale) + np.diag(_prior_information(squares) / scale**2)
         root = np.linalg.inv(np.linalg.cholesky(information)).T / scale[:, None]  # P = S S'
         theta = root @ root.T @ (phi.T @ y)
-        error = (y_recorded - rows @ theta) / np.maximum(y_slope - slope @ theta, LEAST_SLOPE)
-    return base._replace(phi=phi[:, None], y=y[:, None]), root, error
+        error, _ = rows.predict(theta)
+    return rows._replace(phi=phi, y=y), root, error
 
 
 def _prior_information(squares: Array) -> Array:

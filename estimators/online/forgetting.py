@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estimators.online.binning import ModelRows
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.balance import LEAST_SLOPE
 from estimators.selection.score import log_student, weigh_squares
@@ -47,22 +48,17 @@ class ForgettingMixture:
         self._weight = np.full(1 + len(memories), LEAST_WEIGHT)  # log, of the running model and of each memory
         self._weight[0] = 0.0
 
-    def take(self, phi: Array, slope: Array, y_slope: float, y: float, density: float) -> float:
-        """Predict a row y = phi' theta, then learn from it; return its log density under the mixture.
+    def take(self, row: ModelRows, density: float) -> float:
+        """Predict a row (P,), then learn from it; return its log density under the mixture.
 
-        Args:
-            phi: row (P,).
-            slope: derivative of phi by the torque (P,).
-            y_slope: derivative of y by the torque.
-            y: left-hand side.
-            density: log density of the row under the running model.
+        `density` is its log density under the running model.
         """
         theta = np.array([model.theta[0, 0] for model in self._models])
         for model in self._models:
-            model.take(phi[None, None], np.full((1, 1), y), np.ones((1, 1), dtype=bool))
+            model.take(row.phi[None, None], np.full((1, 1), row.y), np.ones((1, 1), dtype=bool))
         variance_ratio = np.array([model.variance[0, 0] / model.forgetting for model in self._models])
-        error_slope = y_slope - theta @ slope
-        squares = ((y - theta @ phi) / np.maximum(error_slope, LEAST_SLOPE)) ** 2
+        errors, error_slope = row.predict(theta)
+        squares = errors**2
         densities = cap_density(log_student(squares, self._square * variance_ratio), error_slope, density)
         self._square += (weigh_squares(squares / variance_ratio, self._square) - self._square) / self._memories
         self._square = np.maximum(self._square, 1e-12)

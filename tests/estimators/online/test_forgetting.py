@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from estimators.online.binning import ModelRows
 from estimators.online.forgetting import ForgettingMixture
 
 
@@ -12,5 +13,5 @@ def test_a_law_that_passes_almost_none_of_the_torque_gains_nothing_by_that(passe
     rng = np.random.default_rng(0)
     mixture = ForgettingMixture(np.array([1.0]), np.array([[0.1]]), 1e-4, [50.0])
     rows = rng.normal(size=(40, 1))
-    densities = [mixture.take(phi, np.zeros(1), passed, float(phi[0]), -3.0) for phi in rows]
+    densities = [mixture.take(ModelRows(phi, phi[0], np.zeros(1), passed), -3.0) for phi in rows]
     assert (sum(densities) > -3.0 * len(rows) + 1.0) == gains
