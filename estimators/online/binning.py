@@ -46,24 +46,39 @@ class Bin(NamedTuple):
         return float(self.series[TIME, 0])
 
 
+class PlantBins(NamedTuple):
+    """Joints of a plant and times of its bins.
+
+    Attributes:
+        joints: by name.
+        length: duration of a bin divided by the number of joints, since each joint has its own bins [s].
+        period: between samples [s].
+    """
+
+    joints: tuple[str, ...]
+    length: float
+    period: float
+
+    def count_bins(self, seconds: float) -> int:
+        """Return the number of bins in a time of motion [s]."""
+        return round(seconds / self.length)
+
+
 class Binner:
     """Collection of samples of B plants into bins; bins near stick are left out.
 
     Attributes:
-        every: number of samples in a bin.
-        joints: names of the joints of a plant; a pendulum has one joint without a name.
-        period: between samples [s].
-        length: duration of a bin divided by the number of joints, since each joint has its own bins [s].
+        plant: joints and times; a pendulum has one joint without a name.
     """
 
     def __init__(self, rate: float, terms: Sequence[Term], smoothing: Smoothing, batch: int = 1) -> None:
         """Create a binner of the rows of terms for B plants at a sampling rate [Hz]."""
-        self.every, self.period = max(1, round(BIN * rate)), 1.0 / rate
-        self._stream = make_stream(terms, [scheme("hamiltonian")], smoothing, self.period, batch)
-        self.joints = self._stream.joints
-        count, columns = len(self.joints), sum(len(term.columns) for term in terms)
-        self.length = self.every / rate / count
-        self._instants = np.zeros((count, self.every + MARGIN, 4, batch))  # ring buffers of the last instants
+        self._every = max(1, round(BIN * rate))  # samples in a bin
+        self._stream = make_stream(terms, [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
+        joints, columns = tuple(self._stream.joints), sum(len(term.columns) for term in terms)
+        count = len(joints)
+        self.plant = PlantBins(joints, self._every / rate / count, 1.0 / rate)
+        self._instants = np.zeros((count, self._every + MARGIN, 4, batch))  # ring buffers of the last instants
         self._sum, self._n_usable = np.zeros((count, batch, columns + 1)), np.zeros((count, batch))
         self._step = count * [0]
 
@@ -78,7 +93,7 @@ class Binner:
         A bin of n samples is left out if an equation is not usable, or if the instants before it are missing.
         """
         for sample in self._stream.take(time, position, torque):
-            j, every, ring = sample.joint, self.every, self.every + MARGIN
+            j, every, ring = sample.joint, self._every, self._every + MARGIN
             instants, total, n_usable = self._instants[j], self._sum[j], self._n_usable[j]
             instants[self._step[j] % ring] = sample.following[[TIME, POSITION, VELOCITY, TORQUE]]
             total += np.where(sample.usable, sample.equations[:, 0], 0.0)

@@ -31,8 +31,8 @@ import numpy as np
 from estimators.online.binning import Bins, ModelRows
 from estimators.online.forgetting import ForgettingMixture, cap_density
 from estimators.online.recursion import SquareRootLeastSquares
-from estimators.regression.least_squares import RIDGE
-from estimators.regression.recursive import PRIOR
+from estimators.regression.least_squares import RIDGE, Equations
+from estimators.regression.recursive import PRIOR, compute_history
 from estimators.selection.score import log_student, weigh_squares
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Term
@@ -138,7 +138,7 @@ class CompetingModels:
         base, root, self.residual = _fit_running(bins.evaluate_running(self.terms))
         (rows, parameters), (count, width), P = base.phi.shape, self._lower.shape, root @ root.T
         # the prior of the running model as further rows, whose y and effect columns are 0
-        phi = np.concatenate([base.phi, np.diag(np.sqrt(_prior_information(np.sum(base.phi**2, axis=0))))])
+        phi = np.concatenate([base.phi, np.eye(parameters) / np.sqrt(PRIOR)])
         self.y_on_base, self.columns_on_base = np.zeros((count, parameters)), np.zeros((count, width, parameters))
         self.information, self.moment = np.zeros((count, width, width)), np.zeros((count, width))
         self.square, self.weight = np.zeros((2, count))
@@ -153,8 +153,10 @@ class CompetingModels:
                 remaining = -np.einsum("rp,vkp->rvk", phi, self.columns_on_base[models], optimize=True)
                 error[:rows] += y
                 remaining[:rows] += columns
-                prior = _prior_information(np.einsum("rvk,rvk->vk", columns, columns))[..., None] * np.eye(width)
-                self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining) + prior
+                prior = 1.0 / PRIOR + RIDGE * (np.einsum("rvk,rvk->vk", columns, columns) + 1.0 / PRIOR)
+                self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining) + prior[..., None] * np.eye(
+                    width
+                )
                 self.moment[models] = np.einsum("rvk,rv->vk", remaining, error)
                 theta = self.theta_of(models)
                 residual, _ = _predict(theta, base, family_rows)
@@ -334,19 +336,9 @@ def _fit_running(rows: ModelRows) -> tuple[ModelRows, Array, Array]:
     theta, error = np.zeros(rows.phi.shape[1]), np.zeros(len(rows.y))
     for k in range(ONLINE.n_tangents if depends_on_torque.any() else 1):
         phi, y = rows.linearise(theta, error) if k else (rows.phi * ~depends_on_torque, rows.y)
-        # J = sum phi phi' + 1 / P(0), of columns scaled to length one
-        squares = np.einsum("rp,rp->p", phi, phi)
-        scale = np.sqrt(squares + 1.0 / PRIOR)
-        information = (phi / scale).T @ (phi / scale) + np.diag(_prior_information(squares) / scale**2)
-        root = np.linalg.inv(np.linalg.cholesky(information)).T / scale[:, None]  # P = S S'
-        theta = root @ root.T @ (phi.T @ y)
+        (theta,), (root,) = compute_history(Equations(phi, y), np.ones(len(y), dtype=bool), np.array([len(y) - 1]))[1:]
         error, _ = rows.predict(theta)
     return rows._replace(phi=phi, y=y), root, error
-
-
-def _prior_information(squares: Array) -> Array:
-    """Compute the prior information of parameters from the sums of squares of their columns."""
-    return 1.0 / PRIOR + RIDGE * (squares + 1.0 / PRIOR)
 
 
 def thin_variants(variants: Sequence[Term]) -> list[Term]:

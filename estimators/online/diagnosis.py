@@ -17,10 +17,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.findings import Obstacle
-from estimators.online.binning import BLOCK, Bin, Binner
+from estimators.online.binning import BLOCK, Bin, Binner, PlantBins
 from estimators.online.change import CHANGE, Fit, ParameterChange, find_change, fit_rows
 from estimators.online.evidence import ReferenceDistribution, compute_threshold
-from estimators.online.model_comparison import ModelComparison, PlantBins
+from estimators.online.model_comparison import ModelComparison
 from estimators.online.stream import check_rate
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import Bootstrap
@@ -144,11 +144,10 @@ class Diagnoser:
         library = {id: effect for id, effect in library.items() if id not in self.not_run}
         links = [term for term in terms if isinstance(term, Links)]  # whose columns come with the bins
         self.rate, self.batch = rate, batch
-        self._binner = binner = Binner(rate, links, smoothing or Smoothing.from_encoder(COUNTS, rate), batch)
-        length, joints = binner.every / rate, binner.joints  # of a bin [s]
-        self.threshold = compute_threshold(alarms_per_hour, BLOCK * length / len(joints))
+        self._binner = Binner(rate, links, smoothing or Smoothing.from_encoder(COUNTS, rate), batch)
+        plant = self._binner.plant
+        self.threshold = compute_threshold(alarms_per_hour, BLOCK * plant.length)
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
-        plant = PlantBins(tuple(joints), length / len(joints), 1 / rate)
         self.each = tuple(EffectMonitor(terms, library, plant, blank, given) for _ in range(batch))
 
     @property
@@ -190,6 +189,7 @@ class EffectMonitor:
         """Create the monitor with its first diagnosis, and parameters to compare the plant with."""
         self._base, self._library, self._plant, self._blank = tuple(terms), library, plant, blank
         self._given = given
+        self._block = BLOCK * len(plant.joints)  # bins of all joints in a block
         self.reset()
 
     @property
@@ -200,8 +200,8 @@ class EffectMonitor:
     def reset(self) -> None:
         """Remove all data and added effects; given parameters are compared again."""
         self._past = [self._base]
-        self._recent: deque[Bin] = deque(maxlen=2 * self._plant.fit_bins)
         self._begin()
+        self._recent: deque[Bin] = deque(maxlen=2 * self._comparison.n_fit)
         if self._given is not None:
             self._change = self._change_from(self._given, CHANGE.comparison_time)
 
@@ -221,11 +221,6 @@ class EffectMonitor:
         """Create the change from former parameters; it is reported after a time of motion [s]."""
         names = [column.name for term in self.terms for column in term.columns]
         return ParameterChange(names, before, self._plant.count_bins(seconds), since)
-
-    @property
-    def _block(self) -> int:
-        """Return the number of bins of all joints in a block."""
-        return BLOCK * len(self._plant.joints)
 
     @property
     def _added(self) -> tuple[str, ...]:
@@ -308,7 +303,7 @@ class EffectMonitor:
             Its index; None while the bins since then are too few for a fit and a prediction.
         """
         recent, plant, n_since_rise = list(self._recent), self._plant, self._comparison.n_since_change
-        n_calibration = plant.calibration_bins
+        n_calibration = self._comparison.n_calibration
         needed = n_calibration + plant.count_bins(CHANGE.prediction_time)
         if n_since_rise < needed:
             return None
@@ -319,9 +314,9 @@ class EffectMonitor:
 
     def _accept_change(self, change: int) -> bool:
         """Replace the models by those fitted since a change, if these predict the bins since then better."""
-        recent, plant = list(self._recent), self._plant
+        recent = list(self._recent)
         comparison = self._make_comparison(reference=self._comparison.reference)
-        predicted = len(recent) - change - plant.calibration_bins
+        predicted = len(recent) - change - self._comparison.n_calibration
         bins_since = recent[change + predicted % BLOCK :]  # whole blocks
         for bin_ in bins_since:
             comparison.take(bin_)
@@ -356,7 +351,8 @@ class EffectMonitor:
 
         While an effect is missing, no changes of parameters are reported.
         """
-        blocks, e_process = self._comparison.stretches[:, :-1], self._comparison.e_process
+        comparison, change = self._comparison, self._change
+        blocks, e_process = comparison.stretches[:, :-1], comparison.e_process
         bootstrap = Bootstrap(np.zeros(len(blocks), dtype=np.intp), np.random.default_rng(0))
         no_effect, *probabilities = bootstrap.probabilities(list(blocks.T)).tolist()
         penalty = float(np.log(max(1, len(probabilities))))
@@ -367,11 +363,12 @@ class EffectMonitor:
             numbers = probability, gain.total, gain.error, gain.p_value, log_wealth
             ranking.append(RankingEntry(term.id, *numbers, term, self._name_parameters((term,), theta)))
         ranking.sort(key=lambda entry: (-round(entry.probability, 3), -entry.gain))
-        is_missing = bool(ranking) and ranking[0].gain > 0 and self._has_missing_effect
+        is_changing = bool(e_process.log_wealth[-1] >= CHANGE.min_evidence)
+        is_missing = bool(ranking) and ranking[0].gain > 0 and self._has_missing_effect(is_changing)
         group = [ranking[0].effect] if is_missing else []
         group += [entry.effect for entry in ranking if is_missing and entry.probability > Criterion.tie_probability]
-        self._compare_parameters()
-        change = self._change
+        if change is not None and not is_changing and change.is_due(len(comparison.fit_bins)):
+            change.compare(*comparison.linearise_rows(comparison.fit_bins), self._block)
         changed: Mapping[str, tuple[float, float]] = {} if is_missing or change is None else change.changed
         return replace(
             verdict,
@@ -384,38 +381,19 @@ class EffectMonitor:
             since=None if change is None else change.since,
         )
 
-    @property
-    def _has_missing_effect(self) -> bool:
+    def _has_missing_effect(self, is_changing: bool) -> bool:
         """Return whether the evidence of effects reaches the threshold; half of it after a change, which was an alarm.
 
-        While another change is suspected, the whole threshold applies: effects imitate a change.
+        While another change is suspected, the whole threshold applies: effects imitate a change. One that is suspected
+        since the first second of predictions is no other.
         """
-        after_change = self._change is not None and self._change.since is not None and not self._is_changing_again
-        after_change = after_change and len(self._comparison.fit_bins) < self._plant.fit_bins
-        return self._comparison.effect_evidence >= self._blank.threshold * (
-            CHANGE.threshold_share if after_change else 1.0
-        )
-
-    @property
-    def _is_changing(self) -> bool:
-        """Return whether the evidence of forgetting suggests a change."""
-        return bool(self._comparison.e_process.log_wealth[-1] >= CHANGE.min_evidence)
-
-    @property
-    def _is_changing_again(self) -> bool:
-        """Return whether a change is suspected, and was not in the first second of predictions."""
-        return (
-            self._is_changing
-            and self._comparison.n_predicted - self._comparison.n_since_change
-            >= self._plant.count_bins(CHANGE.prediction_time)
-        )
-
-    def _compare_parameters(self) -> None:
-        """Compare parameters with former ones if there are enough bins, and no other change is suspected."""
-        comparison = self._comparison
-        if self._change is not None and not self._is_changing:
-            if self._change.is_due(len(comparison.fit_bins)):
-                self._change.compare(*comparison.linearise_rows(comparison.fit_bins), self._block)
+        comparison, plant = self._comparison, self._plant
+        after_change = self._change is not None and self._change.since is not None
+        after_change &= len(comparison.fit_bins) < comparison.n_fit
+        n_before = comparison.n_predicted - comparison.n_since_change
+        after_change &= not (is_changing and n_before >= plant.count_bins(CHANGE.prediction_time))
+        share = CHANGE.threshold_share if after_change else 1.0
+        return comparison.effect_evidence >= share * self._blank.threshold
 
     def _name_parameters(self, added: tuple[Term, ...], theta: Array) -> dict[str, float]:
         """Return parameters of the running model and of added terms by name."""

@@ -5,48 +5,19 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil
 
 import numpy as np
 
 from estimators.data.rows import BLOCK as STRETCH
 from estimators.findings import Obstacle
-from estimators.online.binning import BLOCK, Bin, Bins
+from estimators.online.binning import BLOCK, Bin, Bins, PlantBins
 from estimators.online.competitors import ONLINE, CompetingModels, thin_variants
 from estimators.online.evidence import EProcess, ReferenceDistribution
 from estimators.search_hints import is_possible, make_grid
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
-
-
-@dataclass(frozen=True)
-class PlantBins:
-    """Joints of a plant and times of its bins.
-
-    Attributes:
-        joints: by name.
-        length: duration of a bin divided by the number of joints, since each joint has its own bins [s].
-        period: between samples [s].
-    """
-
-    joints: tuple[str, ...]
-    length: float
-    period: float
-
-    def count_bins(self, seconds: float) -> int:
-        """Return the number of bins in a time of motion [s]."""
-        return round(seconds / self.length)
-
-    @property
-    def fit_bins(self) -> int:
-        """Number of bins in the fit of a later model."""
-        return self.count_bins(ONLINE.fit_time)
-
-    @property
-    def calibration_bins(self) -> int:
-        """Number of bins in the first fit of all models."""
-        return ceil(ONLINE.calibration_time / self.length)
 
 
 class ModelComparison:
@@ -58,6 +29,8 @@ class ModelComparison:
         not_run: effects that are not run for now, with the reason.
         e_process: on each effect and, in the last place, on forgetting.
         blocks: log predictive densities of the last blocks, of the running model, with each effect and with forgetting.
+        n_calibration: number of bins in the first fit of all models.
+        n_fit: number of bins in the fit of a later model.
         n_predicted: number of bins that the models have predicted.
         n_since_change: number of bins since the evidence of a change began to rise.
         reference: distribution of the gain of forgetting.
@@ -90,6 +63,8 @@ class ModelComparison:
         self.blocks: deque[Array] = deque(maxlen=ONLINE.n_blocks * self._stretch_blocks)
         self.not_run: dict[str, Obstacle] = {}
         self.n_predicted = self.n_since_change = 0
+        self.n_calibration = ceil(ONLINE.calibration_time / plant.length)
+        self.n_fit = plant.count_bins(ONLINE.fit_time)
         self._fit_when_possible()
 
     # ---------------------------------------------------------------------------------------------------------- a bin

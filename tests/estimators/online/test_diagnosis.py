@@ -15,9 +15,8 @@ from benchmarks.independent_plant import Experiment, Plant
 from benchmarks.online_diagnosis import CHANGE, diagnose_run, simulate_changes
 from estimators.findings import Obstacle
 from estimators.online import Diagnoser, OnlineDiagnosis
-from estimators.online.binning import Bin
+from estimators.online.binning import Bin, PlantBins
 from estimators.online.diagnosis import EffectMonitor
-from estimators.online.model_comparison import PlantBins
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, DiagnoseOnlineVector, EstimateParameters
 from pendulum_env.arms.joints import FRICTION, get_coupling, place_effect, place_term
