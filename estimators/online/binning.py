@@ -78,14 +78,16 @@ class Binner:
         joints, columns = tuple(self._stream.joints), sum(len(term.columns) for term in terms)
         count = len(joints)
         self.plant = PlantBins(joints, self._every / rate / count, 1.0 / rate)
-        self._instants = np.zeros((count, self._every + MARGIN, 4, batch))  # ring buffers of the last instants
-        self._sum, self._n_usable = np.zeros((count, batch, columns + 1)), np.zeros((count, batch))
+        shapes = (self._every + MARGIN, 4, batch), (batch, columns + 1), (batch,)
+        # of each joint: its last instants, the sum of its equations, and the number of usable ones
+        self._parts = [tuple(np.zeros(shape) for shape in shapes) for _ in joints]
         self._step = count * [0]
 
     def reset(self, which: Mask) -> None:
         """Restart plants (B,) with their next sample."""
         self._stream.reset(which)
-        self._n_usable[:, which] = 0
+        for _, _, n_usable in self._parts:
+            n_usable[which] = 0
 
     def take(self, time: Array, position: Array, torque: Array) -> Iterator[tuple[int, Bin]]:
         """Add a sample of each plant, as `OnlineEstimator.take`; yield plants and their complete bins.
@@ -94,7 +96,7 @@ class Binner:
         """
         for sample in self._stream.take(time, position, torque):
             j, every, ring = sample.joint, self._every, self._every + MARGIN
-            instants, total, n_usable = self._instants[j], self._sum[j], self._n_usable[j]
+            instants, total, n_usable = self._parts[j]
             instants[self._step[j] % ring] = sample.following[[TIME, POSITION, VELOCITY, TORQUE]]
             total += np.where(sample.usable, sample.equations[:, 0], 0.0)
             n_usable += sample.usable[:, 0]

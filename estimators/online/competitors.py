@@ -202,7 +202,8 @@ class CompetingModels:
         base = bins.evaluate_running(self.terms)
         family_rows = [self._effect_rows(family, bins, base) for family in range(len(self.families))]
         rows = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*family_rows, strict=True)))
-        densities, errors = zip(*(self._take(base.select(k), rows.select(k)) for k in range(len(bins.y))), strict=True)
+        pairs = zip(zip(*base, strict=True), zip(*rows, strict=True), strict=True)
+        densities, errors = zip(*(self._take(ModelRows(*one), ModelRows(*other)) for one, other in pairs), strict=True)
         return np.array(densities), np.array(errors) * bins.scale
 
     def _take(self, base: ModelRows, rows: ModelRows) -> tuple[Array, float]:
@@ -214,11 +215,12 @@ class CompetingModels:
             The log density under each family and, last, under the models with forgetting (F,); and the error of the
             running model.
         """
-        running, (theta, information), parameters = self._running, self._solve(), len(base.phi)
+        (theta, information), parameters = self._solve(), len(base.phi)
         residual, error_slope = _predict(theta, base, rows)
         columns, y = rows.linearise(theta[:, parameters:], residual)
         phi, y = base._replace(y=y).linearise(theta[0, :parameters], residual[0])
-        gain = running.root[0, 0] @ (phi @ running.root[0, 0])
+        root = self._running.root[0, 0]
+        gain = root @ (phi @ root)
         variance = 1.0 + phi @ gain
         error, remaining = y - self.y_on_base @ phi, columns - self.columns_on_base @ phi  # (V,), (V, K)
         # predicted variance of the error, relative to the squared scale
@@ -233,7 +235,7 @@ class CompetingModels:
             densities = np.append(densities, self._forgetting.take(row, density[0]))
         step = weigh_squares(residual**2 / variance_ratio, self.square) - self.square
         self.square = np.maximum(self.square + step / min(self._count, ONLINE.scale_memory), 1e-12)
-        running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
+        self._running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
         self.y_on_base += error[:, None] * (gain / variance)
         self.columns_on_base += remaining[..., None] * (gain / variance)
         self.information += remaining[:, :, None] * remaining[:, None] / variance
