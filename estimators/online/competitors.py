@@ -12,25 +12,30 @@ its own columns. Parameters of these effects stay within their bounds. Each a-pr
 effect predicts by the mixture of its variants, weighted by their past likelihoods; the weights include the penalty for
 the choice among variants.
 
+The last family is the running model with exponential forgetting of parameters and error scale, in several memories, and
+without. It predicts better than the running model after parameters have changed; the running model in the mixture
+bounds the loss while nothing changes. No weight falls below a share of the largest, so a memory recovers at once.
+
 A column may depend on the torque that the equations explain, as friction that grows with the load. Least squares would
 then explain torque by torque. The error of the predicted torque, e = (y - phi' theta) / (dy - dphi' theta) with
 derivatives by the torque, is therefore linearised at the current estimates (Gauss-Newton): rows phi - e dphi explain
 y - e dphi' theta.
 
 Source: Frisch and Waugh, Econometrica 1(4), 1933; Dawid, JRSS A 147(2), 1984 (prequential); Herbster and Warmuth,
-Machine Learning 32, 1998 (mixtures that share).
+Machine Learning 32, 1998 (mixtures that share); Ljung, System Identification, 2nd edition, section 11.2 (forgetting).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
 from estimators.online.binning import Bins, ModelRows
-from estimators.online.forgetting import ForgettingMixture, cap_density
 from estimators.online.recursion import SquareRootLeastSquares
+from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE, Equations
 from estimators.regression.recursive import PRIOR, compute_history
 from estimators.selection.score import log_student, weigh_squares
@@ -44,6 +49,7 @@ class OnlineDiagnosisSettings:
 
     scale_memory: int = 3000  # bins, memory of the error scale
     min_weight: float = -12.0  # least log weight relative to the best variant
+    min_memory_weight: float = -4.0  # the same of models with forgetting
     n_scale_iterations: int = 20  # iterations of the error scale
     n_tangents: int = 4  # iterations of a fit with columns that depend on the torque
     calibration_time: float = 1.0  # [s] of motion in the first fit of all models
@@ -77,7 +83,8 @@ class CompetingModels:
 
     Attributes:
         terms: of the running model.
-        families: variants of each effect (F,); the first family, of the running model alone, is empty.
+        families: variants of each effect (F,). The first family, of the running model alone, is empty; so is the last
+            one, of the running model without and with forgetting, if there are memories.
         models: slice of the V models of each family (F,).
         residual: of the running model on the fitted bins, in units of their scale (R,).
         y_on_base: a, regression of y on the rows of the running model (V, P).
@@ -106,9 +113,11 @@ class CompetingModels:
 
         All variants have the same weight.
         """
-        self.terms, self.families = tuple(terms), ((), *map(tuple, effects))
+        self.terms, self._memories = tuple(terms), tuple(memories)
+        self.families = ((), *map(tuple, effects), *([()] if memories else []))
         self._stacked = [[_stack_variants(variants)] if variants else [] for variants in self.families]
         sizes = np.array([max(1, len(variants)) for variants in self.families])
+        sizes[-1] += len(self._memories)
         ends = np.cumsum(sizes, dtype=np.intp)
         self._starts: Index = ends - sizes
         self._family = np.repeat(np.arange(len(sizes)), sizes)  # family of each model
@@ -118,11 +127,10 @@ class CompetingModels:
         for family_columns, models in zip(columns, self.models, strict=True):
             self._lower[models, : len(family_columns)] = [column.least for column in family_columns]
             self._upper[models, : len(family_columns)] = [column.most for column in family_columns]
+        self._forgets = np.arange(len(self._family)) >= len(self._family) - len(memories)  # models (V,)
+        self._min_weight = np.where(self._family < len(effects) + 1, ONLINE.min_weight, ONLINE.min_memory_weight)
         self._fit(bins)
-        self._forgetting = None
-        if memories:
-            root = self._running.root[0, 0]
-            self._forgetting = ForgettingMixture(self.y_on_base[0], root, float(self.square[0]), memories)
+        self.weight[self._forgets] = ONLINE.min_memory_weight
 
     def _effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
         """Evaluate the columns that a family adds to the running model, padded to K columns."""
@@ -166,8 +174,11 @@ class CompetingModels:
             for _ in range(ONLINE.n_scale_iterations):
                 square = np.maximum(weigh_squares(squares, square).mean(axis=0), 1e-12)
             self.square[models] = square * rows / max(1, rows - parameters - width)
-        self._count, self._running = rows, SquareRootLeastSquares((1, 1), parameters)
-        self._running.root = root[None, None]
+        factors = (1.0, *(1.0 - 1.0 / max(memory, 2.0) for memory in self._memories))
+        self._count = rows
+        self._recursions = [SquareRootLeastSquares((1, 1), parameters, forgetting=factor) for factor in factors]
+        for recursion in self._recursions:
+            recursion.root = root[None, None]
 
     def theta_of(self, models: slice = slice(None)) -> Array:
         """Compute the parameters of the running model and of the effect for some models (V, P + K)."""
@@ -185,6 +196,7 @@ class CompetingModels:
         theta = self.theta_of()
         best = [int(np.argmax(self.weight[models])) for models in self.models]
         families = zip(self.families, self.models, best, strict=True)
+        families = islice(families, len(best) - bool(self._memories))
         return [(variants[k : k + 1], theta[models][k]) for variants, models, k in families]
 
     def linearise_running(self, bins: Bins) -> tuple[Array, Array]:
@@ -196,8 +208,7 @@ class CompetingModels:
         """Predict R bins in sequence, with an update after each.
 
         Returns:
-            Log density of each bin under each family and, last, under the models with forgetting (R, F); and errors of
-            the running model (R,) [N m].
+            Log density of each bin under each family (R, F); and errors of the running model (R,) [N m].
         """
         base = bins.evaluate_running(self.terms)
         family_rows = [self._effect_rows(family, bins, base) for family in range(len(self.families))]
@@ -212,34 +223,39 @@ class CompetingModels:
         `base` is the row of the running model (P,), `rows` those of the effects (V, K), see `_effect_rows`.
 
         Returns:
-            The log density under each family and, last, under the models with forgetting (F,); and the error of the
-            running model.
+            The log density under each family (F,), and the error of the running model.
         """
         (theta, information), parameters = self._solve(), len(base.phi)
         residual, error_slope = _predict(theta, base, rows)
         columns, y = rows.linearise(theta[:, parameters:], residual)
         phi, y = base._replace(y=y).linearise(theta[0, :parameters], residual[0])
-        root = self._running.root[0, 0]
-        gain = root @ (phi @ root)
-        variance = 1.0 + phi @ gain
+        roots = [recursion.root[0, 0] for recursion in self._recursions]
+        of_memory = np.where(self._forgets, np.cumsum(self._forgets), 0)  # number of the recursion of each model
+        gains = np.array(
+            [root @ (phi @ root) / own.forgetting for root, own in zip(roots, self._recursions, strict=True)]
+        )
+        gain = gains[of_memory]
+        variance = 1.0 + gain @ phi
+        gain /= variance[:, None]
         error, remaining = y - self.y_on_base @ phi, columns - self.columns_on_base @ phi  # (V,), (V, K)
         # predicted variance of the error, relative to the squared scale
         of_effect = np.linalg.solve(information, remaining[..., None])[..., 0]
         variance_ratio = variance + np.einsum("vk,vk->v", remaining, of_effect)
         density = log_student(residual**2, self.square * variance_ratio)
-        density = cap_density(density, error_slope, density[0])
+        # a law that passes almost none of the torque has small errors for that reason alone
+        density = np.where(error_slope < LEAST_SLOPE, np.minimum(density, density[0]), density)
         densities = self._mix(density)
         self._count += 1
-        if self._forgetting is not None:
-            row = base._replace(phi=phi, y=y[0], y_slope=rows.y_slope[0])
-            densities = np.append(densities, self._forgetting.take(row, density[0]))
+        scale_memory = np.append(min(self._count, ONLINE.scale_memory), self._memories)[of_memory]
         step = weigh_squares(residual**2 / variance_ratio, self.square) - self.square
-        self.square = np.maximum(self.square + step / min(self._count, ONLINE.scale_memory), 1e-12)
-        self._running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
-        self.y_on_base += error[:, None] * (gain / variance)
-        self.columns_on_base += remaining[..., None] * (gain / variance)
-        self.information += remaining[:, :, None] * remaining[:, None] / variance
-        self.moment += remaining * error[:, None] / variance
+        self.square = np.maximum(self.square + step / scale_memory, 1e-12)
+        for recursion in self._recursions:
+            recursion.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
+        self.y_on_base += error[:, None] * gain
+        self.columns_on_base += remaining[..., None] * gain[:, None]
+        weighted = remaining / variance[:, None]
+        self.information += weighted[:, :, None] * remaining[:, None]
+        self.moment += weighted * error[:, None]
         return densities, float(residual[0])
 
     def _mix(self, density: Array) -> Array:
@@ -250,7 +266,7 @@ class CompetingModels:
         weight = self.weight + density
         mixed = np.logaddexp.reduceat(weight, self._starts) - np.logaddexp.reduceat(self.weight, self._starts)
         best = np.maximum.reduceat(weight, self._starts)
-        self.weight = np.maximum(weight - best[self._family], ONLINE.min_weight)
+        self.weight = np.maximum(weight - best[self._family], self._min_weight)
         return mixed
 
     def refine(self, bins: Bins, fresh: Mapping[str, Sequence[Term]]) -> CompetingModels:
@@ -259,12 +275,12 @@ class CompetingModels:
         Families with unchanged variants keep their state; the others are fitted to `bins`, all bins so far. `fresh` has
         a whole new grid for each effect, some variants of which are added since the optimum may have moved.
         """
-        grids = list(self.families[1:])
+        grids = list(self.families[1 : len(self.leaders())])
         for family, ((best,), _) in enumerate(self.leaders()[1:], 1):
             if not all(parameter.integer for parameter in best.nonlinear_parameters):
                 grids[family - 1] = self._refine_grid(best, family, fresh[best.id])
-        new = CompetingModels(self.terms, bins, grids)
-        new._running.root, new._forgetting = self._running.root, self._forgetting
+        new = CompetingModels(self.terms, bins, grids, self._memories)
+        new._recursions = self._recursions
         for old_variants, old_models, new_variants, new_models in zip(
             self.families, self.models, new.families, new.models, strict=True
         ):

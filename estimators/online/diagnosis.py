@@ -5,7 +5,7 @@ predicts every bin before its update (`competitors`). The gains in log predictiv
 scored as offline, by a Bayesian bootstrap over these blocks (`estimators.selection.score`). An effect is reported as
 missing when the e-process passes its threshold (`evidence`), which follows from the accepted false alarms per hour.
 
-The running model with forgetting (`forgetting`) also competes. After an alarm with evidence of forgetting, all models
+The running model with forgetting also competes. After an alarm with evidence of forgetting, all models
 are fitted again to the bins since the likely time of a change (`change`). If these models predict better than the
 former ones, they replace them: either an effect is missing since that time, or parameters have changed.
 """

@@ -116,3 +116,33 @@ def test_a_law_that_passes_next_to_nothing_of_the_torque_gains_nothing_by_that()
     models = CompetingModels(BASE, parts[0], [[effect("torque_saturation")(limit=0.6, roundness=0.2)]])
     densities, _ = models.take(parts[1])
     assert densities[:, 1].sum() <= densities[:, 0].sum()
+
+
+def of_model(count: int, seed: int, theta: np.ndarray) -> Bins:
+    """Bins of the base model with noise of the torque."""
+    part = bins_of(count, seed)
+    noise = 0.05 * np.random.default_rng(seed).normal(size=count)
+    return replace(part, y=part.evaluate_rows(BASE).phi[:, 0] @ theta + noise)
+
+
+def test_models_with_forgetting_gain_after_a_change_of_parameters_and_lose_little_before():
+    theta = np.array([0.1, 2.0, 0.4, 0.9])
+    models = CompetingModels(BASE, of_model(200, 0, theta), memories=[50.0])
+    before, _ = models.take(of_model(100, 1, theta))
+    after, _ = models.take(of_model(100, 2, theta * [1.0, 1.3, 1.0, 1.0]))
+    gains = [densities[:, 1].sum() - densities[:, 0].sum() for densities in (before, after)]
+    assert abs(gains[0]) < 3.0 and gains[1] > 30.0  # [nat]
+
+
+@pytest.mark.parametrize(("limit", "gains"), [(1e3, True), (0.6, False)])
+def test_models_with_forgetting_gain_nothing_where_the_law_passes_almost_none_of_the_torque(limit, gains):
+    """Of a saturation far beyond its limit; the torque of the motion changes."""
+    rng, parts, saturation = np.random.default_rng(4), [], effect("torque_saturation")(limit=limit, roundness=0.2)
+    for count, scale in ((100, 1.0), (60, 1.5)):
+        part = bins_of(count, 4)
+        series = part.series.copy()
+        series[3] = scale * (2.0 * series[2] + 3.0 * np.sign(series[2])) + 0.05 * rng.normal(size=(count, 1))
+        parts.append(replace(part, series=series, y=series[3, :, 2:-1].mean(axis=1)))
+    models = CompetingModels((*BASE, saturation), parts[0], memories=[20.0])
+    densities, _ = models.take(parts[1])
+    assert (densities[:, 1].sum() > densities[:, 0].sum() + 1.0) == gains
