@@ -29,7 +29,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 
 import numpy as np
 
@@ -115,6 +114,7 @@ class CompetingModels:
         """
         self.terms, self._memories = tuple(terms), tuple(memories)
         self.families = ((), *map(tuple, effects), *([()] if memories else []))
+        self._n_named = 1 + len(effects)  # families without that of the memories
         self._stacked = [[_stack_variants(variants)] if variants else [] for variants in self.families]
         sizes = np.array([max(1, len(variants)) for variants in self.families])
         sizes[-1] += len(self._memories)
@@ -128,7 +128,7 @@ class CompetingModels:
             self._lower[models, : len(family_columns)] = [column.least for column in family_columns]
             self._upper[models, : len(family_columns)] = [column.most for column in family_columns]
         self._forgets = np.arange(len(self._family)) >= len(self._family) - len(memories)  # models (V,)
-        self._min_weight = np.where(self._family < len(effects) + 1, ONLINE.min_weight, ONLINE.min_memory_weight)
+        self._min_weight = np.where(self._family < self._n_named, ONLINE.min_weight, ONLINE.min_memory_weight)
         self._fit(bins)
         self.weight[self._forgets] = ONLINE.min_memory_weight
 
@@ -162,9 +162,8 @@ class CompetingModels:
                 error[:rows] += y
                 remaining[:rows] += columns
                 prior = 1.0 / PRIOR + RIDGE * (np.einsum("rvk,rvk->vk", columns, columns) + 1.0 / PRIOR)
-                self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining) + prior[..., None] * np.eye(
-                    width
-                )
+                self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining)
+                self.information[models] += prior[..., None] * np.eye(width)
                 self.moment[models] = np.einsum("rvk,rv->vk", remaining, error)
                 theta = self.theta_of(models)
                 residual, _ = _predict(theta, base, family_rows)
@@ -192,11 +191,10 @@ class CompetingModels:
         return np.concatenate([base, delta], axis=1), information
 
     def leaders(self) -> list[tuple[tuple[Term, ...], Array]]:
-        """Return the variant of each family that predicted best, and its parameters."""
+        """Return the variant of each family that predicted best, and its parameters; those of memories are left out."""
         theta = self.theta_of()
-        best = [int(np.argmax(self.weight[models])) for models in self.models]
-        families = zip(self.families, self.models, best, strict=True)
-        families = islice(families, len(best) - bool(self._memories))
+        pairs = zip(self.families[: self._n_named], self.models[: self._n_named], strict=True)
+        families = ((variants, models, int(np.argmax(self.weight[models]))) for variants, models in pairs)
         return [(variants[k : k + 1], theta[models][k]) for variants, models, k in families]
 
     def linearise_running(self, bins: Bins) -> tuple[Array, Array]:
@@ -275,7 +273,7 @@ class CompetingModels:
         Families with unchanged variants keep their state; the others are fitted to `bins`, all bins so far. `fresh` has
         a whole new grid for each effect, some variants of which are added since the optimum may have moved.
         """
-        grids = list(self.families[1 : len(self.leaders())])
+        grids = list(self.families[1 : self._n_named])
         for family, ((best,), _) in enumerate(self.leaders()[1:], 1):
             if not all(parameter.integer for parameter in best.nonlinear_parameters):
                 grids[family - 1] = self._refine_grid(best, family, fresh[best.id])
