@@ -156,7 +156,7 @@ class OnlineEstimator:
             return self._estimate_noise(self._buffer, time, position, torque)
         squares, sample = self._squares, None
         for sample in self._stream.take(time, position, torque):
-            squares.take(sample.phi, sample.y, sample.usable)
+            squares.take(sample.equations[..., :-1], sample.equations[..., -1], sample.usable)
             if self._clusters.take(sample.equations, sample.usable):
                 self._clusters.close(squares)
         if sample is not None:

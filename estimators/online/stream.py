@@ -61,16 +61,6 @@ class StreamEquations(NamedTuple):
     following: Array
     joint: int = 0
 
-    @property
-    def phi(self) -> Array:
-        """Return phi (B, S, P)."""
-        return self.equations[..., :-1]
-
-    @property
-    def y(self) -> Array:
-        """Return y (B, S)."""
-        return self.equations[..., -1]
-
 
 class Stream:
     """Conversion of samples of B pendulums into the equations of schemes.
