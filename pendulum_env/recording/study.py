@@ -163,7 +163,7 @@ def collect_log_format(recordings: Sequence[Recording]) -> JSON:
     loads = ({} if own.load is None else {"load": asdict(own.load)} for own in recordings)
     formats: list[JSON] = [{**own.log_format, **load} for own, load in zip(recordings, loads, strict=True)]
     alike = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
-    goals = {own.actuator.goal for own in recordings}
+    goals = {own.actuator.goal for own in recordings if own.actuator.is_controller}
     goal = goals.pop() if len(goals) == 1 else None
     return {key: formats[0][key] for key in alike if key in formats[0]} | ({"goal": goal} if goal else {})
 
