@@ -206,30 +206,25 @@ class CommandLine:
     def __init__(self, terms: Sequence[Term], period: float, substeps: int) -> None:
         """Create a delay line without earlier commands."""
         self._substeps, self._h = substeps, period / substeps
-        self._history: list[Array] = []
+        self._past: Array | None = None  # commands of the last substeps, oldest first
         self.take(terms)
 
     def take(self, terms: Sequence[Term]) -> None:
         """Go on with the delay of other terms; what was commanded before stays on its way."""
         self._periods = sum(term.delay for term in terms) / self._h  # delay in substeps
-        if self._history:
-            needed = int(self._periods / self._substeps) + 1
-            self._history = [*max(0, needed - len(self._history)) * self._history[:1], *self._history[-needed:]]
 
     def push(self, torque: ArrayLike) -> Iterable[Any]:
         """Return the torque in each substep of the period over which `torque`, () or (B,), is commanded."""
         if self._periods == 0:
             return itertools.repeat(torque, self._substeps)
-        now = np.asarray(torque, dtype=float)
-        if not self._history:
-            self._history = (int(self._periods / self._substeps) + 1) * [np.zeros_like(now)]
-        before = np.repeat(np.array(self._history), self._substeps, axis=0)
-        self._history = [*self._history[1:], now]
-        return iter(delay_torque(np.repeat(now[None], self._substeps, axis=0), before, self._periods))
+        now = np.repeat(np.asarray(torque, dtype=float)[None], self._substeps, axis=0)
+        before = np.zeros_like(now[:1]) if self._past is None else self._past
+        self._past = np.concatenate([before, now])[-int(self._periods) - 1 :]
+        return iter(delay_torque(now, before, self._periods))
 
     def forget(self, which: Mask) -> None:
         """Restart pendulums (B,)."""
-        self._history = [np.where(which, 0.0, torque) for torque in self._history]
+        self._past = None if self._past is None else np.where(which, 0.0, self._past)
 
 
 def simulate(
