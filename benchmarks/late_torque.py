@@ -24,7 +24,7 @@ from benchmarks.parallel import each
 from benchmarks.scoring import rate, take_workers
 from estimators import align, diagnose
 from pendulum_env.recording import Recording
-from workbench.narrator.diagnosis import describe_alignment
+from workbench.narrator import describe
 from workbench.terminal import Terminal
 
 Array = NDArray[np.float64]
@@ -115,12 +115,11 @@ def make(hidden: str, seed: int) -> list[Case]:
 
 def examine(case: Case, named: bool) -> Found:
     """Diagnose the timing of one case, and its effects if asked for."""
-    if named:
-        diagnosis = diagnose([case.recording])
-        found = diagnosis.alignments[0]
-        return Found(case, 1e3 * found.delay, 1e3 * found.lag, describe_alignment(found) or "", diagnosis.selected)
-    found = align([case.recording])
-    return Found(case, 1e3 * found.delay, 1e3 * found.lag, describe_alignment(found) or "", None)
+    diagnosis = diagnose([case.recording]) if named else None
+    found = align([case.recording]) if diagnosis is None else diagnosis.alignments[0]
+    text = describe(found.finding) if found.finding is not None else ""
+    selected = diagnosis.selected if diagnosis is not None else None
+    return Found(case, 1e3 * found.delay, 1e3 * found.lag, text, selected)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -28,7 +28,7 @@ from pendulum_env.recording.study import read_sources
 from tests.pendulum_env.recording.test_formats import write_bag, write_xlsx
 from tests.two_link import body
 from workbench.errors import format_mistake
-from workbench.suggestions import read_suggestion
+from workbench.runs import read_suggestion
 
 for module in ("h5py", "pinocchio", "python_calamine", "rosbags"):
     pytest.importorskip(module)

@@ -15,7 +15,7 @@ from pendulum_env.recording.channel import Load
 from pendulum_env.recording.study import Source, read_sources, write_study
 from pendulum_env.servo import ServoDrive
 from tests.two_link import body
-from workbench.suggestions import read_suggestion
+from workbench.runs import read_suggestion
 
 STORED = Path(__file__).parent / "stored"
 

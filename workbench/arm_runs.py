@@ -7,7 +7,7 @@ import numpy as np
 from agents.arm_env import plan_motion
 from agents.network import load
 from agents.observer import ARM
-from estimators.arms import Reference, design_excitation, follow
+from estimators.arms import design_excitation, follow
 from estimators.arms.limits import find_limits
 from pendulum_env.arms import Body, BodyError, find_planar_links
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
@@ -34,8 +34,12 @@ def record_arm(
     body = make_robot(arguments).body()
     report_held(body, [], terminal)
     arm = _make_arm(arguments, body)
+    limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
     with terminal.progress("choosing the motion"):
-        motion = _plan_motion(arguments, arguments.excitation == LEARNT, body, seconds, rng)
+        if arguments.excitation == LEARNT:
+            motion = plan_motion(load(arguments.policy or ARM), body, find_limits(body, **limits), seconds)
+        else:
+            motion = design_excitation(body, seconds, **limits, rng=rng)
     with terminal.progress("simulating") as tell:
         recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
@@ -57,16 +61,6 @@ def record_arm(
     if arguments.effects:
         terminal.say(f"hidden: {', '.join(text.partition('=')[0].partition(':')[0] for text in arguments.effects)}")
     report_files([arguments.output], terminal)
-
-
-def _plan_motion(
-    arguments: argparse.Namespace, learnt: bool, body: Body, seconds: float, rng: np.random.Generator
-) -> Reference:
-    """Plan the reference that is asked for, within the limits; raises InputError if a policy is none for this arm."""
-    limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
-    if learnt:
-        return plan_motion(load(arguments.policy or ARM), body, find_limits(body, **limits), seconds)
-    return design_excitation(body, seconds, **limits, rng=rng)
 
 
 def _make_arm(arguments: argparse.Namespace, body: Body) -> SimulatedArm:

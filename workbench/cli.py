@@ -51,13 +51,19 @@ class Parser(argparse.ArgumentParser):
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """Parse the arguments of a command; raises InputError if they make no sense."""
+    """Parse the arguments of a command.
+
+    Raises InputError if they make no sense, and PluginError if a file of effects cannot be used.
+    """
     named = argv[0] if argv and not argv[0].startswith("-") else None
     if named is not None:
         find("command", named, COMMANDS)
-    load_plugins(argv)
+    early = Parser(add_help=False)  # effects of named files are known before an argument is taken for one of them
+    early.add_argument("--plugin", action="append", default=[])
+    for path in early.parse_known_args(argv)[0].plugin:
+        import_module(PLUGINS).load_plugin(path)
     program = Parser(prog=PROGRAM, description=DESCRIPTION)
-    program.add_argument("--version", action="version", version=f"{PROGRAM} {_find_version()}")
+    program.add_argument("--version", action="version", version=f"{PROGRAM} {find_version()}")
     commands = program.add_subparsers(metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
@@ -91,18 +97,8 @@ def _refuse_other_kind(arguments: argparse.Namespace) -> None:
             raise InputError(f"{write_option(name, True)} {why}")
 
 
-def load_plugins(argv: Sequence[str]) -> None:
-    """Load the effects of files that are named, before any argument is taken for one of them.
-
-    Raises PluginError if a file cannot be used.
-    """
-    early = Parser(add_help=False)
-    early.add_argument("--plugin", action="append", default=[])
-    for path in early.parse_known_args(argv)[0].plugin:
-        import_module(PLUGINS).load_plugin(path)
-
-
-def _find_version() -> str:
+def find_version() -> str:
+    """Return the version of this project."""
     try:
         return version(PROGRAM)
     except PackageNotFoundError:

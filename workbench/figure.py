@@ -3,8 +3,6 @@
 Colours are names such as `--measured`, which a page looks up in its style.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -13,22 +11,8 @@ import numpy as np
 
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 
-
-@dataclass(frozen=True)
-class Drawing:
-    """Interface of drawings in reports."""
-
-    digits: int = 5  # significant digits of a number, more than a plot can show
-    sigmas: float = 2.0  # standard errors on either side of a value
-    broad: float = 3.4  # width of a measured curve, on which models are drawn [px]
-    compared: int = 4  # recordings that are drawn beside models, at most
-    loops: int = 8  # recordings that are drawn beside simulations in the loop, at most
-    settled: float = 0.25  # share of a recording from which on estimates decide what is in the picture
-    frame: float = 0.6  # share of the picture's height that these take
-    correlated: int = 20  # largest number of parameters in a table of correlations
-
-
-DRAWING = Drawing()
+DIGITS = 5  # significant digits of a number, more than a plot can show
+BROAD = 3.4  # width of a measured curve, on which models are drawn [px]
 
 
 @dataclass(frozen=True)
@@ -46,7 +30,7 @@ def numbers(values: Array) -> list[float | None]:
     """Values rounded to what a plot can show; NaN becomes a gap."""
     values = np.asarray(values, dtype=float)
     size = np.floor(np.log10(np.maximum(np.abs(np.nan_to_num(values)), 1e-30)))
-    scale = 10.0 ** (DRAWING.digits - 1 - np.clip(size, -12, 12))
+    scale = 10.0 ** (DIGITS - 1 - np.clip(size, -12, 12))
     rounded = np.round(values * scale) / scale  # a whole number over a power of ten: as short as it can be printed
     return [value if isfinite(value) else None for value in rounded.ravel().tolist()]
 
@@ -80,11 +64,6 @@ def band(x: Array, half: Array, name: str, middle: ArrayLike = 0.0, **more: obje
         "hoverinfo": "skip",
         **more,
     }
-
-
-def segment(x: Sequence[float], y: Sequence[float], style: JSON, **more: object) -> JSON:
-    """Straight line from one end to the other, behind or before the curves."""
-    return {"type": "line", "x0": x[0], "x1": x[1], "y0": y[0], "y1": y[1], "line": style, **more}
 
 
 def axis(title: str, **more: object) -> JSON:
@@ -130,7 +109,7 @@ def before_and_after(
     Each model has a name and a colour; `names` are those of the quantity, of the difference, and of their unit.
     """
     quantity, difference, unit = names
-    data = [line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": DRAWING.broad})]
+    data = [line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": BROAD})]
     for (name, color), above, below in zip(models, modelled, differences, strict=True):
         data.append(line(x, above, name, color, unit, legendgroup=name))
         data.append(line(x, below, name, color, unit, legendgroup=name, yaxis="y2", showlegend=False))

@@ -8,9 +8,9 @@ from estimators.arguments import check_model
 from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
 from estimators.free_swings import find_known_values
-from pendulum_env.arms.joints import Links, arm_base
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel, ModelOptions, load_model
-from pendulum_env.physics import PENDULUM, Mechanism, Model, ModelError, Term
+from pendulum_env.physics import PENDULUM, Mechanism, Model, ModelError
 from pendulum_env.physics.limits import collect_limits
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import apply_log_format
@@ -32,17 +32,11 @@ def read_model(path: str, body: Mechanism = PENDULUM) -> Model:
         raise ModelError(f"{path}: {error}") from None
 
 
-def read_terms(path: str, body: Mechanism) -> tuple[Term, ...]:
-    """Read the terms at the joints of a model, without the links of an arm."""
-    return tuple(term for term in read_model(path, body).terms if not isinstance(term, Links))
-
-
 @dataclass(frozen=True)
 class Inputs:
     """Input of a command after reading."""
 
     model: Model  # that is named, or else one without parameters to start from
-    fitted: tuple[Source, ...]  # sources of what is fitted
     recordings: list[Recording]  # to fit
     holdout: list[Recording]  # to hold out
     read: Callable[[Source], Recording] = Source.read  # how another recording is read
@@ -90,16 +84,11 @@ def open_sources(
     model = read_model(path) if path else Model()
     sources = tuple(apply_log_format(source, model.log_format, path) for source in sources)
     recordings = read_all([own for own in sources if holdout or own.role == "fit"], terminal, Source.read)
-    fitted = tuple(own for own in sources if own.role == "fit")
-    print_limits(model, path, terminal)
-    return Inputs(model, fitted, recordings[: len(fitted)], recordings[len(fitted) :])
-
-
-def print_limits(model: Model, path: str, terminal: Terminal) -> None:
-    """Print which parameters of a model file are fixed or bounded."""
+    n_fitted = sum(own.role == "fit" for own in sources)
     for name, (low, high) in collect_limits(model.terms).items():
         range_text = f"is fixed at {low:g}" if low == high else f"lies from {low:g} to {high:g}"
         terminal.say(f"{path}: {name} {range_text}, as given when the model was fitted")
+    return Inputs(model, recordings[:n_fitted], recordings[n_fitted:])
 
 
 def report_timing(given: FitData, align: bool | None, terminal: Terminal) -> FitData:
@@ -133,8 +122,8 @@ def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: st
         terminal.say("joints without columns of torque in the log are held; --joints names those that move")
     report_held(body, recordings, terminal)
     model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
-    fitted = tuple(source for source in sources if source.role == "fit")
-    return Inputs(model, fitted, [*recordings[: len(fitted)]], [*recordings[len(fitted) :]], robot.read)
+    n_fitted = sum(source.role == "fit" for source in sources)
+    return Inputs(model, [*recordings[:n_fitted]], [*recordings[n_fitted:]], robot.read)
 
 
 def make_body(arguments: argparse.Namespace) -> Mechanism:

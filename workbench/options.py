@@ -19,202 +19,12 @@ from pendulum_env.servo import KEYS, WORDS, ServoDrive
 from workbench.errors import InputError
 
 T = TypeVar("T")
-Number = TypeVar("Number", int, float)
 COUPLING = "coupling"  # of two joints: no effect of a pendulum
 FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
 DRIVE = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}"
 OF_ARMS = ("rotors", "joints", "no_gravity")  # options that need --robot
 OF_PENDULUMS = ("drive", "theta", "instruments", "fixed", "bounds")  # options that do not go with --robot
-
-
-def add_model(parser: argparse.ArgumentParser) -> None:
-    """Declare the model that a command reads."""
-    parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
-
-
-def add_recordings(parser: argparse.ArgumentParser) -> None:
-    """Declare recordings, and how they are read."""
-    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help=f"{KINDS}; several are of one machine")
-    add_reading(parser)
-
-
-def add_holdout(parser: argparse.ArgumentParser) -> None:
-    """Declare held-out recordings."""
-    parser.add_argument(
-        "--holdout",
-        metavar="RECORDING",
-        action="append",
-        default=[],
-        help="recording to confirm the result on (may be repeated; default: the last 30 %% of each recording)",
-    )
-
-
-def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Declare how recordings are read."""
-    units = "; ".join(TOLD[quantity] for quantity in ("time", "position", "velocity", "torque"))
-    parser.add_argument(
-        "--columns",
-        metavar="QUANTITY=NAME[:UNIT][*GAIN]...,...",
-        type=keep_message(parse_columns),
-        help="columns of time, position, torque, velocity, reference, load_torque, segment, supply, enabled and "
-        "temperature whose names are not known, with unit and conversion, as "
-        "time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=none; torque=none: nothing drives the "
-        f"joint; units: {units} (default: SI)",
-    )
-    parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
-
-
-def add_drive(parser: argparse.ArgumentParser, about: str = "") -> None:
-    """Declare the controller of a servo."""
-    about = about or f"the controller that followed the reference, {DRIVE}; the closed loop is then simulated"
-    parser.add_argument("--drive", metavar="KEY=VALUE,...", type=keep_message(parse_drive), help=about)
-
-
-def add_robot(
-    parser: argparse.ArgumentParser, arms: Sequence[str] = (), pendulums: Sequence[str] = (), about: str = ""
-) -> None:
-    """Declare the robot file of an arm.
-
-    `arms` and `pendulums` name options of the command that need --robot, or do not go with it, beside `OF_ARMS` and
-    `OF_PENDULUMS`.
-    """
-    about = about or "recordings are of an arm with these links, with columns time, position_JOINT and torque_JOINT"
-    group = parser.add_argument_group("arms")
-    group.add_argument("--robot", metavar="ARM.urdf", help=f"{about}; URDF or MJCF (needs the extra arms)")
-    group.add_argument(
-        "--joints",
-        metavar="A,B,...",
-        type=keep_message(parse_names),
-        help="joints that move (default: all with columns); others are held where the recording has them, or at zero",
-    )
-    group.add_argument(
-        "--rotors", action="store_true", help="identify the motors' own inertia (default: if the MJCF has any)"
-    )
-    group.add_argument("--no-gravity", action="store_true", help="the driver subtracts gravity from the logged torque")
-    own = (*OF_PENDULUMS, *pendulums)
-    parser.set_defaults(of_arms=(*OF_ARMS, *arms), of_pendulums=own)
-
-
-def add_plant(parser: argparse.ArgumentParser) -> None:
-    """Declare a simulated plant."""
-    add_hidden_effects(parser)
-    parser.add_argument(
-        "--theta",
-        metavar="NAME=VALUE,...",
-        type=keep_message(lambda text: paper_plant(read_parameters(text))),
-        help="inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
-    )
-
-
-def make_plant(arguments: argparse.Namespace) -> Model:
-    """Make the plant that was asked for, with what is hidden in it; raises ModelError if an effect is hidden twice."""
-    plant: Model = arguments.theta or paper_plant()
-    for text in arguments.effects:
-        plant = hide(plant, text)
-    return plant
-
-
-def add_hidden_effects(parser: argparse.ArgumentParser) -> None:
-    """Declare effects that a plant hides."""
-    parser.add_argument(
-        "--effect",
-        metavar="ID[=VALUE,...]",
-        dest="effects",
-        action="append",
-        default=[],
-        type=keep_message(_parse_hidden_effect),
-        help="hide an effect: ID alone, ID=VALUE,... in the order of `effects`, or ID:name=value,...; of an arm "
-        "ID@JOINT (may be repeated)",
-    )
-
-
-def add_search(parser: argparse.ArgumentParser) -> None:
-    """Declare the model and the effects that a diagnosis starts from."""
-    parser.add_argument("--model", metavar="MODEL.json", help="start from its terms (default: the paper's four)")
-    parser.add_argument(
-        "--only",
-        metavar="ID,...",
-        type=keep_message(parse_effects),
-        help="look for these effects only; of an arm at every joint, or at one, as stribeck@elbow",
-    )
-    parser.add_argument(
-        "--without",
-        metavar="ID,...",
-        type=keep_message(parse_effects),
-        default=[],
-        help="do not look for these effects",
-    )
-
-
-def add_limits(parser: argparse.ArgumentParser) -> None:
-    """Declare known and bounded parameters."""
-    parser.add_argument(
-        "--fix",
-        metavar="NAME=VALUE,...",
-        dest="fixed",
-        action=MergeAction,
-        default={},
-        type=keep_message(parse_values),
-        help="known values, as gravity=2.01 (may be repeated)",
-    )
-    parser.add_argument(
-        "--bound",
-        metavar="NAME=LOW:HIGH,...",
-        dest="bounds",
-        action=MergeAction,
-        default={},
-        type=keep_message(parse_bounds),
-        help="limits, as viscous=0:0.5 or cogging.order=10:14 (may be repeated)",
-    )
-
-
-def add_instruments(parser: argparse.ArgumentParser) -> None:
-    """Declare instrumental variables."""
-    parser.add_argument(
-        "--instruments",
-        choices=("reference",),
-        help="remove the bias from feedback by instrumental variables made of the controller's reference",
-    )
-
-
-def add_alignment(parser: argparse.ArgumentParser) -> None:
-    """Declare the correction of late torque."""
-    parser.add_argument("--align", action="store_true", help="correct torque that is logged late or filtered")
-
-
-def add_degrees(parser: argparse.ArgumentParser) -> None:
-    """Declare the unit of what is printed."""
-    parser.add_argument("--degrees", action="store_true", help="print and draw degrees; options and files stay in rad")
-
-
-def add_verbose(parser: argparse.ArgumentParser) -> None:
-    """Declare the level of detail."""
-    parser.add_argument(
-        "-v", "--verbose", action="store_true", help="print tables, the gates of the candidates, and all remarks"
-    )
-
-
-def add_report(parser: argparse.ArgumentParser) -> None:
-    """Declare the report."""
-    parser.add_argument(
-        "--report", metavar="FILE.html", type=keep_message(_parse_page), help="write a report with plots"
-    )
-
-
-def add_seed(parser: argparse.ArgumentParser, about: str = "of all random numbers") -> None:
-    """Declare the seed."""
-    parser.add_argument("--seed", type=convert_whole(0), default=0, help=f"{about} (default 0)")
-
-
-def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Declare the processes."""
-    parser.add_argument(
-        "--workers",
-        type=convert_whole(1, 1000),
-        default=os.cpu_count() or 1,
-        help="processes on this computer (default: one a core)",
-    )
 
 
 class MergeAction(argparse.Action):
@@ -240,17 +50,12 @@ def keep_message(convert: Callable[[str], T]) -> Callable[[str], T]:
 
 
 def convert_number(low: float, high: float = LARGE) -> Callable[[str], float]:
-    """Make a converter of a number from low to high."""
-    return _convert_within(float, low, high, f"a number from {low:g} to {high:g}")
+    """Make a converter of a number from low to high; of a whole number if both are whole."""
+    is_whole = isinstance(low, int) and isinstance(high, int)
+    kind = int if is_whole else float
+    asked = f"a whole number from {low} to {high}" if is_whole else f"a number from {low:g} to {high:g}"
 
-
-def convert_whole(low: int, high: int = 10**18) -> Callable[[str], int]:
-    """Make a converter of a whole number from low to high."""
-    return _convert_within(int, low, high, f"a whole number from {low} to {high}")
-
-
-def _convert_within(kind: Callable[[str], Number], low: Number, high: Number, asked: str) -> Callable[[str], Number]:
-    def converted(text: str) -> Number:
+    def converted(text: str) -> float:
         with suppress(ValueError):
             if low <= (value := kind(text)) <= high:
                 return value
@@ -357,3 +162,128 @@ def _bound(text: str) -> float:
     if not (abs(value) <= LARGE or math.isinf(value)):
         raise InputError(f"{quote_value(text)} should be a number from {-LARGE:g} to {LARGE:g}, or left out")
     return value
+
+
+SHARED: dict[str, dict[str, Any]] = {  # arguments of `add_argument`
+    "model": {"metavar": "MODEL.json", "help": "what identify, diagnose or add wrote with -o"},
+    "recordings": {"metavar": "RECORDING", "nargs": "+", "help": f"{KINDS}; several are of one machine"},
+    "--holdout": {
+        "metavar": "RECORDING",
+        "action": "append",
+        "default": [],
+        "help": "recording to confirm the result on (may be repeated; default: the last 30 %% of each recording)",
+    },
+    "--columns": {
+        "metavar": "QUANTITY=NAME[:UNIT][*GAIN]...,...",
+        "type": keep_message(parse_columns),
+        "help": "columns of time, position, torque, velocity, reference, load_torque, segment, supply, enabled and "
+        "temperature whose names are not known, with unit and conversion, as "
+        "time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=none; torque=none: nothing drives the "
+        f"joint; units: {'; '.join(TOLD[kind] for kind in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
+    },
+    "--unwrap": {"action": "store_true", "help": "undo jumps of 2 pi in position"},
+    "--drive": {
+        "metavar": "KEY=VALUE,...",
+        "type": keep_message(parse_drive),
+        "help": f"the controller that followed the reference, {DRIVE}; the closed loop is then simulated",
+    },
+    "--effect": {
+        "metavar": "ID[=VALUE,...]",
+        "dest": "effects",
+        "action": "append",
+        "default": [],
+        "type": keep_message(_parse_hidden_effect),
+        "help": "hide an effect: ID alone, ID=VALUE,... in the order of `effects`, or ID:name=value,...; of an arm "
+        "ID@JOINT (may be repeated)",
+    },
+    "--theta": {
+        "metavar": "NAME=VALUE,...",
+        "type": keep_message(lambda text: paper_plant(read_parameters(text))),
+        "help": "inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
+    },
+    "--model": {"metavar": "MODEL.json", "help": "start from its terms (default: the paper's four)"},
+    "--only": {
+        "metavar": "ID,...",
+        "type": keep_message(parse_effects),
+        "help": "look for these effects only; of an arm at every joint, or at one, as stribeck@elbow",
+    },
+    "--without": {
+        "metavar": "ID,...",
+        "type": keep_message(parse_effects),
+        "default": [],
+        "help": "do not look for these effects",
+    },
+    "--fix": {
+        "metavar": "NAME=VALUE,...",
+        "dest": "fixed",
+        "action": MergeAction,
+        "default": {},
+        "type": keep_message(parse_values),
+        "help": "known values, as gravity=2.01 (may be repeated)",
+    },
+    "--bound": {
+        "metavar": "NAME=LOW:HIGH,...",
+        "dest": "bounds",
+        "action": MergeAction,
+        "default": {},
+        "type": keep_message(parse_bounds),
+        "help": "limits, as viscous=0:0.5 or cogging.order=10:14 (may be repeated)",
+    },
+    "--align": {"action": "store_true", "help": "correct torque that is logged late or filtered"},
+    "--degrees": {"action": "store_true", "help": "print and draw degrees; options and files stay in rad"},
+    "--report": {"metavar": "FILE.html", "type": keep_message(_parse_page), "help": "write a report with plots"},
+    "--seed": {"type": convert_number(0, 10**18), "default": 0, "help": "of all random numbers (default 0)"},
+    "--workers": {
+        "type": convert_number(1, 1000),
+        "default": os.cpu_count() or 1,
+        "help": "processes on this computer (default: one a core)",
+    },
+}
+READING, LIMITS = ("--columns", "--unwrap"), ("--fix", "--bound")
+SEARCH, PLANT = ("--model", "--only", "--without"), ("--effect", "--theta")
+
+
+def declare(parser: argparse.ArgumentParser, *names: str, **changed: Any) -> None:
+    """Declare options that several commands share, perhaps `changed`, such as their `help`."""
+    for name in names:
+        parser.add_argument(name, **(SHARED[name] | changed))
+
+
+def add_verbose(parser: argparse.ArgumentParser) -> None:
+    """Declare the level of detail."""
+    parser.add_argument(
+        "-v", "--verbose", action="store_true", help="print tables, the gates of the candidates, and all remarks"
+    )
+
+
+def add_robot(
+    parser: argparse.ArgumentParser, arms: Sequence[str] = (), pendulums: Sequence[str] = (), about: str = ""
+) -> None:
+    """Declare the robot file of an arm.
+
+    `arms` and `pendulums` name options of the command that need --robot, or do not go with it, beside `OF_ARMS` and
+    `OF_PENDULUMS`.
+    """
+    about = about or "recordings are of an arm with these links, with columns time, position_JOINT and torque_JOINT"
+    group = parser.add_argument_group("arms")
+    group.add_argument("--robot", metavar="ARM.urdf", help=f"{about}; URDF or MJCF (needs the extra arms)")
+    group.add_argument(
+        "--joints",
+        metavar="A,B,...",
+        type=keep_message(parse_names),
+        help="joints that move (default: all with columns); others are held where the recording has them, or at zero",
+    )
+    group.add_argument(
+        "--rotors", action="store_true", help="identify the motors' own inertia (default: if the MJCF has any)"
+    )
+    group.add_argument("--no-gravity", action="store_true", help="the driver subtracts gravity from the logged torque")
+    own = (*OF_PENDULUMS, *pendulums)
+    parser.set_defaults(of_arms=(*OF_ARMS, *arms), of_pendulums=own)
+
+
+def make_plant(arguments: argparse.Namespace) -> Model:
+    """Make the plant that was asked for, with what is hidden in it; raises ModelError if an effect is hidden twice."""
+    plant: Model = arguments.theta or paper_plant()
+    for text in arguments.effects:
+        plant = hide(plant, text)
+    return plant

@@ -1,13 +1,11 @@
 """A diagnosis as printed on the terminal: what counts in a few lines, the rest where it is asked for."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from estimators.diagnosis.result import Diagnosis
 from pendulum_env.formatting import TextTable
-from pendulum_env.physics import Estimate
 from pendulum_env.physics.estimate import shorten_name
 from workbench.narrator.diagnosis import (
-    describe_disagreement,
     describe_errors,
     describe_next_step,
     describe_refit,
@@ -16,6 +14,7 @@ from workbench.narrator.diagnosis import (
     describe_unexplained,
     list_remarks,
 )
+from workbench.narrator.findings import describe
 from workbench.narrator.parts import Part
 from workbench.narrator.results import narrate_diagnosis
 from workbench.terminal import Terminal
@@ -49,14 +48,16 @@ def print_diagnosis(found: Diagnosis, terminal: Terminal, verbose: bool = False,
     step = describe_next_step(found)
     lines = [*found.laws, describe_errors(found)]
     lines += [describe_refit(found.refit)] if found.refit is not None else []
-    lines += list_parameters(estimates, bool(found.unexplained))
+    values = ", ".join(f"{shorten_name(name)} {own}" for name, own in estimates.items())
+    biased = " (biased by the unexplained residual)" if found.unexplained else ""
+    lines += [f"parameters{biased}: {values}"] if values else []
     first = {region.at: region for region in reversed(found.unexplained)}  # of each joint
     lines += [
         f"unexplained: {describe_unexplained(found, region)}"
         for region in reversed(first.values())
         if describe_region(region) != step
     ]
-    lines += [f"{describe_disagreement(one)} It is not fitted: diagnose it on its own." for one in found.disagreements]
+    lines += [f"{describe(one.finding)} It is not fitted: diagnose it on its own." for one in found.disagreements]
     lines += [f"note: {remark}" for remark in list_remarks(found)[: None if verbose else 2]]
     terminal.heading(describe_result(found))
     for line in (*lines, f"next: {step}"):
@@ -65,9 +66,3 @@ def print_diagnosis(found: Diagnosis, terminal: Terminal, verbose: bool = False,
         print_parts(narrate_diagnosis(found), terminal)
     elif more:
         terminal.say(more)
-
-
-def list_parameters(estimates: Mapping[str, Estimate], is_biased: bool) -> list[str]:
-    """List the parameters with standard errors on one line, if there are any."""
-    values = ", ".join(f"{shorten_name(name)} {own}" for name, own in estimates.items())
-    return [f"parameters{' (biased by the unexplained residual)' if is_biased else ''}: {values}"] if values else []

@@ -4,8 +4,6 @@ The keyboard's interrupt goes to every process of a terminal, also to one that s
 die of it with a traceback. So a process is begun with the signal blocked, which it keeps; its parent ends it.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -16,7 +16,6 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.arms.robot import find_movable_joints, import_pinocchio
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording, Source
-from pendulum_env.recording.study import read_sources
 from workbench.errors import InputError
 from workbench.terminal import Terminal
 
@@ -58,14 +57,6 @@ class RobotFile:
         """Read a recording of it; raises RecordingError as `read_arm_source`."""
         body = self.body()
         return read_arm_source(source, body.joints, [at for at in (*body.held, *body.links) if at not in body.joints])
-
-    def read_study(self, path: str | Path) -> tuple[Body, list[ArmRecording], list[ArmRecording]]:
-        """Read links, and recordings of a study to fit and to hold out; raises RecordingError for a bad one."""
-        sources = read_sources(path)
-        recordings = [self.read(source) for source in sources]
-        both = list(zip(sources, recordings, strict=True))
-        fitted, held_out = ([own for source, own in both if source.role == role] for role in ("fit", "holdout"))
-        return self.hold_joints(recordings), fitted, held_out
 
     def hold_joints(self, recordings: Sequence[Recording]) -> Body:
         """Return the links, other joints held where recordings have them on average."""

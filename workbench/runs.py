@@ -1,24 +1,23 @@
-"""Plans of runs of a pendulum: the torque that drives it, and the environment that answers step by step."""
+"""Plans of runs of a pendulum: the torque that drives it, and the plant or the rig that answers."""
 
 import argparse
 from dataclasses import dataclass
 from typing import Any, Self
 
-import gymnasium as gym
 import numpy as np
+from msgspec import Struct
 
 from agents.network import load
 from agents.observer import CONSTRAINTS, EPISODE, Pilot
-from pendulum_env.backends.hardware import DriveError, config
-from pendulum_env.backends.simulated import TORQUE_NOISE
+from estimators.diagnosis.result import SCHEMA
+from estimators.diagnosis.suggestion import Suggestion
+from pendulum_env.backends.hardware import config
+from pendulum_env.errors import FileError
 from pendulum_env.excitation import STILL, Excitation, excitation
 from pendulum_env.physics import Model
-from pendulum_env.policy import OpenLoop
-from pendulum_env.registration import PENDULUM
-from pendulum_env.spaces import MAX_TORQUE
+from pendulum_env.reading import Text, convert, read_json
 from workbench.errors import InputError
 from workbench.options import make_plant
-from workbench.suggestions import read_suggestion
 
 SECONDS = 30.0  # length of a recording
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
@@ -44,6 +43,11 @@ class Plan:
         Raises InputError if the arguments do not go together, a configuration or a policy cannot be used, or a
         diagnosis suggests nothing, and ModelError if an effect is hidden twice.
         """
+        for backend, option in (("dm1015b", "config"), ("replay", "replay")):
+            if (arguments.backend == backend) != (getattr(arguments, option) is not None):
+                raise InputError(f"--backend {backend} and --{option} FILE belong together: give both or neither")
+        if arguments.replay is not None and arguments.effects:
+            raise InputError("--effect does not go with a replay: it plays the plant that was recorded")
         rig = _load_config(arguments)
         rate = arguments.rate if rig is None else rig.rate
         command, seconds, release = _choose_experiment(arguments, rng, rate)
@@ -98,8 +102,6 @@ def _choose_experiment(
 
 def _load_config(arguments: argparse.Namespace) -> config.RigConfig | None:
     """Load the configuration of the rig, if one is to be recorded; raises as `Plan.from_arguments`."""
-    if (arguments.backend == "dm1015b") != (arguments.config is not None):
-        raise InputError("--backend dm1015b and --config FILE belong together: give both or neither")
     if arguments.config is None:
         return None
     if arguments.effects or arguments.theta is not None:
@@ -109,30 +111,30 @@ def _load_config(arguments: argparse.Namespace) -> config.RigConfig | None:
     return config.load(arguments.config)
 
 
-def make_environment(plan: Plan) -> gym.Env[Any, Any]:
-    """Create the environment: a simulated plant, a replayed recording, or a rig without power.
+class _Diagnosis(Struct):
+    """Next experiment in a diagnosis file."""
 
-    The rig is owned and connected from now on; raises InputError if it is out of reach, or in use.
+    suggestion: dict[str, Any] | None = None
+    forbidden: Text | None = None
+    inseparable: list[list[Text]] | None = None
+
+
+def read_suggestion(path: str) -> Suggestion:
+    """Read the experiment that a diagnosis suggests.
+
+    Raises InputError if the file is missing or no diagnosis, or nothing is open that an experiment would settle.
     """
-    asked = plan.arguments
-    if plan.rig is not None:
-        try:
-            return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(plan.rig.path))
-        except DriveError as error:
-            raise InputError(str(error)) from None
-    return gym.make(
-        PENDULUM,
-        max_episode_steps=-1,
-        backend=asked.backend or "pymunk",
-        model=None if asked.replay is not None else plan.plant,
-        rate=asked.rate,
-        counts=asked.counts,
-        torque_noise=TORQUE_NOISE,
-        max_torque=max(MAX_TORQUE, plan.command.amplitude),
-        recording=asked.replay,
-    )
-
-
-def make_controller(plan: Plan, rate: float) -> OpenLoop | Pilot:
-    """Create the controller at a rate [Hz]; a replay has its own torque."""
-    return plan.command if isinstance(plan.command, Pilot) else OpenLoop(plan.command, rate)
+    hint = "a diagnosis is what `diagnose --json` writes"
+    content = read_json(path, hint)
+    if not isinstance(content, dict) or content.get("schema") not in (SCHEMA, "pendulum-ident/diagnosis@1"):
+        raise InputError(f"{path}: is not a diagnosis; {hint}")
+    try:
+        data = convert(content, _Diagnosis)
+        if data.suggestion is not None:
+            return Suggestion.from_json(data.suggestion, "suggestion")
+    except FileError as error:
+        raise InputError(f"{path}: {error}") from None
+    if data.forbidden is not None:
+        raise InputError(f"{path}: {data.forbidden}")
+    why = f", and no torque tells {' from '.join(data.inseparable[0])}" if data.inseparable else ""
+    raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{why}")

@@ -15,7 +15,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Model
 from pendulum_env.plant import make_plant, paper_plant
 from pendulum_env.recording import Recording
-from workbench.narrator.comparison import describe_unstable
+from workbench.narrator.diagnosis import describe_unstable
 
 
 def run(seed: int = 1, seconds: float = 6.0, plant: Model | None = None, torque_noise: float = 0.02) -> Recording:

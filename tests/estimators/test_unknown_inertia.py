@@ -13,8 +13,7 @@ from pendulum_env.physics import BASE, Model, ModelError
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import Recording
 from tests.cases import diagnosed
-from workbench.narrator.addition import describe_addition
-from workbench.narrator.comparison import describe_unstable
+from workbench.narrator.diagnosis import describe_addition, describe_unstable
 
 JOINT = {"gravity": 0.02, "viscous": 0.05, "coulomb": 0.3}
 

@@ -15,7 +15,7 @@ from pendulum_env.backends.hardware import DriveError
 from pendulum_env.backends.hardware.guard import Fault
 from tests.once import ROOT
 from tests.patience import PATIENCE, wait_until
-from workbench.rig_check import CheckFailed
+from workbench.commands.hardware import CheckFailed
 
 FIRST = """
 import contextlib, os

@@ -18,8 +18,7 @@ from pendulum_env.physics.table import TABLES, PowerOfSpeed
 from pendulum_env.units import JointUnits, show_angles
 from workbench.narrator.diagnosis import describe_detectable, describe_region, describe_suggestion
 from workbench.narrator.effects import EFFECTS, find_description, find_look_alikes, name_effect
-from workbench.narrator.findings import DESCRIBED, describe
-from workbench.narrator.reasons import REASONS, describe_objection
+from workbench.narrator.findings import DESCRIBED, REASONS, describe
 
 CURRENT, SLIDE = JointUnits("A"), JointUnits(slides=True)
 NUMBERS = {
@@ -62,7 +61,7 @@ def test_each_kind_has_whole_sentences(kind):
 
 
 def test_every_kind_is_described():
-    assert set(DESCRIBED) == set(Kind) - REASONS
+    assert set(DESCRIBED) == set(Kind) - set(REASONS)
 
 
 def test_an_effect_is_confused_with_those_that_name_it():
@@ -112,7 +111,7 @@ SAID = [  # numbers as they are shown: their unit, sign and digits
     (describe_region, Region("position", -1.0, 0.5, -0.2, 12.0, "rad", units=CURRENT), "0.5 rad .*0.2 A less torque"),
     (describe_region, Region("velocity", -1.0, 0.5, 0.2, 900.0, "m/s", units=SLIDE), "m/s .*0.2 N more force.* 100 "),
     (describe_region, Region("frequency", 2.9, 3.1, 0.2, 9.0, "Hz", units=CURRENT), r"Around 3 Hz .* by 0\.2 A"),
-    (describe_objection, limits("holdout_torque", 0.2, 0.1, "A"), r"0\.1 -> 0\.2 A"),
+    (describe, limits("holdout_torque", 0.2, 0.1, "A"), r"0\.1 -> 0\.2 A"),
     (describe_detectable, Detectable("stribeck", 0.05, "A"), r"above 0\.05 A"),
     (
         partial(describe_suggestion, units=CURRENT),
@@ -131,7 +130,7 @@ IN_DEGREES = [  # positions and speeds of the joint; frequencies and what has to
     (describe, outlier(2.0), r"3 ?(N m s/rad)? instead of 1 N m s/rad"),
     (describe_region, Region("position", -1.0, 0.5, -0.2, 12.0, "rad"), r"-57\.3 to 28\.6 deg .*0\.2 N m less"),
     (describe_region, Region("velocity", -1.0, 0.5, 0.2, 12.0, "m/s", units=SLIDE), "-1 to 0.5 m/s"),
-    (describe_objection, Finding(Kind.ERRORS_FALL, FALL), r"0\.2 -> 0\.1 A, .*11\.5 -> 5\.73 deg"),
+    (describe, Finding(Kind.ERRORS_FALL, FALL), r"0\.2 -> 0\.1 A, .*11\.5 -> 5\.73 deg"),
     (describe_detectable, Detectable("hard_stop", between=(-1.2, 0.9)), r"-68\.8 to 51\.6 deg"),
 ]
 
@@ -152,5 +151,5 @@ def test_numbers_are_told_in_the_unit_of_the_recordings(narrate, what, said):
 def test_the_gate_of_a_gain_tells_its_error_its_penalty_and_its_significance():
     numbers = {"gain": Quantity(3.0, 2.0), "limit.gain": Quantity(5.0)}
     numbers |= {"p_value": Quantity(0.2), "limit.p_value": Quantity(1e-3)}
-    text = describe_objection(Finding(Kind.GATE_FAILED, numbers, ("gain", "p_value")))
+    text = describe(Finding(Kind.GATE_FAILED, numbers, ("gain", "p_value")))
     assert re.search(r"3 ± 2 nat .*p = 0\.2 .*5 nat, limit 0\.001", text)

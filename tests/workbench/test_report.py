@@ -19,10 +19,9 @@ from tests.cases import diagnosed
 from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
 from workbench.figure import broken, numbers
-from workbench.narrator.reasons import describe_reason
-from workbench.report import render
+from workbench.narrator.findings import describe_reason
+from workbench.report import SECTIONS, render
 from workbench.report.failures import plot_profile
-from workbench.report.whole import SECTIONS
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "rad", held_out_recordings=("<run>",))

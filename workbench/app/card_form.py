@@ -1,7 +1,5 @@
 """The card of a file on the page, which asks what its columns mean."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,18 +1,15 @@
-"""Recordings of the demo, as `pendulum-ident record` simulates them."""
+"""Recordings of the demo, as `pendulum-ident record` makes them."""
 
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from estimators.progress import Progress
-from pendulum_env.backends.simulated import record
-from pendulum_env.excitation import excitation
-from pendulum_env.plant import hide, paper_plant
-from pendulum_env.recording import Source, write_recording
-from workbench.app.recordings import LoadedRecording
+from pendulum_env.recording import Source
 from workbench.app.session import Session
+from workbench.app.state import LoadedRecording
+from workbench.cli import parse
 from workbench.errors import InputError
+from workbench.terminal import Terminal
 
 FITTED, HELD_OUT = "demo.csv", "demo-holdout.csv"
 HIDDEN = "stribeck"
@@ -26,10 +23,9 @@ def record_demo(folder: Path, progress: Progress) -> list[LoadedRecording]:
 
 
 def _record_once(source: Source, seconds: int, seed: int) -> LoadedRecording:
-    rng = np.random.default_rng(seed)
-    signal = excitation("paper", rng, seconds)
-    write_recording(record(hide(paper_plant(), HIDDEN), signal, seconds, rng=rng), source.file)
     options = (f"--seconds={seconds}", f"--effect={HIDDEN}", f"--seed={seed}")
+    arguments = parse(["record", *options, "-o", str(source.file)])
+    arguments.run(arguments, Terminal(quiet=True))
     return LoadedRecording.read(source, origin=options)
 
 

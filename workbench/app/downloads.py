@@ -1,22 +1,59 @@
-"""Files that the page saves."""
+"""Files that the page saves, and command lines that come to the same as a session."""
 
 import json
+import shlex
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from estimators.schemes.result import SAVED
 from pendulum_env.lookup import find
 from pendulum_env.recording.study import collect_log_format, write_study
-from workbench.app.equivalent import DIAGNOSIS, REPORT, write_commands
-from workbench.app.state import State
+from workbench.app.state import State, list_added
 from workbench.app.uploads import MODEL, STUDY
 from workbench.errors import InputError
 from workbench.narrator.diagnosis import write_diagnosis
 from workbench.report import render
 
-EXPERIMENT = "experiment.csv"
+PROGRAM = "pendulum-ident"
+REPORT, DIAGNOSIS, EXPERIMENT = "report.html", "diagnosis.json", "experiment.csv"
+
+
+def write_commands(state: State) -> str:
+    """Write the command lines that come to the same model."""
+    train, holdout = ([s.source.file.name for s in state.loaded if s.held_out == held] for held in (False, True))
+    given = [*train, *(word for file in holdout for word in ("--holdout", file))]
+    if is_study_needed(state):
+        train = given = [STUDY]  # which says what is held out
+    limits, align = state.asked.write_options("fix", "bound"), ["--align"] * state.is_aligned
+    lines = [["record", *one.origin, "-o", one.source.file.name] for one in state.loaded if one.origin]
+    model, scheme = state.model_file, list[str]()
+    if (robot := state.robot) is not None:
+        of_robot = ["--robot", robot.file.name, *["--rotors"] * bool(robot.rotors)]
+        train = given = [*given, *of_robot, *["--no-gravity"] * robot.weightless]
+        scheme = ["--scheme", SAVED]
+    if model:
+        lines.append(["compare", model, *train, *align])
+    else:
+        lines.append(["identify", *train, *scheme, *align, *limits, "-o", MODEL])
+    before = len([effect for effect in state.added if effect in list_added(state.started)])
+    # the added effects in order, and an empty text for the diagnosis
+    for effect in (*state.added[:before], *[""] * (state.diagnosis is not None), *state.added[before:]):
+        if effect:
+            lines.append(["add", model or MODEL, effect, *given, *align, *limits, "-o", MODEL])
+            model = MODEL
+        else:
+            looked = [*(["--model", model] if model else []), *state.asked.write_options("only", "without"), *limits]
+            lines.append(["diagnose", *given, *looked, "--report", REPORT, "--json", DIAGNOSIS])
+    return "\n".join(shlex.join([PROGRAM, *words]) for words in lines)
+
+
+def is_study_needed(state: State) -> bool:
+    """Return whether a study file is needed for columns or joints."""
+    sources = [one.source for one in state.loaded]
+    return state.robot is not None or any(own.columns or own.unwrap or own.range or own.load for own in sources)
 
 
 def write_study_text(state: State) -> str:

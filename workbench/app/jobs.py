@@ -21,14 +21,14 @@ LIBRARIES: tuple[str, ...] = ("estimators.diagnosis.addition", "pendulum_env.bac
 Task = Callable[[Progress], Any]  # of the app; it travels to another process, and so does what it returns
 
 
-class Worker:
+class Worker(Pool):
     """A process that waits for a task with its libraries loaded."""
 
     def __init__(self) -> None:
         """Start the process."""
         self.what, self.share = multiprocessing.RawArray("c", 200), multiprocessing.RawValue("d")  # of the task
-        self.pool = Pool(1, (), LIBRARIES, self.what, self.share)
-        self.pool.submit(int)
+        super().__init__(1, (), LIBRARIES, self.what, self.share)
+        self.submit(int)
 
 
 class Workers:
@@ -50,7 +50,7 @@ class Workers:
         with self._lock:
             worker, self._spare = self._spare or Worker(), None
         try:
-            return worker, worker.pool.submit(_do, task, list_plugins())
+            return worker, worker.submit(_do, task, list_plugins())
         except BrokenExecutor:  # it died while it waited, and now none does
             return self.start(task)
 
@@ -59,7 +59,7 @@ class Workers:
         with self._lock:
             self._closed = True
             if self._spare is not None:
-                self._spare.pool.end()
+                self._spare.end()
             self._spare = None
 
 
@@ -117,7 +117,7 @@ class Job:
             self._close()
 
     def _close(self) -> None:
-        self._worker.pool.end()
+        self._worker.end()
         self._workers.warm()
         self.over.set()
 

@@ -1,17 +1,76 @@
-"""Panels that several stages show."""
+"""The headline, the running job and the way back, and panels that several stages show."""
+
+from dataclasses import replace
 
 from dash import html
 from dash.development.base_component import Component
 
-from pendulum_env.formatting import capitalise, join_words
+from pendulum_env.formatting import capitalise, format_number, join_words
 from pendulum_env.physics import BASE
-from workbench.app.parts import make_button, make_panel
+from workbench.app.parts import make_aria, make_button, make_panel
+from workbench.app.session import Session
 from workbench.app.state import State
-from workbench.narrator.diagnosis import describe_disagreement
+from workbench.narrator.diagnosis import describe_errors, describe_result
 from workbench.narrator.effects import name_effect
 from workbench.narrator.findings import describe, describe_late
+from workbench.narrator.results import get_end_errors
 
 WHY = "No effect of the library does that, but several imitate it."
+NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
+
+
+def show_state(state: State) -> list[Component]:
+    """Show the headline, and the numbers behind it."""
+    kicker, title, lead = describe_state(state)
+    return [html.P(kicker, className="kicker"), html.H1(title), html.P(lead, className="lead")]
+
+
+def show_undo(session: Session) -> list[Component]:
+    """Show the way back."""
+    what = session.last_change
+    if not (what or session.state.loaded):
+        return []
+    back = make_button(f"Undo: {what}" if what else "Undo", "back", disabled=session.is_busy() or not what)
+    return [html.Div(back, className="row")]
+
+
+def describe_state(state: State) -> tuple[str, str, str]:
+    """Return kicker, headline and lead of a state."""
+    if not state.loaded and state.robot is None:
+        what = (
+            "Load recordings of a pendulum or an arm, see where the model fails, learn which physical effect it lacks, "
+            "add it, and watch the error fall."
+        )
+        return "Workbench", "What does your model lack?", what
+    count = len(state.loaded)
+    robot = f"{state.robot.file.name} · " if state.robot is not None else ""
+    seconds = sum(one.recording.duration for one in state.loaded)
+    kicker = f"{robot}{count} recording{'s' if count != 1 else ''}, {seconds:.3g} s"
+    if state.trouble:
+        title = "Fitting the model" if state.needs_fit else "Nothing can be fitted yet"
+        return kicker, title, f"{capitalise(state.trouble)}."
+    kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name_effect(effect)}' for effect in state.added)}"
+    lead = f"{capitalise(describe_errors(replace(state.result, steps=state.ladder)))}."
+    if state.found:
+        found = join_words([name_effect(effect) for effect in state.found])
+        lead += f" With {found}: {describe_errors(state.result)}."
+    if state.found or not state.added:
+        return kicker, describe_result(state.result), lead
+    (first, last), names = get_end_errors(state.ladder), join_words([name_effect(effect) for effect in state.added])
+    smaller, joint = max((first.get_joint_error(at) / last.get_joint_error(at), at) for at in state.result.floors)
+    error = f"torque error of {joint}" if joint else "torque error"
+    return kicker, f"With {names} the {error} is {format_number(smaller, 2)} times smaller", lead
+
+
+def show_job(session: Session) -> list[Component]:
+    """Render the running job, its duration, and a button to cancel it."""
+    job = session.job
+    if job is None or not job.running:
+        return []
+    said = f" {job.what} · {job.elapsed:.0f}{NBSP}s so far"
+    what = html.Div([html.Strong(job.title), html.Span(said, className="note")])
+    bar = html.Progress(value=str(round(job.share, 3)), max="1", **make_aria(label=job.title))
+    return [html.Div([what, bar], className="running-text"), make_button("Cancel", "cancel")]
 
 
 def show_findings(state: State) -> Component:
@@ -22,7 +81,7 @@ def show_findings(state: State) -> Component:
     can = [] if state.trouble or not known else [html.P(["They tell ", html.Strong(join_words(known)), "."])]
     found = state.diagnosis or state.fit
     texts = [state.trouble] if state.trouble else []
-    texts += map(describe_disagreement, found.disagreements if found is not None else ())
+    texts += [describe(one.finding) for one in (found.disagreements if found is not None else ())]
     texts += map(describe, state.doubts)
     cannot = html.Ul([html.Li(capitalise(text)) for text in texts])
     nothing = html.P("They determine all parameters of the model.")
@@ -53,13 +112,11 @@ def show_calls(state: State, busy: bool) -> Component:
     if not offers and table is not None and table not in state.model.effects:
         offers = [(f"Keep {name_effect(table)} as a table", table)]
     presses = [make_button(label, "add", id, primary=k == 0, disabled=busy) for k, (label, id) in enumerate(offers)]
-    why = html.P("The diagnosis calls for it:" if state.found else describe_rest(state))
-    return html.Div([why, html.Div(presses, className="row")])
-
-
-def describe_rest(state: State) -> str:
-    """Render the next step after all selected effects are added."""
     rest = "no effect of the library explains the rest of the residual" if state.result.unexplained else ""
-    if not state.called:
-        return f"{capitalise(rest) or 'The diagnosis calls for no effect'}."
-    return f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
+    if state.found:
+        why = "The diagnosis calls for it:"
+    elif state.called:
+        why = f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
+    else:
+        why = f"{capitalise(rest) or 'The diagnosis calls for no effect'}."
+    return html.Div([html.P(why), html.Div(presses, className="row")])

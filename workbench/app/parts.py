@@ -1,15 +1,17 @@
-"""Parts of the stages."""
+"""Stages, and the parts that they are made of."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
-from dash import dcc, html
+from dash import Dash, dcc, html
 from dash.development.base_component import Component
 
 from pendulum_env.arms.joints import list_effects, place_effects
 from pendulum_env.formatting import capitalise
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
+from workbench.app.session import Session, Sessions
 from workbench.figure import Figure
 from workbench.narrator import parts as report
 from workbench.narrator.effects import name_effect
@@ -26,6 +28,24 @@ CLEAR = "rgba(0,0,0,0)"
 HIDDEN = {"visible": False}
 EMPTY = {"layout": {"xaxis": HIDDEN, "yaxis": HIDDEN, "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR}}
 KEPT: dict[str, Any] = {"persistence": True, "persistence_type": "session"}  # what a tab has entered, over a reload
+
+
+Form = Mapping[str, Any]  # values of the controls on the page, or what files came, by name
+Action = Callable[[Session, str, Form], object]  # told what the button is of
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage of the workbench: a function that draws it from a session, and what its buttons do."""
+
+    id: str  # of the page's address, `#id`
+    title: str  # in the navigation
+    show: Callable[[Session], list[Component]]  # what it looks like now; it reads the session's state once
+    # What its buttons and files do, by the name that the button has
+    actions: Mapping[str, Action] = field(default_factory=dict)
+    # Registers callbacks that do nothing to the session, if it has some
+    connect: Callable[[Dash, Sessions], None] | None = None
+    needs_model: bool = True  # whether there is nothing to see before a model is fitted
 
 
 def make_graph(figure: Figure) -> Component:
@@ -84,11 +104,6 @@ def list_choices(body: Mechanism = PENDULUM, tables: bool = False) -> dict[str, 
     kinds = list_effects(body) | (TABLES if tables else {})
     ids = dict.fromkeys([*([] if tables else kinds), *(kind.id for kind in place_effects(kinds.values(), body))])
     return {id: capitalise(name_effect(id)) for id in ids}
-
-
-def name_field(name: str) -> dict[str, str]:
-    """Return the id of a control whose value goes to the actions."""
-    return {"field": name}
 
 
 def label_control(label: str, control: Component, note: str = "") -> Component:

@@ -1,4 +1,4 @@
-"""Sessions: what each browser tab works on, apart from all others, and stages that show it."""
+"""Sessions: what each browser tab works on, apart from all others."""
 
 import re
 import tempfile
@@ -9,19 +9,21 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
+from pendulum_env.arms.joints import Links
 from pendulum_env.errors import ColumnError
 from pendulum_env.recording import RecordingError, Source
 from workbench.app import uploads
 from workbench.app.card import ColumnCard
 from workbench.app.jobs import Job, Task, Workers
-from workbench.app.recordings import LoadedRecording
-from workbench.app.state import State
+from workbench.app.state import LoadedRecording, State
 from workbench.errors import USER_ERRORS, InputError, format_mistake
-from workbench.inputs import read_terms
+from workbench.inputs import read_model
 from workbench.robot import RobotFile
 
 UNDONE = 20  # changes that can be taken back
 GRACE = 1.0  # [s] that an end waits for an answer that is being made
+MOST = 16  # sessions; of more, the one that was used least recently ends
+ID = re.compile(r"[0-9a-f]{32}")  # of a session: random, drawn by the page; never part of a path
 
 
 class Session:
@@ -184,7 +186,8 @@ class Session:
 
         Raises ModelError if it is no model, as the command line does.
         """
-        terms = read_terms(str(file), self.state.body)
+        model = read_model(str(file), self.state.body)
+        terms = tuple(term for term in model.terms if not isinstance(term, Links))
         self.change(f"start from {file.name}", self.state.restart(terms=terms, model_file=file.name))
 
     def take_robot(self, robot: RobotFile) -> None:
@@ -222,8 +225,9 @@ class Session:
         return refused
 
     def keep(self, *loaded: LoadedRecording) -> None:
-        """Add recordings; the ladder starts anew; raises InputError as `State.add_recordings`."""
-        self.change(f"load {', '.join(one.recording.name for one in loaded)}", self.state.add_recordings(loaded))
+        """Add recordings; the ladder starts anew."""
+        names = ", ".join(one.recording.name for one in loaded)
+        self.change(f"load {names}", self.state.restart(loaded=(*self.state.loaded, *loaded)))
 
     def remove(self, id: str) -> None:
         """Remove a recording."""
@@ -285,3 +289,37 @@ def _refuse(refused: Sequence[str]) -> None:
     """Raise InputError if anything was refused."""
     if refused:
         raise InputError("; ".join(refused))
+
+
+class Sessions:
+    """All sessions of a server by the id that each page holds, and the workers that they share."""
+
+    def __init__(self, recordings: Sequence[Source] = (), robot: RobotFile | None = None) -> None:
+        """Make a folder for files from their pages; every session begins with the recordings."""
+        self._recordings, self._robot = tuple(recordings), robot
+        self.workers = Workers()
+        self._folder = tempfile.TemporaryDirectory(prefix="pendulum-ident-", ignore_cleanup_errors=True)
+        self._all: dict[str, Session] = {}  # the one used last is last
+        self._lock = RLock()
+
+    def find_session(self, id: object) -> Session:
+        """Return the session of an id, a new one if there is none; raises InputError if it is no id."""
+        if not isinstance(id, str) or ID.fullmatch(id) is None:
+            raise InputError("this page has no session: load it again")
+        with self._lock:
+            session = self._all.pop(id, None) or Session(Path(self._folder.name), self.workers)
+            ended = [self._all.pop(k) for k in list(self._all)[: max(0, len(self._all) + 1 - MOST)]]
+            self._all[id] = session
+        session.begin(self._recordings, self._robot)  # no other session waits for it
+        for other in ended:
+            other.end()
+        return session
+
+    def close(self) -> None:
+        """End all sessions and the workers, and delete the files from their pages."""
+        with self._lock:
+            for session in self._all.values():
+                session.end()
+            self._all.clear()
+            self._folder.cleanup()
+        self.workers.close()

@@ -1,6 +1,6 @@
 """Immutable state of a session: each change makes a new state, and a page is drawn from one state."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Self
@@ -13,9 +13,9 @@ from estimators.selection.errors import Step
 from pendulum_env.arms.joints import arm_base, arrange_terms, find_links
 from pendulum_env.physics import BASE, PENDULUM, Mechanism, Model, Term
 from pendulum_env.recording import Recording, Source
+from pendulum_env.recording.study import find_duplicate
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.fits import BaseFit, fit_arm, fit_pendulum
-from workbench.app.recordings import LoadedRecording, read_one
 from workbench.errors import USER_ERRORS, InputError
 from workbench.report.data import ReportData
 from workbench.robot import RobotFile, find_straying
@@ -23,6 +23,48 @@ from workbench.robot import RobotFile, find_straying
 NO_RECORDING = "load a recording first"
 ALL_HELD_OUT = "every recording is held out: keep one to fit the model to"
 FITTING = "the model is being fitted"
+
+
+def read_one(source: Source) -> Recording:
+    """Read a recording of a pendulum; raises RecordingError, in the words of the command line."""
+    return replace(source.read(), drive=None)  # pages draw it by its torque
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedRecording:
+    """A recording of a session."""
+
+    id: str  # by which the page names it: that of its file, with a number where several are of one file
+    source: Source  # how its file is read, and whether it is held out
+    recording: Recording  # what that gives
+    origin: tuple[str, ...] = ()  # arguments of `pendulum-ident record` that made it; empty if it was uploaded
+
+    @classmethod
+    def read(
+        cls,
+        source: Source,
+        known: Sequence[Self] = (),
+        origin: tuple[str, ...] = (),
+        read: Callable[[Source], Recording] = read_one,
+    ) -> Self:
+        """Read a recording beside those that are known, of whose files it may be another range.
+
+        Raises InputError if it is known already, and RecordingError if it cannot be read, in the words of the command
+        line.
+        """
+        name, ids = source.file.name, {one.id for one in known}
+        alike = [one.source for one in known if one.source.file.name == name]
+        if any(one.file != source.file or find_duplicate((one, source)) for one in alike):
+            raise InputError(f"{name}: is loaded already: remove it, or give this one another name")
+        recording = read(source)
+        endings = ("", *(f" ({k})" for k in range(2, len(ids) + 2)))
+        more = next(ending for ending in endings if name + ending not in ids)
+        return cls(f"{name}{more}", source, replace(recording, name=f"{recording.name}{more}"), origin)
+
+    @property
+    def held_out(self) -> bool:
+        """Return whether the recording is held out."""
+        return self.source.role == "holdout"
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +130,6 @@ class State:
     def needs_fit(self) -> bool:
         """Return whether the base model has to be fitted."""
         return self.trouble == FITTING
-
-    def add_recordings(self, loaded: Sequence[LoadedRecording]) -> Self:
-        """Return the state with more recordings, as `read` reads them."""
-        return self.restart(loaded=(*self.loaded, *loaded))
 
     def swap_recording(self, old: LoadedRecording, *new: LoadedRecording) -> Self:
         """Return the state with one recording for another, or for none."""
@@ -218,11 +256,6 @@ class State:
     def standing(self) -> ReportData:
         """Return the state with all recordings and added steps, without the effects of the diagnosis."""
         return ReportData(replace(self.result, steps=self.ladder, data=self.data), identified=self.schemes)
-
-    @property
-    def seconds(self) -> float:
-        """Return the length of all recordings [s]."""
-        return sum(one.recording.duration for one in self.loaded)
 
 
 def list_added(steps: Sequence[Step]) -> tuple[str, ...]:

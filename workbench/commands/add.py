@@ -20,19 +20,16 @@ from workbench.terminal import Terminal
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, effect, recordings and output."""
-    options.add_model(parser)
+    options.declare(parser, "model")
     parser.add_argument(
         "effect",
         metavar="EFFECT",
         type=options.keep_message(_convert_effect),
         help="an id that `effects` lists, of an effect or a table; of an arm ID@JOINT",
     )
-    options.add_recordings(parser)
-    options.add_holdout(parser)
-    options.add_drive(parser)
-    options.add_alignment(parser)
-    options.add_limits(parser)
-    options.add_degrees(parser)
+    options.declare(
+        parser, "recordings", *options.READING, "--holdout", "--drive", "--align", *options.LIMITS, "--degrees"
+    )
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model with the effect")
     options.add_robot(parser)
 

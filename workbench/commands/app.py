@@ -19,10 +19,10 @@ from workbench.terminal import Terminal
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
-    parser.add_argument("recordings", metavar="RECORDING", nargs="*", help=f"{options.KINDS}; to begin with")
-    options.add_reading(parser)
+    options.declare(parser, "recordings", nargs="*", help=f"{options.KINDS}; to begin with")
+    options.declare(parser, *options.READING)
     parser.add_argument(
-        "--port", type=options.convert_whole(0, 65535), default=8050, help="of this computer (default 8050); 0: any"
+        "--port", type=options.convert_number(0, 65535), default=8050, help="of this computer (default 8050); 0: any"
     )
     parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
     options.add_robot(parser)

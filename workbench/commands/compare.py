@@ -13,8 +13,7 @@ from workbench import options
 from workbench.errors import InputError
 from workbench.inputs import Inputs, open_sources
 from workbench.narrator.diagnosis import write_comparison
-from workbench.narrator.payload import narrate_payload
-from workbench.narrator.results import narrate_comparison
+from workbench.narrator.results import narrate_comparison, narrate_payload
 from workbench.outputs import check_outputs, report_files, write_json, write_page
 from workbench.printing import print_parts
 from workbench.reading import list_sources
@@ -23,12 +22,7 @@ from workbench.terminal import Terminal
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
-    options.add_model(parser)
-    options.add_recordings(parser)
-    options.add_drive(parser)
-    options.add_alignment(parser)
-    options.add_report(parser)
-    options.add_degrees(parser)
+    options.declare(parser, "model", "recordings", *options.READING, "--drive", "--align", "--report", "--degrees")
     parser.add_argument(
         "--horizon",
         type=options.convert_number(1e-3),

@@ -27,7 +27,7 @@ SPREAD = 0.25  # of the unknown parameters, to either side
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare seed and output."""
-    options.add_seed(parser, "another one hides another effect")
+    options.declare(parser, "--seed", help="another one hides another effect (default 0)")
     options.add_verbose(parser)
     parser.add_argument(
         "-o",

@@ -21,11 +21,7 @@ ASKED = "only without fixed bounds max_torque max_angle max_speed horizon".split
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, model to start from, and outputs."""
-    options.add_recordings(parser)
-    options.add_holdout(parser)
-    options.add_drive(parser)
-    options.add_search(parser)
-    options.add_limits(parser)
+    options.declare(parser, "recordings", *options.READING, "--holdout", "--drive", *options.SEARCH, *options.LIMITS)
     parser.add_argument(
         "--significance",
         metavar="P",
@@ -39,10 +35,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=options.convert_number(1e-3),
         help="refit the final model to free motion over so many seconds under the recorded torque",
     )
-    options.add_degrees(parser)
+    options.declare(parser, "--degrees")
     options.add_verbose(parser)
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
-    options.add_report(parser)
+    options.declare(parser, "--report")
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
     group = parser.add_argument_group("the next experiment")
     group.add_argument(

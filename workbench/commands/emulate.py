@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate", type=options.convert_number(10.0, 5000.0), default=RATE, help=f"of the loop [Hz] (default {RATE:g})"
     )
-    options.add_plant(parser)
+    options.declare(parser, *options.PLANT)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -2,7 +2,6 @@
 
 import argparse
 import math
-from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
@@ -35,13 +34,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--constraint", choices=CONSTRAINTS, default="peak", help="of the torque (default peak)")
     parser.add_argument(
         "--plants",
-        type=options.convert_whole(2, 10_000),
+        type=options.convert_number(2, 10_000),
         default=160,  # they take a quarter of an hour for each policy
         help="fresh plants, within 30 %% of the paper's (default 160)",
     )
-    options.add_seed(parser, "of plants, noise and signals")
-    options.add_hidden_effects(parser)
-    options.add_workers(parser)
+    options.declare(parser, "--seed", help="of plants, noise and signals (default 0)")
+    options.declare(parser, "--effect", "--workers")
     parser.add_argument("--json", metavar="FILE", help="write all figures there")
 
 
@@ -78,36 +76,26 @@ def print_figures(report: JSON, terminal: Terminal) -> None:
     """Print the figures of a `PolicyComparison`."""
     policies = report["policies"]
     first = policies[report["baseline"]]
-
-    def table(headers: Iterable[str], row: Callable[[JSON], Iterable[str]]) -> None:
-        terminal.table(("policy", *headers), [[name, *row(figures)] for name, figures in policies.items()])
-
+    errors, gains, use = list[list[str]](), list[list[str]](), list[list[str]]()
+    for name, own in policies.items():
+        bounds = ["" if bound[1] is None else f" ({100 * bound[1]:.3f})" for bound in own["cramer_rao"].values()]
+        sizes = [f"{100 * error[1]:.3f}{bound}" for error, bound in zip(own["error"].values(), bounds, strict=True)]
+        errors.append([name, *sizes, *(_format_number(quartiles[1]) for quartiles in own["time_to"].values())])
+        parts = ([_format_number(gain[part]) for part in ("ratio", "low", "high")] for gain in own["gain"].values())
+        gains.append([name, *(f"{ratio} ({low} to {high})" for ratio, low, high in parts)])
+        medians = [_format_number(own[kind][1]) for kind in ("torque_rms", "speed", "turns")]
+        use.append([name, f"{own['torque_peak']:.2f}", *medians, f"{1e3 * own['seconds_per_action']:.3g}"])
     plants = f"{report['plants']} plants within {100 * report['spread']:g} %"
     terminal.say(f"{plants}, 10 s, constraint {report['constraint']}; medians over plants")
     terminal.heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
-    table((*(f"at {moment}" for moment in first["error"]), *first["time_to"]), _format_errors)
+    terminal.table(("policy", *(f"at {moment}" for moment in first["error"]), *first["time_to"]), errors)
     terminal.heading(f"Gain over {report['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
-    table(first["gain"], lambda figures: map(_format_gain, figures["gain"].values()))
+    terminal.table(("policy", *first["gain"]), gains)
     terminal.heading("What it takes")
-    table(("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision for all [ms]"), _format_use)
+    headers = ("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision for all [ms]")
+    terminal.table(("policy", *headers), use)
     for note in report["notes"]:
         terminal.say(note)
-
-
-def _format_errors(figures: JSON) -> Iterator[str]:
-    for error, bound in zip(figures["error"].values(), figures["cramer_rao"].values(), strict=True):
-        yield f"{100 * error[1]:.3f}" + ("" if bound[1] is None else f" ({100 * bound[1]:.3f})")
-    yield from (_format_number(quartiles[1]) for quartiles in figures["time_to"].values())
-
-
-def _format_use(figures: JSON) -> Iterator[str]:
-    yield f"{figures['torque_peak']:.2f}"
-    yield from (_format_number(figures[name][1]) for name in ("torque_rms", "speed", "turns"))
-    yield f"{1e3 * figures['seconds_per_action']:.3g}"
-
-
-def _format_gain(gain: JSON) -> str:
-    return f"{_format_number(gain['ratio'])} ({_format_number(gain['low'])} to {_format_number(gain['high'])})"
 
 
 def _format_number(value: float | None) -> str:

@@ -20,7 +20,7 @@ from workbench.terminal import Terminal
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, format, output and how."""
-    options.add_model(parser)
+    options.declare(parser, "model")
     parser.add_argument(
         "--to", required=True, choices=tuple(FORMATS), help="; ".join(f"{id}, {about}" for id, about in FORMATS.items())
     )
@@ -36,9 +36,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=Request.step,
         help=f"of python, c and mjcf [s] (default {Request.step:g})",
     )
-    options.add_drive(
+    options.declare(
         parser,
-        f"the controller that is exported with the joint, {options.DRIVE}; it is then told a goal, not a torque",
+        "--drive",
+        help=f"the controller that is exported with the joint, {options.DRIVE}; it is then told a goal, not a torque",
     )
     group = parser.add_argument_group("mjcf")
     group.add_argument(
@@ -59,7 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="RECORDING",
         help="run it in MuJoCo against a recording or a study, with --drive from its goals",
     )
-    options.add_reading(parser)
+    options.declare(parser, *options.READING)
     options.add_robot(parser, pendulums=["mass", "armature", "check"], about="with mjcf: the arm")
 
 

@@ -1,12 +1,33 @@
-"""`hardware check`: the first hours with a rig."""
+"""`hardware check`: the check of a new rig, step by step, before the guard allows more than a small torque.
+
+Each step says what to do, measures what came of it, and says what to change where it came out wrong.
+"""
 
 import argparse
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from pendulum_env.backends.hardware import DriveError
-from pendulum_env.backends.hardware.config import load
+from pendulum_env.backends.hardware.config import RigConfig, load, mark_checked
+from pendulum_env.backends.hardware.rig import Rig
+from pendulum_env.backends.port import Sample, Start, Status
 from workbench.errors import InputError
-from workbench.rig_check import CheckFailed, check_rig
 from workbench.terminal import Terminal
+
+QUARTER = 0.5 * math.pi  # [rad], that the arm is turned by hand
+ROUGHLY = 0.5  # [rad], how well a hand does it
+RAMP = 1.0  # [N m/s] of the torque
+MOVED = 0.1  # [rad], that the motor has to turn the arm
+STEP = 0.005  # [s] between torques without power
+PATIENCE = 3.0  # watchdog times after which the drive must have let go
+
+Confirm = Callable[[str], bool]  # asks the operator of the rig
+
+
+class CheckFailed(RuntimeError):
+    """A step came out wrong; the message says what to change."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -32,3 +53,170 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         check_rig(load(arguments.config), terminal.say, confirm)
     except (CheckFailed, DriveError) as error:
         raise InputError(str(error)) from None
+
+
+def check_rig(config: RigConfig, say: Callable[[str], None], confirm: Confirm) -> None:
+    """Go through all steps with a person; notes beside the configuration that they have passed.
+
+    Raises:
+        CheckFailed: if a step came out wrong.
+        DriveError: if the rig is in use, or the drive cannot be reached.
+    """
+    # at low torque, also where it has passed before; motion that cannot be is what the steps look for
+    rig = Rig(replace(config, checked=False, plant=replace(config.plant, watch=False)))
+    try:
+        for number, (title, step) in enumerate(STEPS, start=1):
+            say(f"\n{number} of {len(STEPS)}: {title}")
+            say(step(rig, confirm))
+    except KeyboardInterrupt:
+        raise CheckFailed("the check was interrupted: nothing is noted") from None
+    finally:
+        rig.close()
+    note = mark_checked(config)
+    say(f"\npassed: up to {config.limits.torque:g} N m are allowed (noted in {note})")
+
+
+def _check_wiring(rig: Rig, confirm: Confirm) -> str:
+    _require(
+        confirm(
+            "The emergency stop cuts the motor's power and is within reach, no person is within reach of it, and it "
+            "can turn all the way round. Is that so?"
+        ),
+        "make it so first: software is never the emergency stop",
+    )
+    rig.open()
+    reading = rig.guard.motor.read()
+    return f"the drive answers; counts {reading.counts}, {reading.fault or 'no fault'}"
+
+
+def _check_encoder(rig: Rig, confirm: Confirm) -> str:
+    _, before = rig.guard.read()
+    _ask(confirm, "Without power: turn the arm a quarter turn counter-clockwise by hand and hold it. Done?")
+    moved = rig.guard.read()[1] - before
+    encoder, degrees = rig.config.encoder, f"{math.degrees(moved):.0f} degrees"
+    _require(abs(moved) > 0.01, "the counts do not change: check the encoder's cable and supply")
+    _require(moved > 0, f"the counts go the wrong way: set encoder.sign = {-encoder.sign}")
+    _require(
+        abs(moved - QUARTER) < ROUGHLY,
+        f"a quarter turn came as {degrees}: encoder.counts is nearer to "
+        f"{round(encoder.counts * moved / QUARTER)} (after quadrature: four times the lines)",
+    )
+    return f"turned by {degrees}"
+
+
+def _check_zero(rig: Rig, confirm: Confirm) -> str:
+    _ask(confirm, "Let the arm hang down and rest, touching nothing. Done?")
+    off = math.degrees(math.remainder(rig.guard.read()[1], 2 * math.pi))
+    counts = rig.guard.motor.read().counts
+    _require(
+        abs(off) < math.degrees(ROUGHLY),
+        f"it hangs at {off:.0f} degrees: start the check with the arm hanging down, or set encoder.zero to {counts}",
+    )
+    return (
+        f"zero is {abs(off):.1f} degrees off, the count is {counts}: a diagnosis finds what is left as gravity_tilt, "
+        "as long as zero stays the same (encoder.zero)"
+    )
+
+
+def _check_torque(rig: Rig, confirm: Confirm) -> str:
+    most = rig.traits.max_torque
+    _ask(confirm, f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?")
+    _require(
+        _measure_motion(rig, most) < MOVED,
+        "the arm moves although it must have no power: servo-enable does not get through to the drive, so nothing "
+        "takes a torque away: check that line, that it is pulled down, and the drive's setting for it",
+    )
+    found = []
+    for direction in (1.0, -1.0):
+        start = rig.enable(Start())
+        torque, moved = 0.0, 0.0
+        for sample in _run(rig, lambda t, d=direction: d * min(RAMP * t, most), most / RAMP + 1.0):  # type: ignore[misc]
+            torque, moved = sample.torque, sample.position - start.position
+            if abs(moved) > MOVED:
+                break
+        rig.disable()
+        _require(
+            abs(moved) > MOVED,
+            f"the arm does not move under {most:g} N m: check motor and drive, or free the arm",
+        )
+        _require(
+            moved * direction > 0,
+            f"a torque of {torque:+.2g} N m turned it by {math.degrees(moved):+.0f} degrees: set torque_sign = "
+            f"{-rig.config.torque_sign}",
+        )
+        found.append(abs(torque))
+    return (
+        f"without power it stays; with power it starts to turn at {found[0]:.2g} and {found[1]:.2g} N m, the right way"
+    )
+
+
+def _measure_motion(rig: Rig, most: float) -> float:
+    """Measure the motion of the arm by a torque while the drive must have no power [rad]."""
+    rig.disable()
+    motor, sign, moved = rig.guard.motor, rig.config.torque_sign, 0.0
+    _, start = rig.guard.read()
+    try:
+        for k in range(round(most / RAMP / STEP)):
+            motor.write(sign * RAMP * k * STEP)
+            time.sleep(STEP)
+            moved = abs(rig.guard.read()[1] - start)
+            if moved > MOVED:
+                break
+    finally:
+        motor.write(0.0)
+    return moved
+
+
+def _check_clamp(rig: Rig, confirm: Confirm) -> str:
+    rig.enable(Start())
+    most = rig.traits.max_torque
+    largest = max(abs(sample.torque) for sample in _run(rig, lambda t: 100.0 * (-1) ** int(t / 0.05), 0.2))
+    rig.disable()
+    _require(largest <= most * (1 + 1e-6), f"{largest:.3g} N m were let pass where {most:.3g} are allowed")
+    return f"100 N m were asked for, no more than {largest:.3g} N m came"
+
+
+def _check_watchdog(rig: Rig, confirm: Confirm) -> str:
+    patience = PATIENCE * rig.config.limits.watchdog
+    rig.enable(Start())
+    for _ in _run(rig, lambda t: 0.0, 0.2):
+        pass
+    time.sleep(patience)  # a program that hangs
+    fault = rig.guard.motor.read().fault
+    rig.disable()
+    _require(
+        fault is not None,
+        f"the drive keeps its power {patience:g} s after the last command: it has no watchdog, or does not take "
+        "limits.watchdog",
+    )
+    return f"the drive let go by itself: {fault}"
+
+
+STEPS: tuple[tuple[str, Callable[[Rig, Confirm], str]], ...] = (
+    ("wiring", _check_wiring),
+    ("sign and scale of the encoder", _check_encoder),
+    ("zero", _check_zero),
+    ("sign of the torque", _check_torque),
+    ("limit of the torque", _check_clamp),
+    ("the drive's watchdog", _check_watchdog),
+)
+
+
+def _run(rig: Rig, torque: Callable[[float], float], seconds: float) -> Iterator[Sample]:
+    """Run the rig under a torque over time; yield the samples."""
+    now = 0.0
+    while now < seconds:
+        sample = rig.exchange(torque(now))
+        if sample.status is Status.FAULT:
+            raise DriveError(str(sample.fault))
+        now = sample.time
+        yield sample
+
+
+def _require(right: bool, remedy: str) -> None:
+    if not right:
+        raise CheckFailed(remedy)
+
+
+def _ask(confirm: Confirm, text: str) -> None:
+    _require(confirm(text), "the check was left: nothing is noted")

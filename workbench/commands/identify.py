@@ -26,12 +26,13 @@ SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, schemes and outputs."""
-    options.add_recordings(parser)
-    options.add_drive(parser)
-    options.add_alignment(parser)
-    options.add_limits(parser)
-    options.add_instruments(parser)
-    options.add_degrees(parser)
+    options.declare(parser, "recordings", *options.READING, "--drive", "--align", *options.LIMITS)
+    parser.add_argument(
+        "--instruments",
+        choices=("reference",),
+        help="remove the bias from feedback by instrumental variables made of the controller's reference",
+    )
+    options.declare(parser, "--degrees")
     parser.add_argument(
         "--scheme",
         metavar="all|ID,...",
@@ -66,7 +67,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             found = replace(found, findings=tuple(others))
         one = found.primary
         nearest = nearest_body(one.model) if not body.can_simulate else None
-        model = one.model if nearest is not None else _choose_model(found, arguments)
+        model, fit = _choose_model(found, arguments)
     for text in describe_links(body):
         terminal.say(text)
     nearest_json = nearest.json() if nearest is not None else None
@@ -84,23 +85,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         outputs[1] = write_model(model, arguments.output, terminal, found.findings)
     report_files(outputs, terminal)
     if outputs[1] is not None and model is not None:
-        terminal.say(f"{outputs[1]} has {_name_fit(found, model, arguments)}")
+        terminal.say(f"{outputs[1]} has {fit}")
 
 
-def _choose_model(found: Identification, arguments: argparse.Namespace) -> Model | None:
-    """Choose the model that `-o` writes: by instruments, by the one scheme given, or the fit over windows."""
+def _choose_model(found: Identification, arguments: argparse.Namespace) -> tuple[Model | None, str]:
+    """Choose the model that `-o` writes, and name its fit: by instruments, by one scheme, or over windows."""
     if arguments.instruments is not None:
         terms, _ = apply_limits(BASE, {}, arguments.fixed, arguments.bounds)
-        return found.fit_windows(lambda data: fit_by_reference(data, terms))
-    if arguments.output is None:
-        return None
-    schemes = list(found.schemes.values())
-    return schemes[0].model if len(schemes) == 1 else found.windows
-
-
-def _name_fit(found: Identification, model: Model, arguments: argparse.Namespace) -> str:
-    """Name the estimates that `-o` writes."""
-    if arguments.instruments:
-        return "the estimates by instruments"
-    scheme = next((id for id, own in found.schemes.items() if own.model is model), None)
-    return OVER_WINDOWS if scheme is None else f"the estimates of {scheme}"
+        return found.fit_windows(lambda data: fit_by_reference(data, terms)), "the estimates by instruments"
+    if len(found.schemes) == 1 or not found.body.can_simulate:
+        return found.primary.model, f"the estimates of {found.primary.scheme}"
+    return (found.windows if arguments.output is not None else None), OVER_WINDOWS

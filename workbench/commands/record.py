@@ -16,9 +16,8 @@ from workbench import options
 from workbench.arm_runs import record_arm
 from workbench.errors import InputError
 from workbench.outputs import check_outputs, report_files
-from workbench.rig_runs import describe_recording, record_rig
+from workbench.rollouts import describe_recording, record_rig, simulate
 from workbench.runs import LEARNT, SECONDS, SUGGESTED, Plan
-from workbench.simulated_runs import simulate
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
@@ -47,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=1000.0,
         help="samples per second (default 1000)",
     )
-    options.add_seed(parser)
+    options.declare(parser, "--seed")
     group = parser.add_argument_group("excitation")
     group.add_argument(
         "--excitation",
@@ -87,11 +86,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
     group.add_argument(
         "--counts",
-        type=options.convert_whole(0, 2**32),
+        type=options.convert_number(0, 2**32),
         default=COUNTS,
         help=f"of the encoder per turn (default {COUNTS})",
     )
-    options.add_plant(parser)
+    options.declare(parser, *options.PLANT)
     options.add_robot(
         parser,
         arms=["max_angle", "max_speed"],

@@ -34,17 +34,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         required=True,
         help="folder of the table, survey.parquet and survey.csv; run again to continue",
     )
-    options.add_workers(parser)
+    options.declare(parser, "--workers")
     parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
         help="scheduler of a Dask cluster to use instead, as tcp://host:8786 (needs the extra fleet); its workers see "
         "the same files",
     )
-    options.add_reading(parser)
-    options.add_drive(parser)
-    options.add_search(parser)
-    options.add_limits(parser)
+    options.declare(parser, *options.READING, "--drive", *options.SEARCH, *options.LIMITS)
     options.add_robot(parser)
 
 
@@ -69,8 +66,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             raise Interrupted(f"results are kept in {output}: run again to continue") from None
     known, failed, machines = counts[0], sum("error" in row for row in rows), len({own.machine for own in found})
     terminal.say(
-        f"{_count(len(found), 'recording')} of {_count(machines, 'machine')}: {known} known from before, "
-        f"{len(found) - known - failed} diagnosed, {failed} failed"
+        f"{len(found)} recording{'s' * (len(found) != 1)} of {machines} machine{'s' * (machines != 1)}: {known} known "
+        f"from before, {len(found) - known - failed} diagnosed, {failed} failed"
     )
     series = find_series(rows)
     for own in series:
@@ -84,10 +81,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terminal.heading("Parameters that change")
     terminal.table(*changes) if changes.rows else terminal.say("none")
     report_files([output / name for name in TABLES], terminal)
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def _check_options(arguments: argparse.Namespace) -> None:

@@ -13,7 +13,7 @@ from pendulum_env.physics import Estimate, Model, Samples
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.simulation import TorqueBalance, step, write_balance
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, make_symbol, set_label, sort_symbols
-from pendulum_env.physics.term import ROOM, Memory
+from pendulum_env.physics.term import ROOM
 from pendulum_env.recording.vocabulary import SI
 from pendulum_env.servo import UNIT, ServoDrive
 from pendulum_env.servo.loop import GAINS, ControllerState, ServoInputs, compute_control, compute_gains, compute_taps
@@ -84,7 +84,10 @@ def write_step(model: Model, seconds: float, actuator: Motor | Servo) -> Dynamic
         x = step(parts.balance, parts.x, seconds)
     except Exception as error:  # a user's law may do anything that NumPy does
         raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
-    return parts.dynamics({"time": x.time, "position": x.position, "velocity": x.velocity} | parts.memory(x.memory))
+    after = {"time": x.time, "position": x.position, "velocity": x.velocity}
+    for id, names in parts.remembered.items():
+        after |= dict(zip(names, x.memory[id], strict=True))
+    return parts.dynamics(after)
 
 
 @dataclass
@@ -194,11 +197,6 @@ class _Parts:
             "last_velocity": make_symbol("velocity"),
             "phase": 1.0,
         }
-
-    def memory(self, values: Mapping[str, Memory]) -> dict[str, Any]:
-        """Return the values of what terms remember, by name."""
-        pairs = [pair for id, texts in self.remembered.items() for pair in zip(texts, values[id], strict=True)]
-        return dict(pairs)
 
     def dynamics(self, after: Mapping[str, Any]) -> Dynamics:
         """Return the step without unused state."""

@@ -7,13 +7,12 @@ where these leave it open. Shapes and meshes are not part of a model.
 import numpy as np
 
 from estimators.arms.standard import nearest_body
-from pendulum_env._typing import Array
 from pendulum_env.arms.joints import Coupling
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.world import build_specification
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
 from pendulum_env.physics import Model, Table, find_term, list_loads
-from workbench.export.arm import Friction, get_value, is_spring_linear
+from workbench.export.mjcf import Friction, get_value, is_spring_linear
 from workbench.export.request import Exported, Request, escape_comment, escape_text, note_missing
 from workbench.narrator.findings import describe_nearest_body
 
@@ -35,8 +34,14 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
     ModuleNotFoundError without MuJoCo.
     """
     mujoco, body = import_mujoco(), model.body
-    standard, off = _find_standard(model)
-    joints, notes = _find_friction(model, off, request)
+    links, joints = nearest_body(model), {}
+    standard = np.array([links.parameters[name].value for name in body.standard])
+    missing = [] if links.exists else [f"the links as identified: {describe_nearest_body(links)}"]
+    for joint in body.joints:
+        own, tables = select_joint(model, joint)
+        joints[joint] = Friction.from_model(own, ("spring",) if is_spring_linear(own) else ())
+        missing += [f"{text} (at {joint})" for text in (*joints[joint].missing, *tables)]
+    notes = note_missing(missing, request, others="")
     spec = build_specification(body, standard, {joint: (own.viscous, own.dry) for joint, own in joints.items()})
     spec.option.timestep = request.step
     for joint in spec.joints:
@@ -49,33 +54,16 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
             )
     for tie in spec.equalities:
         tie.solref = STEPS * request.step, 1.0
-    for own in (one for one in model.terms if isinstance(one, Coupling)):
-        motor = spec.add_tendon(name=own.id, solimp_friction=IMPEDANCE, solref_friction=[STEPS * request.step, 1.0])
-        for joint, factor in list_loads(own.at).items():
+    for term in (one for one in model.terms if isinstance(one, Coupling)):
+        motor = spec.add_tendon(name=term.id, solimp_friction=IMPEDANCE, solref_friction=[STEPS * request.step, 1.0])
+        for joint, factor in list_loads(term.at).items():
             motor.wrap_joint(joint, factor)
-        motor.damping = [max(get_value(model, f"coupling.viscous@{own.at}"), 0.0), 0.0, 0.0]
-        motor.frictionloss = max(get_value(model, f"coupling.coulomb@{own.at}"), 0.0)
-        motor.armature = max(get_value(model, f"coupling.inertia@{own.at}"), 0.0)
+        motor.damping = [max(get_value(model, f"coupling.viscous@{term.at}"), 0.0), 0.0, 0.0]
+        motor.frictionloss = max(get_value(model, f"coupling.coulomb@{term.at}"), 0.0)
+        motor.armature = max(get_value(model, f"coupling.inertia@{term.at}"), 0.0)
     for joint in body.joints:
         motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.gainprm[0] = 1.0
     spec.compile()
     head = escape_comment((f"The arm {escape_text(body.name)}, as identified.", *notes))
     return Exported(f'<?xml version="1.0"?>\n<!-- {head} -->\n{spec.to_xml()}', notes)
-
-
-def _find_standard(model: ArmModel) -> tuple[Array, list[str]]:
-    """Find the standard parameters (S,) of the nearest body, and a note where no body has the model's parameters."""
-    found = nearest_body(model)
-    off = [] if found.exists else [f"the links as identified: {describe_nearest_body(found)}"]
-    return np.array([found.parameters[name].value for name in model.body.standard]), off
-
-
-def _find_friction(model: ArmModel, off: list[str], request: Request) -> tuple[dict[str, Friction], tuple[str, ...]]:
-    """Find the friction of each joint, and what MuJoCo does not hold, a sentence each, if that is allowed."""
-    joints, missing = {}, list(off)
-    for joint in model.body.joints:
-        own, tables = select_joint(model, joint)
-        joints[joint] = Friction.from_model(own, ("spring",) if is_spring_linear(own) else ())
-        missing += [f"{text} (at {joint})" for text in (*joints[joint].missing, *tables)]
-    return joints, note_missing(missing, request, others="")

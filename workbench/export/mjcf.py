@@ -1,25 +1,167 @@
-"""The form `mjcf`: a model for MuJoCo, written by MuJoCo's own `MjSpec`.
+"""The form `mjcf` of a joint: a model for MuJoCo, written by MuJoCo's own `MjSpec`.
 
 What MuJoCo solves is not quite the model's law: its dry friction is regularised, a joint that should stick creeps with
 a speed proportional to the torque it holds, and a stop is a soft constraint. The constants below make both as close as
 its solver allows at the step that is written into the file.
+
+A swinging joint shows its inertia about the axis and its weight on the lever arm, never mass, lever and inertia about
+the centre of mass one by one. Unless the mass is known the arm is drawn as a uniform rod, of which three quarters of
+the inertia come with the lever; any other choice moves alike.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Collection
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import scipy
+
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
-from pendulum_env.physics import Model
+from pendulum_env.physics import Model, Samples
+from pendulum_env.physics.potential import HardStop
 from pendulum_env.physics.transmission import JointFlexibility
-from workbench.export.arm import Friction, RigidBody, Stop, get_value, is_spring_linear, make_body
-from workbench.export.request import Exported, Request, escape_comment, note_missing, write_title
+from pendulum_env.recording.channel import NEWTON_METRE
+from workbench.export.request import Exported, ExportError, Request, escape_comment, note_missing, write_title
 from workbench.export.servo import Motor, Servo
+from workbench.narrator.effects import find_description
 
 JOINT, ACTUATOR = "joint", "torque"  # names in the file
 BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside those of `EVERY`
 # Impedance of the stop: MuJoCo's lower bound of 0.0001. A constraint with impedance d replaces the share d of what else
 # accelerates the joint, so that a small one only adds to it, as a spring does.
 SOFT = (1e-4, 1e-4, 0.001, 0.5, 2.0)
+G = 9.81  # [m/s^2]
+FAR = 1e4  # [rad], where a stop is that is none
+SPEEDS = np.linspace(0.0, 5.0, 101)[1:]  # [rad/s], at which viscous and dry friction approximate another law
+EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")  # terms that MuJoCo holds of any model
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """A rigid body on a horizontal hinge along x; at q = 0 its centre of mass hangs down, apart from a tilt."""
+
+    mass: float  # [kg]
+    lever: float  # from the axis to the centre of mass [m]
+    tilt: float  # angle of the centre of mass at q = 0 [rad]
+    inertia: float  # about the centre of mass [kg m^2]
+
+    @property
+    def centre(self) -> tuple[float, float, float]:
+        """Return the centre of mass at q = 0 [m]."""
+        return 0.0, self.lever * math.sin(self.tilt), -self.lever * math.cos(self.tilt)
+
+    @property
+    def moments(self) -> tuple[float, float, float]:
+        """Return the moments of inertia of a rod about x, y, z through its centre [kg m^2]; x is along the hinge."""
+        return self.inertia, self.inertia, 0.01 * self.inertia  # inertia about its length, in that about the axis
+
+    @classmethod
+    def from_pendulum(cls, inertia: float, gravity: float, tilted: float = 0.0, mass: float | None = None) -> RigidBody:
+        """Return the body with an inertia about the axis [kg m^2] and the torque gravity sin q + tilted cos q.
+
+        Raises ExportError if a body of the mass that was given cannot be so, or an armature leaves it no inertia.
+        """
+        if inertia <= 0:
+            raise ExportError("the armature leaves the arm no inertia: give a smaller --armature")
+        weight = math.hypot(gravity, tilted)  # [N m], held out level
+        least = weight**2 / (G**2 * inertia)  # [kg], of a point
+        # a uniform rod has a third more mass than a point with the same inertia and weight
+        mass = mass or 4.0 / 3.0 * least or 1.0
+        lever = weight / (mass * G)
+        central = inertia - mass * lever**2
+        if central <= 0:
+            raise ExportError(
+                f"an arm of {mass:g} kg cannot have this weight and inertia: --mass has to be above {least:.4g} kg"
+            )
+        return cls(mass, lever, math.atan2(tilted, gravity), central)
+
+
+def get_value(model: Model, parameter: str) -> float:
+    """Return a linear parameter of the model, 0 if it has none of that name."""
+    return model.estimates[parameter].value if parameter in model.estimates else 0.0
+
+
+def is_spring_linear(model: Model) -> bool:
+    """Return whether a linear spring of the simulator represents the spring of a model."""
+    return get_value(model, "spring.stiffness") >= 0 and "spring.cubic" not in model.estimates
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Friction as MuJoCo has it, and what it stands in for."""
+
+    viscous: float  # [N m s/rad]
+    dry: float  # [N m]
+    missing: tuple[str, ...]  # what the model has beyond, and what is in its place
+
+    @classmethod
+    def from_model(cls, model: Model, held: Collection[str]) -> Friction:
+        """Return the friction of a model where the terms of these ids are held beside those of `EVERY`.
+
+        Where that is not all, viscous and dry friction come as close to the sum as they can, in both directions alike.
+        """
+        unit = model.torque_unit
+        others = [term for term in model.terms if term.id not in EVERY and term.id not in held]
+        folded = [term for term in others if find_description(term.id).fits_friction]
+        missing = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
+        missing += [
+            f"{term.id} ({term.law}): {find_description(term.id).omission}" for term in others if term not in folded
+        ]
+        viscous, dry = get_value(model, "viscous") + get_value(model, "back_emf"), get_value(model, "coulomb")
+        if not folded and min(viscous, dry) >= 0:
+            return cls(viscous, dry, tuple(missing))
+        still = np.zeros_like(SPEEDS)
+        law = viscous * SPEEDS + dry
+        for column in (column for term in folded for column in term.columns):
+            ways = [column.torque(Samples(still, still, v, still), 0.0) for v in (SPEEDS, -SPEEDS)]
+            law = law + 0.5 * model.estimates[column.name].value * (ways[0] - ways[1])
+        (viscous, dry), _ = scipy.optimize.nnls(np.column_stack([SPEEDS, np.ones_like(SPEEDS)]), law)
+        kinds = [f"{term.id} ({term.law})" for term in folded] or ["friction below zero"]
+        close = f"viscous and dry friction come closest to the sum up to {SPEEDS[-1]:g} rad/s"
+        return cls(float(viscous), float(dry), (*missing, *(f"{what}: {close}" for what in kinds)))
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Ends of the range as an elastic contact with a damper beside it; a stop at infinity is none."""
+
+    lower: float = -math.inf  # [rad], perhaps infinite, as `upper`
+    upper: float = math.inf
+    stiffness: float = 0.0  # [N m/rad]
+    damping: float = 0.0  # [N m s/rad]
+    missing: tuple[str, ...] = ()  # what of the model's stop that is not
+
+    @property
+    def is_there(self) -> bool:
+        """Return whether there is any."""
+        return math.isfinite(self.lower) or math.isfinite(self.upper)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lower and upper [rad], finite as MuJoCo wants them."""
+        return max(self.lower, -FAR), min(self.upper, FAR)
+
+    @classmethod
+    def from_model(cls, model: Model, speed: float = 1.0) -> Stop:
+        """Return the stop of a model.
+
+        A hysteresis becomes the damper that gives back as much of an impact at that speed [rad/s]: of a spring and a
+        damper with the small damping ratio z the share exp(-pi z) of the speed comes back.
+        """
+        stop = next((term for term in model.terms if isinstance(term, HardStop)), None)
+        stiffness = get_value(model, "hard_stop.stiffness")
+        if stop is None:
+            return cls()
+        damping, missing = stiffness * stop.damping_time, []
+        if stop.hysteresis:
+            lost = min(2.0 * stop.hysteresis * speed / 3.0, 0.9)
+            ratio = -math.log(1.0 - lost) / math.pi
+            damping += 2.0 * ratio * math.sqrt(stiffness * get_value(model, "inertia"))
+            missing.append(f"the hysteresis of hard_stop: a damper loses as much of an impact at {speed:g} rad/s")
+        return cls(stop.lower, stop.upper, stiffness, damping, tuple(missing))
 
 
 def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
@@ -45,16 +187,14 @@ def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
     spec.modelname, spec.comment = "pendulum", escape_comment((write_title(model), *notes))
     spec.option.timestep = request.step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    total, gravity, tilted = (get_value(model, name) for name in ("inertia", "gravity", "gravity_tilt"))
+    total -= request.armature
     if link is None:
-        body = _add(spec.worldbody, "arm", make_body(model, request))
+        body = _add(spec.worldbody, "arm", RigidBody.from_pendulum(total, gravity, tilted, request.mass))
     else:
         inertia = get_value(model, link.id)  # [kg m^2], J of the link
-        motor = RigidBody.from_pendulum(
-            get_value(model, "inertia") - inertia - request.armature,
-            get_value(model, "gravity") - inertia * link.gravity,
-            get_value(model, "gravity_tilt"),
-        )
-        body = _add(spec.worldbody, "motor", motor)
+        rotor = RigidBody.from_pendulum(total - inertia, gravity - inertia * link.gravity, tilted)
+        body = _add(spec.worldbody, "motor", rotor)
         behind = _add(body, "link", RigidBody.from_pendulum(inertia, inertia * link.gravity, mass=request.mass))
         spring = behind.add_joint(name="transmission", axis=(1, 0, 0))
         spring.stiffness = inertia * link.resonance**2, 0.0, 0.0
@@ -72,7 +212,12 @@ def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
         joint.range = [math.degrees(end) for end in stop.ends]
         joint.solref_limit = -stop.stiffness / inertia, -stop.damping / inertia
         joint.solimp_limit = SOFT
-    _add_actuator(mujoco, spec, model, actuator)
+    offset = get_value(model, "torque_offset") + get_value(model, "coulomb_asymmetry")
+    motor = spec.add_actuator(name=ACTUATOR, target=JOINT, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    actuator.actuate(mujoco, motor, model, offset)
+    if offset:
+        motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        motor.biasprm = [-offset, *motor.biasprm[1:]]
     spec.compile()
     return Exported(spec.to_xml(), notes)
 
@@ -84,13 +229,3 @@ def _add(parent: Any, name: str, body: RigidBody) -> Any:
         type=3, contype=0, conaffinity=0,
     )  # fmt: skip
     return added
-
-
-def _add_actuator(mujoco: Any, spec: Any, model: Model, kind: Motor | Servo) -> None:
-    """Add the actuator: a torque with what lies between the command and the joint, or a servo."""
-    offset = get_value(model, "torque_offset") + get_value(model, "coulomb_asymmetry")
-    actuator = spec.add_actuator(name=ACTUATOR, target=JOINT, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    kind.actuate(mujoco, actuator, model, offset)
-    if offset:
-        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-        actuator.biasprm = [-offset, *actuator.biasprm[1:]]

@@ -1,24 +1,40 @@
-"""A diagnosis in words: what to do next, what else was found, and the files that hold both, with texts."""
+"""Comparisons, diagnoses and additions in words, and the files that hold the first two, with texts."""
 
-import math
-from dataclasses import replace
+import numpy as np
 
-from estimators.checks.alignment import Alignment
-from estimators.checks.homogeneity import Disagreement
-from estimators.diagnosis.result import Detectable, Diagnosis, HorizonRefit, TriedTreatment
+from estimators.diagnosis.likeness import Likeness, find_likenesses
+from estimators.diagnosis.result import Addition, Detectable, Diagnosis, HorizonRefit, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Kind, Quantity
 from estimators.results import Comparison
+from estimators.selection.errors import Step
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
 from pendulum_env.excitation import encode_signal
-from pendulum_env.formatting import capitalise, join_words
+from pendulum_env.formatting import capitalise, format_percent, join_words
+from pendulum_env.physics.term import list_loads
 from pendulum_env.recording import NEWTON_METRE, NoteKind
 from pendulum_env.units import TURNING, JointUnits, show_angles, to_shown_unit
 from workbench.narrator.effects import find_description, name_effect
-from workbench.narrator.findings import describe, describe_aim, measure, measure_change, measure_range
-from workbench.narrator.reasons import describe_reason
+from workbench.narrator.findings import (
+    ERRORS,
+    advise_inertia,
+    describe,
+    describe_aim,
+    describe_reason,
+    measure,
+    measure_change,
+    measure_range,
+)
 
+FORMS = {
+    "power": "|q'|^{0}",
+    "wave": "a wave of {0} a turn",
+    "line": "a straight line",
+    "bump": "a bump at {0} {rad}, {1} {rad} wide",
+    "step": "a step at {0} {rad}, {1} {rad} wide",
+}
+SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
 COUNTABLE = 100.0  # standard errors, above which their number says nothing more
 
 
@@ -56,16 +72,6 @@ def describe_unexplained(found: Diagnosis, region: Region) -> str:
     return f"{left}; {text}" if text else left
 
 
-def describe_disagreement(found: Disagreement) -> str:
-    """Describe how a recording disagrees with the others."""
-    return describe(found.finding)
-
-
-def describe_alignment(found: Alignment) -> str | None:
-    """Describe the time between torque and motion; None if they are in time."""
-    return None if found.finding is None else describe(found.finding)
-
-
 def describe_suggestion(found: Suggestion, units: JointUnits = TURNING) -> str:
     """Describe a suggested experiment."""
     aims = ", ".join(describe_aim(own.effect, own.instead) for own in found.settles)
@@ -89,9 +95,10 @@ def describe_result(found: Diagnosis) -> str:
     where = join_words([at for at in dict.fromkeys(region.at for region in found.unexplained) if at])
     place = f" at {where}" if where else ""
     groups = [
-        f"a payload of {measure(replace(own.numbers['mass'], std=0.0))} in {join_words(own.recordings)}"
+        f"a payload of {measure(Quantity(mass.value, unit=mass.unit))} in {join_words(own.recordings)}"
         for own in found.findings
         if own.kind is Kind.PAYLOAD
+        for mass in [own.numbers["mass"]]
     ]
     groups += [join_words([name_effect(id) for id in group], "or") for group in found.effects]
     if groups:
@@ -112,8 +119,8 @@ def describe_errors(found: Diagnosis) -> str:
     what, source = ("in the loop", "encoder noise") if last.is_in_loop else ("torque", "noise floor")
 
     def fall(before: float, after: float, unit: str) -> str:
-        is_new = len(found.steps) > 1 and not (math.isnan(before) and math.isnan(after))
-        old, new = Quantity(before, unit=unit), Quantity(after, unit="" if math.isnan(after) else unit)
+        is_new = len(found.steps) > 1 and not (np.isnan(before) and np.isnan(after))
+        old, new = Quantity(before, unit=unit), Quantity(after, unit="" if np.isnan(after) else unit)
         return measure_change(old, new, 4) if is_new else measure(new, 4)
 
     floors = {at: to_shown_unit(floor, found.unit_at(at))[0] for at, floor in found.floors.items()}
@@ -193,6 +200,72 @@ def list_remarks(found: Diagnosis) -> list[str]:
     return [text for text in list_advice(found) if text != step]
 
 
+def describe_comparison(found: Comparison) -> str:
+    """State the error of the model in one sentence."""
+    errors = found.joint.errors
+    times, at = max((errors.joints[at] / max(floor, 1e-300), at) for at, floor in found.joint.floors.items())
+    units, where = found.model.units(at), f" at {at}" if at else ""
+    error = f"{errors.joints[at]:.3g} {units.unit(NEWTON_METRE)}{where}"
+    text = f"The model is off by {error}, {times:.2g} times the noise floor"
+    if np.isnan(errors.position_rms):
+        return text
+    position = measure(Quantity(errors.position_rms, unit=units.unit("rad")))
+    return f"{text}, and by {position} in free run over {found.horizon:g} s"
+
+
+def describe_unstable(found: Comparison) -> str | None:
+    """Name the windows that are not counted in the error of free runs; None if all are."""
+    if not found.model.has_known_inertia:
+        return f"The free-running position is unknown, as the inertia of the model is. {advise_inertia()}"
+    share = found.joint.unstable
+    if share == 0:
+        return None
+    windows = f"windows of {found.horizon:g} s"
+    text = f"In {format_percent(share)} of the {windows} a small error grows tenfold, as with the arm upright"
+    return f"{text}: there are no others." if share == 1 else f"{text}: these are not counted in free run."
+
+
+def describe_loop(found: Comparison) -> str | None:
+    """State the error in the loop; None where the controller is unknown."""
+    error = Quantity(found.joint.errors.total, unit=found.model.units().unit("rad"))
+    text = f"Simulated from its goals alone, the model is off by {measure(error)} on average."
+    return text if found.joint.errors.is_in_loop else None
+
+
+def describe_addition(found: Addition) -> str:
+    """State whether the effect lowers errors on data to which it was not fitted."""
+    if found.objection is not None:
+        objection = describe(found.objection)
+        return f"{found.after.added} {objection}: these recordings give no reason to keep it."
+    old, new = found.before.errors["holdout"], found.after.errors["holdout"]
+    joint = next(iter(list_loads((found.after.added or "").partition("@")[2])))
+    shares = {kind: getattr(new, kind) / getattr(old, kind) for kind in new.kinds if kind in old.kinds}
+    shares[next(iter(shares))] = new.get_joint_error(joint) / old.get_joint_error(joint)
+    falls = [f"{ERRORS[kind]}{f' at {joint}' if joint else ''} to {share:.1%}" for kind, share in shares.items()]
+    return f"{found.after.added} lowers the held-out errors: {', '.join(falls)} of before."
+
+
+def describe_table(step: Step) -> str | None:
+    """Name the formulas that an added table comes nearest to; None of an effect."""
+    tables = step.model.tables
+    if step.added not in tables:
+        return None
+    table, curve = tables[step.added]
+    if np.mean(curve.value**2) < (SIGNIFICANT * np.median(curve.std)) ** 2:  # at an end they may be large
+        return f"{step.added} looks like no formula: its standard errors are nearly as large as itself."
+    near = [describe_likeness(one, table.slides) for one in find_likenesses(table, curve)]
+    nearest = f"{join_words(near, 'or')} of its shape" if near else "no formula that is known here"
+    return f"{step.added} looks like {nearest}."
+
+
+def describe_likeness(found: Likeness, slides: bool = False) -> str:
+    """Write a formula and the share of the shape that it explains: `|q'|^0.4 (99.7 %)`."""
+    unit = JointUnits(slides=slides).unit("rad")
+    text = FORMS[found.form].format(*(f"{value:.3g}" for value in found.values), rad=unit)
+    text = text.replace("of 1 a turn", "of one a turn")
+    return f"{text} ({100 * found.share:.3g} %)"
+
+
 @show_angles("rad")
 def write_comparison(found: Comparison) -> JSON:
     """Return the content of the file of `compare --json`: results, and recordings that disagree in words."""
@@ -200,7 +273,7 @@ def write_comparison(found: Comparison) -> JSON:
     for own, region in zip(data["regions"], found.regions, strict=True):
         own["text"] = describe_region(region)
     for own, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
-        own["text"] = describe_disagreement(disagreement)
+        own["text"] = describe(disagreement.finding)
     return data
 
 
@@ -213,12 +286,12 @@ def write_diagnosis(found: Diagnosis) -> JSON:
     data["advice"] = list_advice(found)
     data["forbidden"] = None if found.forbidden is None else describe(found.forbidden)
     for own, alignment in zip(data["alignments"], found.alignments, strict=True):
-        own["text"] = describe_alignment(alignment)
+        own["text"] = None if alignment.finding is None else describe(alignment.finding)
     for own, region in zip(data["regions"], found.unexplained, strict=True):
         own["text"] = describe_region(region)
     data["unexplained"]["where"] = "; ".join(describe_unexplained(found, own) for own in found.unexplained) or None
     for own, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
-        own["text"] = describe_disagreement(disagreement)
+        own["text"] = describe(disagreement.finding)
     if found.suggestion is not None:
         data["suggestion"]["text"] = describe_suggestion(found.suggestion, found.model.units())
     if found.refit is not None:

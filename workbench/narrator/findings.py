@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from estimators.arms.standard import Nearest
+from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
 from pendulum_env.formatting import capitalise, format_estimate, format_p_value, format_quantity, join_words
 from pendulum_env.settings import Blank, format_setting
@@ -24,17 +25,30 @@ PHRASES = {  # of violated bounds, by the name of their gate; others are paramet
     "dry_friction": "dry friction of {}, more than the torque that moved the joint",
 }
 LIMITS = ("torque", "angle", "speed")
+NOT_TRIED = {
+    "earlier_effects": "not tried: a transmission is tried only as the first effect",
+    "transmissions": "not tried: the model has a transmission already",
+    "variants": "not tried: these data offer no variant of it",
+}
+HELD_OUT = {
+    "holdout_in_loop": "error in the loop",
+    "holdout_position": "error of free-running simulation",
+    "holdout_torque": "torque error",
+}
+ERRORS = {"in_loop": "in the loop", "torque_rms": "torque", "position_rms": "position"}
+FLOOR_SOURCES = {"in_loop": "the resolution of the encoder", "torque_rms": "the scatter between samples"}
+FALLS = ERRORS | {"position_rms": "free-running position"}
 
 
 def describe(finding: Finding) -> str:
-    """Describe a finding in one to three sentences.
+    """Describe a finding in one to three sentences; one for or against an effect in a phrase, whose subject it is.
 
     Raises:
         TypeError: if it is no finding, such as a result that has findings.
     """
     if not isinstance(finding, Finding):
         raise TypeError(f"describe takes one finding, not {type(finding).__name__}: give one of `findings` of a result")
-    text = DESCRIBED[finding.kind]
+    text = (REASONS if finding.kind in REASONS else DESCRIBED)[finding.kind]
     return text.format(**_collect_words(finding)) if isinstance(text, str) else text(finding)
 
 
@@ -312,6 +326,54 @@ def _compare_goals(found: Finding, reading: str, other: str, key: str) -> str:
     return f'Goals are read as {reading}. {fit} If they are so, give `goal = "{key}"` in `[drive]`.'
 
 
+def describe_reason(candidate: Candidate) -> str:
+    """Return the reason for the verdict on a candidate, as a phrase whose subject is the effect."""
+    text = describe(candidate.reason)
+    needed = find_description(candidate.effect).informative_experiment
+    is_silent = candidate.reason.kind in (Kind.NOT_TESTED, Kind.NOT_EXCITED)
+    return f"{text}; it needs {needed}" if is_silent and needed else text
+
+
+def _describe_fall(found: Finding) -> str:
+    numbers = found.numbers
+    kinds = [name.removesuffix(".after") for name in numbers if name.endswith(".after")]
+    changes = [measure_change(numbers[f"{kind}.before"], numbers[f"{kind}.after"]) for kind in kinds]
+    falls = (f"{FALLS[kind]} {change}" for kind, change in zip(kinds, changes, strict=True))
+    return f"lowers the held-out errors: {', '.join(falls)}"
+
+
+def _describe_gate(found: Finding) -> str:
+    """Return the gate that an effect failed."""
+    name, _, at = found.parameters[0].partition("@")
+    value, limit = found.numbers[found.parameters[0]], found.numbers[f"limit.{found.parameters[0]}"]
+    if name in NOT_TRIED:
+        return NOT_TRIED[name]
+    if name == "residual_over_noise":
+        return f"not tried: the residual is {value.value:.2g} times the noise floor, which counts as noise"
+    if name in ("gain", "p_value"):
+        gain, p_value = found.numbers["gain"], found.numbers["p_value"]
+        std = f" ± {gain.std:.2g}" if gain.std else ""
+        penalty, most = (found.numbers[f"limit.{own}"].value for own in ("gain", "p_value"))
+        compared = "the selected effects" if found.effects else "the base model"
+        limits = f"{format_p_value(p_value.value)} with a penalty of {penalty:.2g} nat, limit {most:.2g}"
+        return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"
+    if name == "explained_share":
+        share = f"{100 * value.value:.3g} % of the residual or of the motion error"
+        return f"explains {share}, less than {100 * limit.value:.3g} %"
+    if name == "known_parameters":
+        return f"predicts no better than other values of the parameters that were given: {format_p_value(value.value)}"
+    if name == "residual_in_loop":
+        return f"leaves {value.value:.2g} times the noise floor: in a closed loop, it may fit the controller's answer"
+    if name == "kept_gravity":
+        return f"fits only with {value.value:.2g} times the gravity: both terms cancel and imitate a third law"
+    if name == "kept_inertia":
+        return f"fits only with {value.value:.2g} times the inertia, less than {limit.value:.0%}: it imitates inertia"
+    if name in HELD_OUT:
+        where = f" at {at}" if at else ""
+        return f"does not lower the held-out {HELD_OUT[name]} ({measure_change(limit, value)}){where}"
+    return f"would mean {join_words(describe_violations(found))}, which no body has"
+
+
 DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the names of `_collect_words`, or functions
     Kind.NO_MOTION: "The joint moves too little to identify any parameter. Record wider or faster motion.",
     Kind.TORQUE_IS_NOISE: (
@@ -463,4 +525,19 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         "No effect that was tried explains the residual. Check the gains and limits of the drive, and record under "
         "more gains."
     ),
+}
+REASONS: Mapping[Kind, str | Callable[[Finding], str]] = {  # phrases for or against an effect, which is their subject
+    Kind.ERRORS_FALL: _describe_fall,
+    Kind.ERROR_FALLS_AT_JOINT: lambda found: (
+        f"lowers the held-out torque error of {join_words(found.joints)} to {found.numbers['share'].value:.1%}"
+    ),
+    Kind.TIES: lambda found: f"predicts as well as {found.effects[0]}",
+    Kind.IMITATES: lambda found: f"imitates {found.effects[0]} in these data",
+    Kind.IMITATES_TABLE: lambda found: f"explains less than {describe_law(found)} as a table does",
+    Kind.NOT_TESTED: describe_untested,
+    Kind.NOT_EXCITED: "these data do not depend on it",
+    Kind.GATE_FAILED: _describe_gate,
+    Kind.OTHERS_BETTER: "others explain it better",
+    Kind.LONG_STEPS: "predicts no better with shorter steps of the integrator: it compensated for long ones",
+    Kind.BY_CHANCE: "does not lower the held-out errors significantly",
 }

@@ -4,10 +4,8 @@ A cell has no style sheet of its own and may be light or dark, so that everythin
 colour and three colours that are seen on either. All content is escaped, names of recordings and effects included.
 """
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from typing import NamedTuple
 
@@ -17,6 +15,7 @@ from pendulum_env._typing import Array
 from pendulum_env.formatting import TextTable
 from pendulum_env.notebook import BLUE
 from pendulum_env.thinning import thin
+from workbench.narrator.parts import Part
 
 WIDTH, HEIGHT = 600, 64  # of a curve, in its own units
 LINE = "border-bottom:1px solid rgba(128,128,128,.3)"
@@ -29,47 +28,36 @@ class Html(str):
     __slots__ = ()
 
 
-def escape_markup(content: object) -> Html:
-    """Convert text to markup by escaping it."""
-    return content if isinstance(content, Html) else Html(escape(str(content)))
-
-
 def make_element(tag: str, style: str, *content: object) -> Html:
     """Make an element with its content, escaped unless it is markup."""
-    return Html(f'<{tag} style="{style}">{"".join(map(escape_markup, content))}</{tag}>')
+    parts = (item if isinstance(item, Html) else escape(str(item)) for item in content)
+    return Html(f'<{tag} style="{style}">{"".join(parts)}</{tag}>')
 
 
-def make_card(title: str, *parts: Html) -> str:
-    """Make a card of a result: its title and its parts."""
+def make_card(title: str, *content: object) -> str:
+    """Make a card of a result: its title and its content, as `render_content` renders it."""
     first = make_element("div", "font-weight:600;font-size:1.12em;margin-bottom:.3em", title)
-    return make_element("div", "max-width:62em;line-height:1.45;overflow-x:auto", first, *parts)
+    return make_element("div", "max-width:62em;line-height:1.45;overflow-x:auto", first, *render_content(content))
 
 
-def make_heading(text: str) -> Html:
-    """Make the title of a part."""
-    return make_element("div", "font-weight:600;margin:.7em 0 .15em", text)
-
-
-def make_paragraph(text: str) -> Html:
-    """Make a paragraph."""
-    return make_element("div", "margin:.15em 0", text)
-
-
-def make_note(text: str) -> Html:
-    """Make a remark in small print."""
-    return make_element("div", f"margin:.15em 0;{SMALL}", text)
-
-
-def make_bullets(lines: Iterable[str]) -> Html:
-    """Make a list; empty without lines."""
-    entries = [make_element("li", "margin:.1em 0", line) for line in lines]
-    return make_element("ul", "margin:.2em 0;padding-left:1.3em", *entries) if entries else Html()
-
-
-def make_details(title: str, *parts: Html) -> Html:
-    """Make a part that is collapsed at first."""
-    summary = make_element("summary", "cursor:pointer;margin:.5em 0 .2em", title)
-    return make_element("details", "", summary, *parts)
+def render_content(content: Iterable[object]) -> Iterator[Html]:
+    """Render texts in small print, points, tables and parts; markup stays as it is."""
+    for item in content:
+        if isinstance(item, Html):
+            yield item
+        elif isinstance(item, TextTable):
+            yield make_table(item)
+        elif isinstance(item, Part) and item.brief:
+            yield make_element("div", "font-weight:600;margin:.7em 0 .15em", item.title)
+            yield from render_content(item.content)
+        elif isinstance(item, Part):
+            summary = make_element("summary", "cursor:pointer;margin:.5em 0 .2em", item.title)
+            yield make_element("details", "", summary, *render_content(item.content))
+        elif isinstance(item, tuple):
+            points = [make_element("li", "margin:.1em 0", point) for point in item]
+            yield make_element("ul", "margin:.2em 0;padding-left:1.3em", *points) if points else Html()
+        elif item:
+            yield make_element("div", f"margin:.15em 0;{SMALL}", item)
 
 
 def make_table(content: TextTable) -> Html:

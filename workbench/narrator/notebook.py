@@ -1,29 +1,38 @@
 """Results as they show themselves in a notebook."""
 
-from __future__ import annotations
-
 import numpy as np
 
+from estimators import Addition, Comparison, Diagnosis, Identification
 from estimators.online.estimates import SchemeEstimate, SchemeEstimates
 from estimators.schemes.fitting import Identified
-from estimators.schemes.result import Identification
-from pendulum_env.formatting import TextTable, format_estimate, format_unit, join_words
-from pendulum_env.notebook import BLUE, GREEN, ORANGE, render_html
-from pendulum_env.notebook import summarise as headlines
+from estimators.selection.errors import get_single
+from pendulum_env.formatting import TextTable, capitalise, format_estimate, format_unit, join_words
+from pendulum_env.notebook import BLUE, GREEN, ORANGE, render_html, summarise
 from pendulum_env.physics import Model
-from pendulum_env.recording import NEWTON_METRE, Note
-from pendulum_env.recording.record import Recording
+from pendulum_env.recording import NEWTON_METRE, Note, Recording, TorqueConstant
 from pendulum_env.units import to_shown_unit
-from workbench.narrator.html import PlotCurve, make_bullets, make_card, make_note, make_paragraph, make_plot, make_table
+from workbench.narrator.diagnosis import describe_addition, describe_comparison, describe_result
+from workbench.narrator.findings import measure_range
+from workbench.narrator.html import PlotCurve, make_card, make_plot
 from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes
-from workbench.narrator.notebook_results import note_constant
 from workbench.narrator.notes import describe_note
+from workbench.narrator.results import (
+    describe_noise,
+    narrate_addition,
+    narrate_comparison,
+    narrate_diagnosis,
+    narrate_disagreements,
+    narrate_next_step,
+)
 from workbench.narrator.tables import tabulate_parameters
 
-headlines.register(Note, describe_note)
+summarise.register(Note, describe_note)
+summarise.register(Comparison, describe_comparison)
+summarise.register(Diagnosis, describe_result)
+summarise.register(Addition, describe_addition)
 
 
-@headlines.register
+@summarise.register
 def describe_identification(found: Identification) -> str:
     """Write the estimates of the schemes as a table of text, and a line for each warning."""
     header, rows, _ = tabulate_schemes(found)
@@ -38,11 +47,11 @@ def show_identification(found: Identification) -> str:
     estimates = tabulate_schemes(found)
     return make_card(
         f"Estimates from {join_words(found.recordings)}",
-        *note_constant(found.torque_constant),
-        make_table(estimates),
-        make_note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
-        make_note(explain_trust(estimates)),
-        make_bullets(f"warning: {text}" for text in list_warnings(found)),
+        note_constant(found.torque_constant),
+        estimates,
+        "± is one standard error of noise: where schemes differ by more, the model lacks something.",
+        explain_trust(estimates),
+        tuple(f"warning: {text}" for text in list_warnings(found)),
     )
 
 
@@ -64,7 +73,7 @@ def show_recording(recording: Recording) -> str:
         for label, values, symbol, color in signals
         for curves in [[PlotCurve(own, color) for own in np.atleast_2d(values.T)]]  # a joint each
     ]
-    return make_card(f"Recording {recording.name}", make_paragraph(recording.summary), make_bullets(lines), *plots)
+    return make_card(f"Recording {recording.name}", recording.summary, tuple(lines), *plots)
 
 
 @render_html.register
@@ -74,8 +83,8 @@ def show_identified(found: Identified) -> str:
     used, all_of_them = found.used
     return make_card(
         f"Estimates by the scheme {found.scheme}",
-        make_table(TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))),
-        make_note(f"residual {found.residual_rms:.3g} {found.unit}, {used} of {all_of_them} samples used"),
+        TextTable(("parameter", "estimate", "unit"), rows, left=("unit",)),
+        f"residual {found.residual_rms:.3g} {found.unit}, {used} of {all_of_them} samples used",
     )
 
 
@@ -84,7 +93,7 @@ def show_model(model: Model) -> str:
     """Show the torque balance and the parameters of a model."""
     law = " + ".join(term.law for term in model.terms)
     title = f"Model with {join_words([term.id for term in model.terms])}"
-    return make_card(title, make_paragraph(f"torque = {law}"), make_table(tabulate_parameters(model)))
+    return make_card(title, f"torque = {law}", tabulate_parameters(model))
 
 
 @render_html.register
@@ -102,6 +111,53 @@ def show_estimates(found: SchemeEstimates) -> str:
     batch = [len(own["theta"]) for own in schemes.values() if np.ndim(own["theta"]) > 1]
     return make_card(
         "Online estimates",
-        make_table(TextTable(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
-        make_note(f"of the first of {batch[0]} pendulums" if batch else ""),
+        TextTable(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows),
+        f"of the first of {batch[0]} pendulums" if batch else "",
     )
+
+
+@render_html.register
+def show_comparison(found: Comparison) -> str:
+    """Show the errors of a model, and where it fails."""
+    units = found.model.units()
+    torque = f"{units.name('torque')} [{units.unit(NEWTON_METRE)}]"
+    plots = [
+        make_plot(
+            f"{'amplitude of the' if item.axis == 'frequency' else 'mean'} residual {torque} "
+            f"over {item.axis}, {measure_range(item.edges[0], item.edges[-1], item.unit)}",
+            0.5 * (item.edges[1:] + item.edges[:-1]),
+            [PlotCurve(item.mean, ORANGE)],
+            noise=2 * item.error,
+        )
+        for item in found.profiles
+    ]
+    return make_card(
+        describe_comparison(found),
+        note_constant(found.torque_constant),
+        *narrate_comparison(found, is_drawn=True),
+        *plots,
+        "The band is two standard errors of noise." if plots else "",
+    )
+
+
+@render_html.register
+def show_diagnosis(found: Diagnosis) -> str:
+    """Show the story of a diagnosis: what is missing, how far the errors fall, parameters, ranking, what stays open."""
+    parts = [
+        *narrate_disagreements(found.disagreements),
+        *sorted(narrate_diagnosis(found), key=lambda part: not part.brief),
+        *narrate_next_step(found),
+    ]
+    return make_card(describe_result(found), note_constant(found.torque_constant), tuple(found.laws), *parts)
+
+
+@render_html.register
+def show_addition(found: Addition) -> str:
+    """Show the errors before and after, what follows from them, and the parameters."""
+    noise = describe_noise(found.before, floor) if np.isfinite(floor := get_single(found.floors)) else ""
+    return make_card(f"The model with {found.after.added}", noise, *narrate_addition(found))
+
+
+def note_constant(constant: TorqueConstant | None) -> str:
+    """Note the constant that turned a current into torque; empty without one."""
+    return "" if constant is None else f"{capitalise(constant.text)}; standard errors include that of it."

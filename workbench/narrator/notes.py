@@ -49,10 +49,6 @@ def _choose_by_count(one: str, several: str) -> Callable[[Note], str]:
     )
 
 
-def _list_delays(note: Note) -> str:
-    return ", ".join(f"{name} {1e3 * size.value:.3g} ms" for name, size in note.numbers.items()) or "half a sample"
-
-
 ROWS = (NoteKind.SPOILT, NoteKind.TIME_REPEATED, NoteKind.GLITCHES, NoteKind.STALE)
 PLACES = dict.fromkeys(ROWS, _name_rows) | dict.fromkeys((NoteKind.GAPS, NoteKind.FILLED), _name_times)
 VARIANTS: Mapping[NoteKind, Callable[[Note], str]] = {
@@ -66,7 +62,9 @@ VARIANTS: Mapping[NoteKind, Callable[[Note], str]] = {
         if "slow" in note.numbers
         else ""
     ),
-    NoteKind.ALIGNED: _list_delays,
+    NoteKind.ALIGNED: lambda note: (
+        ", ".join(f"{name} {1e3 * size.value:.3g} ms" for name, size in note.numbers.items()) or "half a sample"
+    ),
 }
 TEXTS: Mapping[NoteKind, str] = {
     NoteKind.TRANSFORMED: "{quantity} is {text}",

@@ -1,33 +1,36 @@
 """Results as parts, each a title with tables, sentences and lists; the command line prints and notebooks show them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
+from estimators.arms import Payload
 from estimators.checks.homogeneity import Disagreement
 from estimators.diagnosis.result import Addition, Candidate, Diagnosis, HorizonRefit
 from estimators.results import Comparison
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Errors, Step
+from pendulum_env.arms import Body
 from pendulum_env.formatting import TextTable, format_quantity, join_words
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.narrator.addition import describe_addition, describe_table
-from workbench.narrator.comparison import describe_loop, describe_unstable
 from workbench.narrator.diagnosis import (
-    describe_disagreement,
+    describe_addition,
+    describe_detectable,
+    describe_loop,
+    describe_next_step,
     describe_refit,
     describe_region,
+    describe_table,
     describe_treatment,
     describe_unexplained,
+    describe_unstable,
+    list_advice,
+    list_remarks,
 )
-from workbench.narrator.findings import describe, measure
+from workbench.narrator.findings import FLOOR_SOURCES, describe, measure
 from workbench.narrator.parts import Content, Part
-from workbench.narrator.reasons import FLOOR_SOURCES
 from workbench.narrator.tables import (
     tabulate_candidates,
-    tabulate_detectable,
     tabulate_errors,
     tabulate_joints,
     tabulate_parameters,
@@ -65,15 +68,31 @@ def narrate_diagnosis(found: Diagnosis) -> list[Part]:
     ]
     if found.refit is not None:
         parts.insert(1, Part(f"Free motion over {found.refit.seconds:g} s", narrate_refit(found.refit, units)))
-    if found.detectable:
-        parts.append(
-            Part("Smallest effects that would have shown", [tabulate_detectable(found.detectable)], brief=False)
-        )
+    parts += narrate_detectable(found)
     if treatments := tuple(describe_treatment(one) for one in found.treatments):
         parts.append(Part("Treatments of the recordings that were tried", [treatments], brief=False))
-    if left := tuple(describe_unexplained(found, region) for region in found.unexplained):
-        parts.append(Part("Left unexplained", [left]))
-    return parts
+    return [*parts, *narrate_unexplained(found)]
+
+
+def narrate_detectable(found: Diagnosis) -> list[Part]:
+    """Narrate the smallest detectable sizes of effects, if they are known."""
+    if not found.detectable:
+        return []
+    sizes = [(one.effect, describe_detectable(one)) for one in found.detectable]
+    table = TextTable(("effect", "detectable"), sizes, left=("detectable",))
+    return [Part("Smallest effects that would have shown", [table], brief=False)]
+
+
+def narrate_unexplained(found: Diagnosis) -> list[Part]:
+    """Narrate what a diagnosis leaves unexplained, if anything."""
+    left = tuple(describe_unexplained(found, region) for region in found.unexplained)
+    return [Part("Left unexplained", [left])] if left else []
+
+
+def narrate_next_step(found: Diagnosis) -> list[Part]:
+    """Narrate the next step and what else was found; without a search, what was found."""
+    texts = (describe_next_step(found), *list_remarks(found)) if found.candidates else tuple(list_advice(found))
+    return [Part(NEXT, [texts])] if texts else []
 
 
 def narrate_errors(found: Diagnosis) -> Content:
@@ -115,7 +134,7 @@ def narrate_candidates(candidates: Sequence[Candidate], most: int | None = RUNNE
 
 def narrate_disagreements(found: Sequence[Disagreement]) -> list[Part]:
     """Narrate the recordings that show another plant than the others, if there are any."""
-    return [Part("Recordings that disagree", [tuple(describe_disagreement(one) for one in found)])] if found else []
+    return [Part("Recordings that disagree", [tuple(describe(one.finding) for one in found)])] if found else []
 
 
 def narrate_addition(found: Addition) -> list[Part]:
@@ -200,3 +219,26 @@ def describe_noise(step: Step, floor: float) -> str:
     kind, unit = next(iter(step.errors["holdout"].kinds.items()))
     noise = measure(Quantity(floor, unit=step.model.units().unit(unit)))
     return f"noise floor, by {FLOOR_SOURCES[kind]}: {noise}"
+
+
+def narrate_payload(found: Payload, body: Body) -> list[Part]:
+    """Describe the payload of an arm, and its effect on the errors."""
+    rows = [(name, one.text, one.unit) for name, one in found.estimates.items()]
+    rows += [(f"centre {axis}", one.text, one.unit) for axis, one in found.center.items()]
+    content: list[TextTable | str] = [TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))]
+    if found.hidden:
+        content.append(f"{join_words(found.hidden)}: no motion of the joints shows them")
+    if found.exists is False:
+        content.append(
+            "No body has the moments of the best fit, so those of the nearest body are shown: something else changed "
+            "as well, or the motion says too little."
+        )
+    left = [
+        (at, f"{old:.4g}", f"{new:.4g}", body.units(at).unit(NEWTON_METRE))
+        for at, (old, new) in found.torque_rms.items()
+    ]
+    explained = TextTable(("joint", "without payload", "with it", "unit"), left, left=("unit",))
+    return [
+        Part(f"Payload at the link behind {found.joint}, in that joint's frame", content),
+        Part("Torque errors, friction refitted", [explained]),
+    ]

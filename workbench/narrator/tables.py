@@ -1,13 +1,11 @@
 """Tables of errors, parameters, candidates and residuals."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from estimators.diagnosis.result import Candidate, Detectable
+from estimators.diagnosis.result import Candidate
 from estimators.findings import Verdict
 from estimators.results import Comparison
 from estimators.selection.errors import Errors, Step
@@ -18,8 +16,7 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.estimate import shorten_name
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits, to_shown_unit
-from workbench.narrator.diagnosis import describe_detectable
-from workbench.narrator.reasons import ERRORS, describe_reason
+from workbench.narrator.findings import ERRORS, describe_reason
 
 JOINT_LEGEND = (
     "noise floor: torque error caused by sensor noise alone; share of torque: the error over the torque of the joint"
@@ -85,41 +82,23 @@ def tabulate_candidates(candidates: Sequence[Candidate], most: int | None) -> tu
     return TextTable(("effect", "verdict", "score", "reason"), rows, left=("verdict", "reason")), " and ".join(parts)
 
 
-def tabulate_detectable(found: Sequence[Detectable]) -> TextTable:
-    """Tabulate the smallest detectable sizes of effects."""
-    return TextTable(
-        ("effect", "detectable"),
-        [(one.effect, describe_detectable(one)) for one in found],
-        left=("detectable",),
-    )
-
-
 def tabulate_recordings(found: Comparison) -> TextTable:
     """Tabulate the errors of a model on every recording, and on all together if there are several."""
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
     units = found.model.units()
     unit, (factor, angle) = units.unit(NEWTON_METRE), to_shown_unit(1.0, units.unit("rad"))
     free = f"free-running position{'' if found.horizon in (None, HORIZON) else f' over {found.horizon:g} s'} [{angle}]"
-    errors = (f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", free, "fit [%]")
-    return TextTable(
-        (
-            "recording",
-            *errors,
-            *((f"in the loop, mean [{angle}]", f"RMS [{angle}]") if found.joint.errors.is_in_loop else ()),
-        ),
-        [
-            (
-                item.name,
-                f"{item.errors.torque_rms:.4g}",
-                f"{item.errors.torque_fit:.4g}",
-                f"{item.noise_floor:.4g}",
-                format_quantity(factor * item.errors.position_rms, 4),
-                format_quantity(item.errors.position_fit, 4),
-                *(f"{factor * error:.4g}" for error in item.errors.loop),
-            )
-            for item in distances
-        ],
-    )
+    headers = ["recording", f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", free, "fit [%]"]
+    if found.joint.errors.is_in_loop:
+        headers += [f"in the loop, mean [{angle}]", f"RMS [{angle}]"]
+    rows = []
+    for item in distances:
+        errors = item.errors
+        torque = [f"{size:.4g}" for size in (errors.torque_rms, errors.torque_fit, item.noise_floor)]
+        motion = [format_quantity(size, 4) for size in (factor * errors.position_rms, errors.position_fit)]
+        loop = [f"{factor * size:.4g}" for size in errors.loop]
+        rows.append((item.name, *torque, *motion, *loop))
+    return TextTable(headers, rows)
 
 
 def tabulate_profile(profile: Profile) -> TextTable:
@@ -127,14 +106,8 @@ def tabulate_profile(profile: Profile) -> TextTable:
     largest = float(np.abs(profile.mean).max()) or 1.0
     edges, along = to_shown_unit(profile.edges, profile.unit)
     rows = [
-        (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", _draw_signed_bar(mean / largest))
+        (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", f"{draw_bar(-mean / largest):>12}│{draw_bar(mean / largest):<12}")
         for (low, high), mean in zip(pairwise(edges), profile.mean.tolist(), strict=True)
     ]
     unit = profile.units.unit(NEWTON_METRE)
     return TextTable((f"{SYMBOLS[profile.axis]} [{along}]", f"mean residual [{unit}]", ""), rows, left=("",))
-
-
-def _draw_signed_bar(share: float, width: int = 12) -> str:
-    """Draw the bar from the middle to the left or to the right."""
-    left, right = ("", draw_bar(share, width)) if share > 0 else (draw_bar(-share, width), "")
-    return f"{left:>{width}}│{right:<{width}}"

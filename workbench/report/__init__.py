@@ -1,5 +1,95 @@
-"""The report: one self-contained HTML file that tells, shows and explains a diagnosis."""
+"""The report: one self-contained HTML file that tells, shows and explains a diagnosis or a comparison."""
 
-from workbench.report.whole import render, render_comparison, write_report
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from estimators.diagnosis.result import Diagnosis
+from estimators.results import Comparison
+from estimators.selection.errors import Step
+from pendulum_env.files import write_whole
+from pendulum_env.formatting import join_words
+from workbench.narrator.diagnosis import describe_comparison, describe_loop
+from workbench.narrator.results import narrate_comparison
+from workbench.report.comparison import make_comparison, make_loop, make_loop_diagnosis
+from workbench.report.data import ReportData, Section
+from workbench.report.failures import make_failures
+from workbench.report.numbers import make_errors, make_parameters, make_schemes
+from workbench.report.page import render_page
+from workbench.report.story import make_candidates, make_joints, make_method, make_next_experiment, make_story
 
 __all__ = ["render", "render_comparison", "write_report"]
+SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnosis, in the order in which they are read
+    make_story,
+    make_comparison,
+    make_failures,
+    make_candidates,
+    make_next_experiment,
+    make_errors,
+    make_parameters,
+    make_schemes,
+    make_method,
+)
+
+
+def render(diagnosis: Diagnosis, command: str = "") -> str:
+    """Render the report, see `write_report`, with the command lines that do the same, if known."""
+    case = ReportData(diagnosis, command=command)
+    if not diagnosis.body.can_simulate:
+        sections = _make_arm_sections(case)
+    elif diagnosis.is_in_loop:
+        sections = [make_loop_diagnosis(case), make_candidates(case), make_parameters(case)]
+    else:
+        sections = [section for make in SECTIONS if (section := make(case)) is not None]
+    kind = "diagnosis of" if diagnosis.searched or diagnosis.findings else "comparison with"
+    return _render_recordings(case, sections, kind)
+
+
+def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -> None:
+    """Write a diagnosis or a comparison as one self-contained HTML file: it needs no network, and it prints.
+
+    Raises:
+        TypeError: if the result is another one.
+        OSError: if the file cannot be written.
+    """
+    if not isinstance(result, Diagnosis | Comparison):
+        raise TypeError(f"a report shows a diagnosis or a comparison, no {type(result).__name__}: compare it first")
+    write_whole(Path(path), render_comparison(result) if isinstance(result, Comparison) else render(result))
+
+
+def render_comparison(compared: Comparison) -> str:
+    """Render a comparison as one self-contained page like that of a diagnosis.
+
+    The page is the page of a diagnosis without a search.
+    """
+    step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
+    found = Diagnosis(
+        (step,),
+        (),
+        (),
+        compared.regions,
+        compared.joint.floors,
+        (),
+        torque_unit=compared.torque_unit,
+        data=compared.data,
+    )
+    case = ReportData(found, first="model")  # nothing is added to it
+    if not found.body.can_simulate:
+        return _render_recordings(case, _make_arm_sections(case), "comparison with")
+    parts = narrate_comparison(compared, is_drawn=True)
+    result = Section("result", "Result", describe_comparison(compared), parts)
+    sections = [result, make_comparison(case), make_failures(case), make_parameters(case)]
+    if (error := describe_loop(compared)) is not None:
+        sections.insert(1, make_loop(case, error))
+    return _render_recordings(case, sections, "comparison with")
+
+
+def _make_arm_sections(case: ReportData) -> list[Section]:
+    """Make the sections of a report on an arm, for a diagnosis or a comparison."""
+    candidates = [make_candidates(case)] if case.diagnosis.candidates else []
+    return [make_joints(case), make_failures(case), *candidates, make_parameters(case)]
+
+
+def _render_recordings(case: ReportData, sections: Sequence[Section], kind: str) -> str:
+    """Render a page about recordings."""
+    return render_page(sections, f"{kind} {join_words([recording.name for recording in case.data.recordings])}")

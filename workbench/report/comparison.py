@@ -9,28 +9,31 @@ from estimators.simulation.free_running import HORIZON, Segments, follow
 from pendulum_env._typing import Array
 from pendulum_env.formatting import TextTable, capitalise, format_number
 from pendulum_env.thinning import POINTS, thin
-from workbench.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line
-from workbench.narrator.diagnosis import describe_next_step, describe_region, describe_result, list_remarks
+from workbench.figure import Figure, axis, band, before_and_after, broken, joined, line
+from workbench.narrator.diagnosis import describe_result
 from workbench.narrator.parts import Content, Part
-from workbench.narrator.results import NEXT
+from workbench.narrator.results import narrate_next_step, narrate_unexplained
 from workbench.report.data import ReportData, Section
+
+COMPARED = 4  # recordings that are drawn beside models, at most
+LOOPS = 8  # recordings that are drawn beside simulations in the loop, at most
 
 
 def make_comparison(case: ReportData) -> Section:
     """Make the section that compares torque and position of held-out recordings, largest errors first."""
     prepared = case.data.parts[1]
-    residuals = case.compute_residuals(prepared)
+    residuals = case.compute_residuals(1)
     ends = np.cumsum([len(w.centers) for w in prepared.data.windows])[:-1]
     split = [np.split(residual, ends) for residual in residuals]
     torque = np.split(prepared.data.applied_torque(), ends)
     noise = case.diagnosis.noise_floor
     usable = [k for k, w in enumerate(prepared.data.windows) if len(w.centers) > 1]
-    order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[: DRAWING.compared]
+    order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[:COMPARED]
     runs: list[Part] = []
     for k in order:
         name, time = prepared.recordings[k].name, np.asarray(prepared.data.windows[k].at_centers().time)
         left = [part[k] for part in split]
-        position = plot_position(case, f"position-{k}", [own.segments[k] for own in case.with_link_states(prepared)])
+        position = plot_position(case, f"position-{k}", [own.segments[k] for own in case.parts[1]])
         drawn = plot_torque(case, f"torque-{k}", f"recording {name}", time, torque[k], left, noise)
         runs += [Part(f"Torque, {name}", [drawn]), Part(f"Position in free run, {name}", [position])]
     held_out = "Held-out data. " * (not case.data.is_comparison)
@@ -71,7 +74,7 @@ def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> Figure
     start = recording.time[segments.first]
     x = joined(list((start + at[:, None] / recording.rate).T))
     measured = joined(list(segments.position[at].T))
-    models = zip(each, (model for _, _, model in case.models), strict=True)
+    models = zip(each, (step.model for step in case.ends), strict=True)
     errors = [joined(list(follow(own, m.terms, m.theta)[at].T)) for own, m in models]
     simulated = [measured + error for error in errors]
     label = f"Measured position and free-running simulation over time, recording {recording.name}"
@@ -87,7 +90,7 @@ def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> Figure
 
 def make_loop(case: ReportData, headline: str) -> Section:
     """Make the section on models in the loop: errors and simulated motion, held-out recordings first."""
-    loops = [case.data.simulate_in_loop(model) for _, _, model in case.models]
+    loops = [case.data.simulate_in_loop(step.model) for step in case.ends]
     fitted, (factor, unit) = len(case.data.recordings), case.angle
     rows, figures = [], list[Figure]()
     for k, recording in sorted(enumerate(case.data.every), key=lambda one: one[0] < fitted):
@@ -95,7 +98,7 @@ def make_loop(case: ReportData, headline: str) -> Section:
         motions = [loop.select_recording(k) for loop in loops]
         errors = [factor * float(np.mean(np.abs(own.error))) for own in motions]
         rows.append((name, *(format_number(error, padded=True) for error in errors)))
-        if len(figures) >= DRAWING.loops:
+        if len(figures) >= LOOPS:
             continue
         lines = [line(motions[0].time, factor * motions[0].measured, "measured", "--measured", unit)]
         for (label, color), own in zip(case.drawn, motions, strict=True):
@@ -120,7 +123,4 @@ def make_loop_diagnosis(case: ReportData) -> Section:
     """Make the section on the models of a diagnosis in the loop, with its residual and the next step."""
     found = case.diagnosis
     section = make_loop(case, describe_result(found))
-    left, advice = (describe_region(region) for region in found.unexplained), describe_next_step(found)
-    texts = {"Left unexplained": tuple(left), NEXT: (advice, *list_remarks(found))}
-    parts = [Part(title, [own]) for title, own in texts.items() if own]
-    return replace(section, content=[*section.content, *parts])
+    return replace(section, content=[*section.content, *narrate_unexplained(found), *narrate_next_step(found)])

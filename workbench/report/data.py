@@ -1,6 +1,5 @@
 """Sections of a report, and their data, computed once."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,8 +17,6 @@ from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.narrator.parts import Content
 
-DrawnModel = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
-
 
 @dataclass(frozen=True)
 class Section:
@@ -29,11 +26,6 @@ class Section:
     short: str  # title in the navigation
     title: str  # heading
     content: Content
-
-
-def list_ends(steps: Sequence[Step], first: str = "base model") -> list[DrawnModel]:
-    """List the first model and, where effects were added, the last one."""
-    return [(first, "--base", steps[0]), ("final model", "--final", steps[-1])][: len(steps)]
 
 
 @dataclass(frozen=True)
@@ -58,9 +50,10 @@ class ReportData:
         return self.identified or identify_schemes(self.data.recordings, self.diagnosis.model)
 
     @property
-    def models(self) -> list[tuple[str, str, Model]]:
-        """Label, colour and model of each drawn curve."""
-        return [(label, color, step.model) for label, color, step in list_ends(self.diagnosis.steps, self.first)]
+    def ends(self) -> list[Step]:
+        """List the first model with its errors and, where effects were added, the last one: those that are drawn."""
+        steps = self.diagnosis.steps
+        return [steps[0], steps[-1]][: len(steps)]
 
     @property
     def units(self) -> JointUnits:
@@ -75,22 +68,17 @@ class ReportData:
     @property
     def drawn(self) -> list[tuple[str, str]]:
         """Label and colour of each model."""
-        return [(label, color) for label, color, _ in self.models]
+        return [(self.first, "--base"), ("final model", "--final")][: len(self.ends)]
 
     @cached_property
-    def _with_link_states(self) -> dict[int, list[RegressionData]]:
-        return {}
+    def parts(self) -> list[list[RegressionData]]:
+        """Fitted and held-out data for each drawn model, with the states of its link if it has one."""
+        return [[part.with_link_states(step.model) for step in self.ends] for part in self.data.parts[:2]]
 
-    def with_link_states(self, prepared: RegressionData) -> list[RegressionData]:
-        """Return the data for each drawn model, with the states of its link if it has one; computed once."""
-        if id(prepared) not in self._with_link_states:
-            self._with_link_states[id(prepared)] = [prepared.with_link_states(model) for _, _, model in self.models]
-        return self._with_link_states[id(prepared)]
-
-    def compute_residuals(self, prepared: RegressionData) -> list[Array]:
-        """Return the measured minus modelled torque (R,) [N m] of each drawn model."""
-        seen = zip(self.with_link_states(prepared), self.models, strict=True)
-        return [own.residual(model.terms, model.theta) for own, (_, _, model) in seen]
+    def compute_residuals(self, part: int) -> list[Array]:
+        """Return the measured minus modelled torque (R,) [N m] of each drawn model in a part of the data."""
+        pairs = zip(self.parts[part], self.ends, strict=True)
+        return [data.residual(step.model.terms, step.model.theta) for data, step in pairs]
 
 
 def identify_schemes(recordings: tuple[Recording, ...], model: Model) -> Identification | None:

@@ -1,11 +1,15 @@
 """Plots of the residual of a model over angle, velocity, torque, time and frequency, and in the phase plane."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
-from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, compute_profiles, find_regions, wrap_angles
+from estimators.data.regions import find_regions_at
+from estimators.signals.residual import REGIONS, SYMBOLS, WITHIN, Profile, Region, compute_profiles, wrap_angles
+from estimators.weak_form.torque_windows import NEGLIGIBLE
 from pendulum_env._typing import JSON, Array
+from pendulum_env.formatting import format_percent
 from pendulum_env.physics import Samples
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.figure import Figure, axis, band, line, numbers
@@ -20,43 +24,53 @@ TITLES = {  # name and symbol of an axis
     "time": ("time", " t"),
     "frequency": ("frequency", ""),
 }
+SHOWN = ("position", "velocity", "time")  # plots of a joint of an arm
 QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
 
 Curve = tuple[str, str]  # label and colour of a model
 
 
 def make_failures(case: ReportData) -> Section:
-    """Make the section on residuals of the base and the final model, on the fitted data."""
-    prepared, noise = case.data.parts[0], case.diagnosis.noise_floor
-    residuals = case.compute_residuals(prepared)
-    maps = [compute_profiles(prepared.samples, residual, noise, units=case.units) for residual in residuals]
-    regions = find_regions(prepared.samples, residuals[0], noise, units=case.units)
-    curves = [(label, color) for label, color, _ in case.models]
-    found, still = case.diagnosis.selected, case.diagnosis.unexplained if case.diagnosis.selected else ()
-    reach = 1.08 * max(float(np.max(np.abs(item.mean))) for drawn in maps for item in drawn if item.axis != "frequency")
-    planes = zip(case.models, draw_planes(prepared.samples, residuals, case.units), strict=True)
-    about = "Mean residual torque in the plane of angle and velocity"
+    """Make the section on residuals of the base and the final model, on the fitted data, joint by joint."""
+    prepared, curves, body = case.data.parts[0], case.drawn, case.diagnosis.body
+    residuals, axes = case.compute_residuals(0), tuple(SYMBOLS) if body.can_simulate else SHOWN
+    strips, stands_out = list[Part](), [False] * len(residuals)
+    for k, joint in enumerate(prepared.floors):
+        x, rows = prepared.data.part(joint).samples, prepared.data.locate_rows(joint)
+        noise, units = prepared.floors[joint], prepared.units(joint)
+        maps = [compute_profiles(x, left[rows], noise, axes, units) for left in residuals]
+        regions = [find_regions_at(prepared, left, joint, axes) for left in residuals]
+        stands_out = [seen or bool(own) for seen, own in zip(stands_out, regions, strict=True)]
+        reach = 1.08 * max(float(np.abs(own.mean).max()) for m in maps for own in m if own.axis != "frequency")
+        still = regions[-1] if len(regions) > 1 else []
+        name = f"joint-{k}" if joint else "profile"
+        figures = [plot_profile(curves, drawn, regions[0], still, reach, name) for drawn in zip(*maps, strict=True)]
+        strips.append(Part(joint, [tuple(figures), *list_regions(curves, regions)]))
+    least = f" by more than {format_percent(NEGLIGIBLE)} of the joint's torque" * (not body.can_simulate)
+    others = "; amplitudes over frequency have their own" * body.can_simulate
     scales = (
         "The residual torque, averaged over bins of each quantity, on the data that were fitted. The grey band is "
         f"the noise floor ({REGIONS.stands_out:g} standard errors); a shaded stretch is where the residual stands out "
-        "of it. Means share one scale; amplitudes over frequency have their own."
+        f"of it{least}. Means share one scale{others}."
     )
-    profiles = [plot_profile(curves, [m[k] for m in maps], regions, still, reach) for k in range(len(maps[0]))]
-    planes_drawn = [
-        Figure(f"plane-{k}", f"{about}, {label}", [cells], layout | {"title": {"text": label}}, 400)
-        for k, ((label, _, _), (cells, layout)) in enumerate(planes)
-    ]
-    content = [
-        scales,
-        list_key(curves, bool(regions), bool(still)),
-        tuple(profiles),
-        *list_regions(curves, [regions, *([case.diagnosis.unexplained] if found else [])]),
-        Part(
-            "In the phase plane",
-            ["Mean residual of each cell; blank where fewer than two windows lie.", tuple(planes_drawn)],
-        ),
-    ]
+    content: list[Any] = [scales, list_key(curves, stands_out[0], len(stands_out) > 1 and stands_out[-1])]
+    if body.can_simulate:
+        content += [*strips[0].content, draw_phase_plane(case, prepared.samples, residuals)]
+    else:
+        content += strips
     return Section("failures", "Where it fails", "Where the model fails", content)
+
+
+def draw_phase_plane(case: ReportData, samples: Samples, residuals: Sequence[Array]) -> Part:
+    """Draw the mean residuals (N,) of each model over angle and velocity."""
+    about = "Mean residual torque in the plane of angle and velocity"
+    planes = zip(case.drawn, draw_planes(samples, residuals, case.units), strict=True)
+    drawn = [
+        Figure(f"plane-{k}", f"{about}, {label}", [cells], layout | {"title": {"text": label}}, 400)
+        for k, ((label, _), (cells, layout)) in enumerate(planes)
+    ]
+    note = "Mean residual of each cell; blank where fewer than two windows lie."
+    return Part("In the phase plane", [note, tuple(drawn)])
 
 
 def list_regions(curves: Sequence[Curve], found: Sequence[Sequence[Region]]) -> Iterator[str | tuple[str, ...]]:

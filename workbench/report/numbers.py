@@ -1,7 +1,5 @@
 """Numbers of models: how their errors fall step by step, their parameters, and what the schemes find side by side."""
 
-from __future__ import annotations
-
 from textwrap import wrap
 from typing import Any
 
@@ -9,10 +7,10 @@ import numpy as np
 
 from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
-from pendulum_env.formatting import TextTable, capitalise, format_number, format_unit
+from pendulum_env.formatting import TextTable, capitalise, format_unit
 from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.figure import DRAWING, Figure, axis, band, line, segment
+from workbench.figure import Figure, axis, band, line
 from workbench.narrator.effects import name_effect
 from workbench.narrator.identification import list_warnings, tabulate_schemes
 from workbench.narrator.parts import Content, Key, Part
@@ -21,6 +19,10 @@ from workbench.narrator.tables import tabulate_parameters
 from workbench.report.data import ReportData, Section
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
+SIGMAS = 2.0  # standard errors on either side of a value
+SETTLED = 0.25  # share of a recording from which on estimates decide what is in the picture
+FRAME = 0.6  # share of the picture's height that these take
+CORRELATED = 20  # largest number of parameters in a table of correlations
 COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 
 
@@ -53,8 +55,6 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
         dashed = {"color": "--muted", "width": 1.5, "dash": "dash"}
         data.append(line(np.array([-0.3, len(steps) - 0.7]), np.full(2, floor), "noise floor", "", "", line=dashed))
     low, high = np.log10(min(values)) - 0.12, np.log10(max(values)) + 0.12
-    marks = np.array([1, 2, 5] if high - low < 2 else [1]) * 10.0 ** np.arange(-15, 7)[:, None]  # 1-2-5 or decades
-    ticks = [float(mark) for mark in marks.ravel() if low <= np.log10(mark) <= high]
     layout = {
         "xaxis": axis(
             "",
@@ -65,7 +65,7 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
             showgrid=False,
             zeroline=False,
         ),
-        "yaxis": axis(title, type="log", range=[low, high], tickvals=ticks, ticktext=[format_number(t) for t in ticks]),
+        "yaxis": axis(title, type="log", range=[low, high], dtick="D2" if high - low < 2 else 1),  # 1, 2, 5 or decades,
     }
     return Figure(f"ladder-{quantity}", f"{title} after every step", data, layout, 320)
 
@@ -89,7 +89,7 @@ def make_parameters(case: ReportData) -> Section:
             combined,
         ]
     content.append(tuple(_plot_table(term, curve, final.units(term.at)) for term, curve in final.tables.values()))
-    if (correlation := final.correlation) and len(single) <= DRAWING.correlated:
+    if (correlation := final.correlation) and len(single) <= CORRELATED:
         rows = [
             (names[k], *(f"{correlation[k][j]:.2f}" if j < k else "1" if j == k else "" for j in single))
             for k in single
@@ -107,7 +107,7 @@ def _plot_table(table: Table, curve: TableCurve, units: JointUnits) -> Figure:
     (x, along), of_torque = to_shown_unit(curve.x, units.unit(of)), units.unit(table.unit)
     argument = f"{units.name(quantity)} [{along}]"
     data = [
-        band(x, DRAWING.sigmas * curve.std, f"± {DRAWING.sigmas:g} standard errors", curve.value),
+        band(x, SIGMAS * curve.std, f"± {SIGMAS:g} standard errors", curve.value),
         line(x, curve.value, title, "--final", of_torque),
     ]
     return Figure(f"table-{table.id}", title, data, {"xaxis": axis(argument), "yaxis": axis(f"f [{of_torque}]")}, 320)
@@ -146,12 +146,12 @@ def plot_convergence(found: Identification, column: int, strokes: dict[str, JSON
     for id, result in found.schemes.items():
         course = result.convergence
         estimate = course.theta[:, column]
-        late = course.time >= course.time[0] + DRAWING.settled * (course.time[-1] - course.time[0])
+        late = course.time >= course.time[0] + SETTLED * (course.time[-1] - course.time[0])
         settled.append(estimate[late])
         data.append(line(course.time, estimate, name_effect(id), "", format_unit(of), line=strokes[id]))
     values = np.concatenate(settled)
     middle = float(np.median([result[-1] for result in settled]))
-    reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / DRAWING.frame
+    reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / FRAME
     title = f"{parameter.name} [{format_unit(of)}]" if format_unit(of) else parameter.name
     between = {"color": "--muted", "width": 1, "dash": "dot"}  # recordings
     layout = {
@@ -160,6 +160,9 @@ def plot_convergence(found: Identification, column: int, strokes: dict[str, JSON
         "showlegend": False,
         "hovermode": "x unified",
         "margin": {"t": 12},
-        "shapes": [segment((end, end), (0, 1), between, yref="paper", layer="below") for end in found.ends[:-1]],
+        "shapes": [
+            {"type": "line", "x0": end, "x1": end, "y0": 0, "y1": 1, "line": between, "yref": "paper", "layer": "below"}
+            for end in found.ends[:-1]
+        ],
     }
     return Figure(f"convergence-{column}", f"Estimates of {parameter.name} over time", data, layout, 260)

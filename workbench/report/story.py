@@ -1,57 +1,36 @@
 """The diagnosis in words: what is missing, what that changes, what stays open, what was considered, and how."""
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from estimators.diagnosis.result import Candidate, Detectable, Diagnosis
+from estimators.diagnosis.result import Diagnosis
 from estimators.findings import Verdict
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, format_number, join_words
+from pendulum_env.physics import Model, Term
 from workbench.figure import Figure, axis, line
-from workbench.narrator.diagnosis import (
-    describe_next_step,
-    describe_refit,
-    describe_region,
-    describe_result,
-    describe_suggestion,
-    list_advice,
-    list_remarks,
-)
+from workbench.narrator.diagnosis import describe_refit, describe_result, describe_suggestion
 from workbench.narrator.effects import name_effect
+from workbench.narrator.findings import describe_reason
 from workbench.narrator.notes import describe_note
 from workbench.narrator.parts import Code, Content, Part
-from workbench.narrator.reasons import describe_reason
-from workbench.narrator.results import NEXT, narrate_candidates, narrate_disagreements
-from workbench.narrator.tables import tabulate_detectable
+from workbench.narrator.results import (
+    CLEAR,
+    narrate_candidates,
+    narrate_detectable,
+    narrate_disagreements,
+    narrate_next_step,
+    narrate_unexplained,
+)
+from workbench.narrator.tables import JOINT_LEGEND, tabulate_joints
 from workbench.report.data import ReportData, Section
-
-
-@dataclass(frozen=True)
-class Change:
-    """A quantity before and after; `share` is after over before, None if nothing was added."""
-
-    label: str
-    unit: str
-    before: float
-    after: float
-    share: float | None
-    note: str
 
 
 def make_story(case: ReportData) -> Section:
     """Make the section with headline, key figures and next step."""
     diagnosis = case.diagnosis
     constant = diagnosis.torque_constant
-    left = tuple(describe_region(region) for region in diagnosis.unexplained)
-    advice = (
-        (describe_next_step(diagnosis), *list_remarks(diagnosis))
-        if diagnosis.candidates
-        else tuple(list_advice(diagnosis))
-    )
     silent = [c for c in diagnosis.candidates if c.verdict is Verdict.NOT_EXCITED]
     head = {
         "changes": list_changes(case),
@@ -67,8 +46,8 @@ def make_story(case: ReportData) -> Section:
     }
     parts = [
         *narrate_disagreements(diagnosis.disagreements),
-        Part("What no effect explains", [left]),
-        Part(NEXT, [advice]),
+        *narrate_unexplained(diagnosis),
+        *narrate_next_step(diagnosis),
         Part(
             f"{len(silent)} effect{'s' * (len(silent) > 1)} could not be judged from these data",
             [tuple(f"{capitalise(name_effect(one.effect))}: {describe_reason(one)}" for one in silent)],
@@ -80,20 +59,42 @@ def make_story(case: ReportData) -> Section:
     )
 
 
-def list_changes(case: ReportData) -> list[Change]:
-    """List the held-out errors before and after."""
+def make_joints(case: ReportData) -> Section:
+    """Make the section on an arm: added effects, torque errors of joints, what stays open, and the next step."""
+    found = case.diagnosis
+    selected = tuple(_describe_law(found.model, own) for own in found.model.terms if own.id in found.selected)
+    errors = [step.errors["holdout"] for step in case.ends]
+    content: list[Any] = [
+        *([Part("Added effects", [selected])] if selected else []),
+        f"Torque errors (RMS) on {'held-out data' if found.searched else 'all data'}, {CLEAR}",
+        tabulate_joints(errors, found.floors, found.model, [label for label, _ in case.drawn]),
+        JOINT_LEGEND,
+    ]
+    if found.searched:
+        content += [*narrate_unexplained(found), *narrate_next_step(found)]
+    return Section("joints", "Result", describe_result(found), content)
+
+
+def _describe_law(model: Model, term: Term) -> str:
+    """Describe an added effect by its law and its parameters."""
+    values = ", ".join(f"{name} {own.shown}" for name, own in model.get_parameters(term.id).items())
+    return f"{term.id}: {term.law}; {values}"
+
+
+def list_changes(case: ReportData) -> list[dict[str, Any]]:
+    """List the held-out errors before and after; `share` is after over before, None if nothing was added."""
     diagnosis, (factor, angle) = case.diagnosis, case.angle
     first, last = (diagnosis.steps[k].errors["holdout"] for k in (0, -1))
-
-    def change(label: str, unit: str, before: float, after: float, note: str) -> Change:
-        is_compared = diagnosis.selected and not math.isnan(after)
-        return Change(label, unit, before, after, after / before if is_compared else None, note)
-
-    unit, over = case.units.unit("N m"), f"on held-out data, over {HORIZON:g} s"
-    return [
-        change("Torque error", unit, first.torque_rms, last.torque_rms, "on held-out data"),
-        change("Free-running position error", angle, factor * first.position_rms, factor * last.position_rms, over),
+    over = f"on held-out data, over {HORIZON:g} s"
+    changes: list[dict[str, Any]] = [
+        {"label": "Torque error", "unit": case.units.unit("N m"), "note": "on held-out data"},
+        {"label": "Free-running position error", "unit": angle, "note": over},
     ]
+    pairs = (first.torque_rms, last.torque_rms), (factor * first.position_rms, factor * last.position_rms)
+    for change, (before, after) in zip(changes, pairs, strict=True):
+        share = after / before if diagnosis.selected and not np.isnan(after) else None
+        change |= {"before": before, "after": after, "share": share}
+    return changes
 
 
 def list_misled(diagnosis: Diagnosis) -> list[str]:
@@ -142,17 +143,11 @@ def describe_held_out(case: ReportData) -> str:
 
 def make_candidates(case: ReportData) -> Section:
     """Make the section with the verdict, score, error ratio and reason of every effect."""
-    return rank_candidates(case.diagnosis.candidates, case.diagnosis.detectable)
-
-
-def rank_candidates(found: Sequence[Candidate], detectable: Sequence[Detectable] = ()) -> Section:
-    """Make the section on any candidates."""
-    content = [*narrate_candidates(found, most=None).content]
-    if any(one.gates for one in found):
+    found = case.diagnosis
+    content = [*narrate_candidates(found.candidates, most=None).content]
+    if any(one.gates for one in found.candidates):
         content[-1:] = [Part("Gates", content[-1:], brief=False)]
-    if detectable:
-        content.append(Part("Smallest effects that would have shown", [tabulate_detectable(detectable)]))
-    return Section("candidates", "Candidates", "What was considered", content)
+    return Section("candidates", "Candidates", "What was considered", [*content, *narrate_detectable(found)])
 
 
 def make_next_experiment(case: ReportData) -> Section | None:

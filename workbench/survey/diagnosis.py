@@ -6,7 +6,6 @@ import os
 import warnings
 from argparse import Namespace
 from dataclasses import dataclass, replace
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.errors import format_error
 from pendulum_env.physics.plugin import describe_fault, load_plugin
 from pendulum_env.recording import Source
+from workbench.cli import find_version
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import open_sources
 from workbench.terminal import Terminal
@@ -50,7 +50,7 @@ class Settings:
         files = {name: os.path.abspath(path) if (path := getattr(arguments, name)) else None for name in NAMED}
         plugins = tuple(os.path.abspath(path) for path in arguments.plugin or ())
         content = [hash_content(Path(path)) for path in (*files.values(), *plugins) if path]
-        mark = hashlib.sha256(repr((get_version(), options, content)).encode()).hexdigest()
+        mark = hashlib.sha256(repr((find_version(), options, content)).encode()).hexdigest()
         return cls(Namespace(**options, **files, recordings=[]), plugins, mark)
 
     def make_key(self, source: Source, content: str | None) -> str:
@@ -68,11 +68,6 @@ def hash_content(file: Path) -> str | None:
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError:
         return None
-
-
-def get_version() -> str:
-    """Return the version of this project."""
-    return metadata.version("pendulum-ident")
 
 
 def diagnose_source(source: Source, settings: Settings) -> JSON:
@@ -114,45 +109,38 @@ def _diagnose(source: Source, options: Namespace) -> JSON:
 def make_rows(found: Diagnosis) -> list[JSON]:
     """Make a row for each joint of a diagnosis; a pendulum has one, without a name."""
     first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
-    joints = tuple(found.floors)
-    parameters: dict[str, JSON] = {joint: {} for joint in joints}
-    biased = set()
-    for name, own in found.model.readable.items():
-        joint, quantity = _split_joint(name, joints)
-        parameters[joint][quantity] = {
-            "value": None if own.is_unknown else _get_finite(own.value),
-            "std": None if own.is_unknown else _get_finite(own.std),
-            "unit": own.unit,
-        }
-        if own.is_biased:
-            biased.add(joint)
-    effects: dict[str, list[tuple[str, ...]]] = {joint: [] for joint in joints}
-    for group in found.effects:
-        joint, _ = _split_joint(group[0], joints)
-        effects[joint].append(tuple(_split_joint(effect, (joint,))[1] for effect in group))
-    small: dict[str, list[str]] = {joint: [] for joint in joints}
-    for finding in found.findings:
-        if finding.kind is Kind.SMALL_EFFECT:
-            joint, effect = _split_joint(finding.effects[0], joints)
-            small[joint].append(effect)
-    return [
-        {
-            "joint": joint,
-            "effects": ", ".join(" or ".join(group) for group in effects[joint]),
-            "selected": sorted(group[0] for group in effects[joint]),
-            "small_effects": ", ".join(small[joint]),
-            "unexplained": any(region.at == joint for region in found.unexplained),
-            "biased": joint in biased,
-            "error_before": _get_finite(first.get_joint_error(joint)),
-            "error_after": _get_finite(last.get_joint_error(joint)),
-            "noise_floor": _get_finite(found.floors[joint]),
-            "error_unit": found.unit_at(joint),
-            "position_rms_before": _get_finite(first.position_rms),
-            "position_rms_after": _get_finite(last.position_rms),
-            "parameters": parameters[joint],
-        }
-        for joint in joints
-    ]
+    joints, rows = tuple(found.floors), []
+    estimates = [(*_split_joint(name, joints), own) for name, own in found.model.readable.items()]
+    groups = [(_split_joint(group[0], joints)[0], group) for group in found.effects]
+    small = [_split_joint(own.effects[0], joints) for own in found.findings if own.kind is Kind.SMALL_EFFECT]
+    for joint in joints:
+        parameters = {name: own for at, name, own in estimates if at == joint}
+        effects = [[_split_joint(own, (joint,))[1] for own in group] for at, group in groups if at == joint]
+        rows.append(
+            {
+                "joint": joint,
+                "effects": ", ".join(" or ".join(group) for group in effects),
+                "selected": sorted(group[0] for group in effects),
+                "small_effects": ", ".join(effect for at, effect in small if at == joint),
+                "unexplained": any(region.at == joint for region in found.unexplained),
+                "biased": any(own.is_biased for own in parameters.values()),
+                "error_before": _get_finite(first.get_joint_error(joint)),
+                "error_after": _get_finite(last.get_joint_error(joint)),
+                "noise_floor": _get_finite(found.floors[joint]),
+                "error_unit": found.unit_at(joint),
+                "position_rms_before": _get_finite(first.position_rms),
+                "position_rms_after": _get_finite(last.position_rms),
+                "parameters": {
+                    name: {
+                        "value": None if own.is_unknown else _get_finite(own.value),
+                        "std": None if own.is_unknown else _get_finite(own.std),
+                        "unit": own.unit,
+                    }
+                    for name, own in parameters.items()
+                },
+            }
+        )
+    return rows
 
 
 def _split_joint(name: str, joints: tuple[str, ...]) -> tuple[str, str]:

@@ -75,17 +75,14 @@ def _find_sources(folder: Path, reading: Namespace) -> Iterator[Source]:
 
 def _label_source(source: Source, folder: Path) -> SurveyedRecording:
     path = PurePosixPath(escape_controls(Path(os.path.relpath(source.file, folder)).as_posix()))
-    part = "" if source.range is None else "#{}-{}".format(*(_format_shortest(time) for time in source.range))
+    ends = [np.format_float_positional(time, trim="-") for time in source.range or ()]
+    part = f"#{'-'.join(ends)}" if ends else ""
     folders = [name for name in path.parts[:-1] if name != ".."]
     machine = "/".join(name for name in folders if parse_date(name) is None) or folder.name
     texts = [match[0] for name in (path.name, *reversed(folders)) for match in DATE.finditer(name)]
     dates = [date for text in texts if (date := parse_date(text)) is not None and not is_future(date)]
     date = dates[0] if dates else _read_change_time(source.file)
     return SurveyedRecording(f"{path}{part}", machine, date, "name" if dates else "file", source)
-
-
-def _format_shortest(number: float) -> str:
-    return np.format_float_positional(number, trim="-")
 
 
 def is_future(date: datetime) -> bool:

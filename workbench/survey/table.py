@@ -1,6 +1,6 @@
 """Table of a survey: a row for each joint of each recording, with the changes of parameters over time."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -16,7 +16,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.files import replace_file
 from pendulum_env.formatting import TextTable, format_estimate, format_number
 from pendulum_env.recording.clock import find_date
-from workbench.survey.diagnosis import get_version
+from workbench.cli import find_version
 from workbench.survey.recordings import TABLES, SurveyedRecording, is_future
 
 WEEK = 7 * 86400.0  # [s]
@@ -47,7 +47,7 @@ def label_rows(own: SurveyedRecording, result: JSON, content: str | None) -> lis
         "date": date or own.date,
         "dated_by": "clock" if date else own.dated_by,
         "hash": content,
-        "version": get_version(),
+        "version": find_version(),
     }
     failed: JSON = {"joint": "", "error": result.get("error"), "parameters": {}}
     return [label | row for row in result.get("rows", [failed])]
@@ -65,12 +65,6 @@ class Series:
     rows: tuple[JSON, ...]  # of the recordings, by date
     trend: Trend  # per week
     change: str = ""  # "drift" or "jump" if the trend is significant among all of the survey
-
-    @property
-    def label(self) -> str:
-        """Return the machine, joint, parameter and effects in one: `arm elbow coulomb (with stribeck)`."""
-        effects = f"(with {self.effects})" if self.effects else ""
-        return " ".join(filter(None, (self.machine, self.joint, self.parameter, effects)))
 
     @property
     def estimates(self) -> list[JSON]:
@@ -126,38 +120,30 @@ def write_table(folder: Path, rows: Sequence[JSON]) -> None:
     """Write the table as Parquet and CSV, each file whole or not at all; raises OSError if it cannot be written."""
     names = dict.fromkeys(name for row in rows for name in row["parameters"])
     columns = SURVEY | {f"{name}{ending}": NUMBER for name in names for ending in PARAMETER}
-    flat = [row | _flatten(row["parameters"]) for row in rows]
+    flat = [row.copy() for row in rows]
+    for row in flat:
+        for name, own in row["parameters"].items():
+            row |= {f"{name}{end}": own.get(key) for end, key in PARAMETER.items()}
     table = pa.Table.from_pylist(flat, schema=pa.schema(columns))
     for name, write in zip(TABLES, (pq.write_table, pyarrow.csv.write_csv), strict=True):
         with replace_file(folder / name) as file:
             write(table, file)
 
 
-def _flatten(parameters: JSON) -> JSON:
-    return {f"{name}{end}": own.get(key) for name, own in parameters.items() for end, key in PARAMETER.items()}
-
-
 def tabulate_recordings(rows: Sequence[JSON]) -> TextTable:
     """Make the table of recordings for a reader: failed ones first, then those with an effect or a residual."""
-    columns: dict[str, Callable[[JSON], str]] = {
-        "recording": lambda row: row["recording"],
-        "joint": lambda row: row["joint"],
-        "date": lambda row: f"{row['date']:%Y-%m-%d}",
-        "error held out": _format_error,
-        "result": _format_result,
-    }
+    joint = ["joint"] * any(row["joint"] for row in rows)
 
     def order(row: JSON) -> tuple[bool, bool, str]:
         return "error" not in row, not (row.get("effects") or row.get("unexplained")), row["recording"]
 
-    if not any(row["joint"] for row in rows):
-        del columns["joint"]
-    cells = [tuple(make(row) for make in columns.values()) for row in sorted(rows, key=order)]
-    return TextTable(tuple(columns), cells, left=[name for name in ("joint", "date", "result") if name in columns])
-
-
-def _format_error(row: JSON) -> str:
-    return "" if row.get("error_after") is None else f"{row['error_after']:.3g} {row['error_unit']}"
+    cells = []
+    for row in sorted(rows, key=order):
+        error = "" if row.get("error_after") is None else f"{row['error_after']:.3g} {row['error_unit']}"
+        named = [row[name] for name in ("recording", *joint)]
+        cells.append((*named, f"{row['date']:%Y-%m-%d}", error, _format_result(row)))
+    headers = ("recording", *joint, "date", "error held out", "result")
+    return TextTable(headers, cells, left=(*joint, "date", "result"))
 
 
 def _format_result(row: JSON) -> str:
@@ -171,12 +157,13 @@ def _format_result(row: JSON) -> str:
 def tabulate_changes(series: Sequence[Series]) -> TextTable:
     """Make the table of the parameters that change, for a reader."""
     rows = []
-    for own in series:
+    for own in (own for own in series if own.change):
         jump, low, high = own.trend.jump, *own.trend.interval
         size = f"{own.trend.drift:+.3g} ({low:+.3g} to {high:+.3g}) a week"
         if own.change == "jump" and jump is not None:
             size = f"{'+' if jump.size > 0 else ''}{format_estimate(jump.size, jump.std)} on {own.jump_date:%Y-%m-%d}"
-        if own.change:
-            mean = format_number(float(np.mean([one["value"] for one in own.estimates])))
-            rows.append((own.label, own.change, size, own.unit, mean, f"{own.trend.p_value:.1g}"))
+        mean = format_number(float(np.mean([one["value"] for one in own.estimates])))
+        effects = f"(with {own.effects})" if own.effects else ""
+        label = " ".join(filter(None, (own.machine, own.joint, own.parameter, effects)))
+        rows.append((label, own.change, size, own.unit, mean, f"{own.trend.p_value:.1g}"))
     return TextTable(("parameter", "change", "size", "unit", "mean", "p-value"), rows, left=("change", "size", "unit"))

@@ -12,7 +12,7 @@ from estimators.findings import Finding, Kind
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import ModelError
 from tests.two_link import recorded
-from workbench.narrator.addition import describe_addition
+from workbench.narrator.diagnosis import describe_addition
 
 DRAG = 0.06  # [N m s^2/rad^2]
 

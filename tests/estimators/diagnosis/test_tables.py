@@ -10,7 +10,7 @@ from pendulum_env.physics.table import TABLES, Extent, FrictionBySpeed, TableCur
 from pendulum_env.recording import Recording
 from tests.cases import recorded
 from tests.once import once
-from workbench.narrator.addition import describe_table
+from workbench.narrator.diagnosis import describe_table
 
 HIDDEN = {
     "friction_by_angle": {"friction_spot": {"spot_f": 0.6, "spot_q": 0.5, "spot_w": 0.3}},

@@ -10,7 +10,7 @@ from pendulum_env.backends.hardware.config import load
 from tests import slow
 from tests.pendulum_env.rigs import PATIENT, Disturbed
 from workbench.cli import main
-from workbench.rig_check import STEPS, CheckFailed, check_rig
+from workbench.commands.hardware import STEPS, CheckFailed, check_rig
 
 pytestmark = pytest.mark.realtime
 

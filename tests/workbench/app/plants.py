@@ -30,7 +30,7 @@ def written(recording: Recording, folder: Path, held_out: bool = False) -> Sourc
 
 def loaded(recording: Recording, held_out: bool = False):
     """The same as a session has it, its file being nowhere."""
-    from workbench.app.recordings import LoadedRecording
+    from workbench.app.state import LoadedRecording
 
     file = f"{recording.name}.csv"
     return LoadedRecording(file, Source(Path(file), "holdout" if held_out else "fit"), recording)
@@ -81,7 +81,7 @@ def fitted(state):
 
 def comes_to_the_same(state) -> None:
     """Whether the commands of the stage Export make the state's model, in the working directory with its files."""
-    from workbench.app.equivalent import write_commands
+    from workbench.app.downloads import write_commands
 
     Path("model.json").unlink(missing_ok=True)
     assert [main(shlex.split(line)[1:]) for line in write_commands(state).splitlines()].count(2) == 0

@@ -16,9 +16,8 @@ from tests.two_link import recorded
 from tests.workbench.app.plants import drop, reloaded, upload
 from workbench.app.card import ColumnChoice
 from workbench.app.choices import SearchChoices
-from workbench.app.downloads import make_file, write_study_text
-from workbench.app.equivalent import write_commands
-from workbench.app.page.story import describe_state
+from workbench.app.downloads import make_file, write_commands, write_study_text
+from workbench.app.panels import describe_state
 from workbench.app.parts import list_choices
 from workbench.app.stages import STAGES, data
 from workbench.cli import main

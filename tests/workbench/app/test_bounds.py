@@ -14,7 +14,7 @@ from tests.patience import PATIENCE
 from tests.workbench.app.plants import upload
 from tests.workbench.app.requests import Page
 from workbench.app.page import server
-from workbench.app.sessions import MOST, Sessions
+from workbench.app.session import MOST, Sessions
 from workbench.app.stages import data
 
 HOSTILE = "<img src=x onerror=alert(1)>"

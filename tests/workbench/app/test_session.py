@@ -36,14 +36,12 @@ from tests.workbench.app.plants import (
 )
 from workbench.app.card import ColumnCard, ColumnChoice, describe_unit
 from workbench.app.choices import NO_CHOICES, SearchChoices
-from workbench.app.downloads import make_file, write_study_text
-from workbench.app.equivalent import write_commands
+from workbench.app.downloads import make_file, write_commands, write_study_text
 from workbench.app.jobs import Workers
 from workbench.app.page.server import make_app
-from workbench.app.session import Session
-from workbench.app.sessions import Sessions
+from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
-from workbench.app.stages import compare, data, diagnose, export
+from workbench.app.stages import data, diagnose, export, model
 from workbench.app.state import FITTING, State
 from workbench.app.uploads import clean_name, unpack
 from workbench.cli import main
@@ -202,7 +200,7 @@ def test_a_study_may_use_several_ranges_of_a_file(session, swing, tmp_path):
     session.act(lambda: session.receive([(name, url(one)) for name, one in contents.items()], unwrap=False))
     assert session.notice == "" and [one.held_out for one in session.state.loaded] == [False, True]
     assert [one.id for one in session.state.loaded] == ["swing.csv", "swing.csv (2)"]
-    assert session.state.seconds == pytest.approx(9.0, abs=0.01)
+    assert sum(one.recording.duration for one in session.state.loaded) == pytest.approx(9.0, abs=0.01)
     (tmp_path / "study.toml").write_text(write_study_text(session.state))
     assert [source.range for source in read_sources(tmp_path / "study.toml")] == [(0, 6), (6, 9)]
     upload(session, "study.toml", b"[[recording]]")
@@ -357,7 +355,7 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(s
 
 def test_every_effect_has_a_picture_beside_the_residual(session, worked):
     session.state = worked["paper"]
-    page = html.Div(compare.show(session))
+    page = html.Div(model.show_comparison(session))
     drawn = {one.id["of"] for one in page._traverse() if isinstance(one, dcc.Graph)}
     assert {f"profile-{axis}" for axis in AXES} | {"plane-0", "torque-0", "position-0"} <= drawn
     pictures = [one.src for one in page._traverse() if isinstance(one, html.Img)]

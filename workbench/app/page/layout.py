@@ -11,10 +11,9 @@ from dash.exceptions import PreventUpdate
 from pendulum_env.formatting import capitalise
 from pendulum_env.lookup import find
 from workbench.app import uploads
-from workbench.app.page.story import show_job, show_state, show_undo
-from workbench.app.parts import PLOT, SPEC, UNWRAP, make_aria, make_panel
-from workbench.app.session import Session
-from workbench.app.sessions import Sessions, Stage
+from workbench.app.panels import show_job, show_state, show_undo
+from workbench.app.parts import PLOT, SPEC, UNWRAP, Stage, make_aria, make_panel
+from workbench.app.session import Session, Sessions
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.options import FORMATS

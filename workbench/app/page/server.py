@@ -16,7 +16,7 @@ from werkzeug.serving import WSGIRequestHandler, make_server
 from pendulum_env.recording import Source
 from workbench.app import uploads
 from workbench.app.page import layout
-from workbench.app.sessions import Sessions
+from workbench.app.session import Sessions
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.report.page import pack_plotly
 from workbench.robot import RobotFile

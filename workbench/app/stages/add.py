@@ -12,19 +12,18 @@ from pendulum_env.arms.joints import find_kind
 from workbench.app.fits import fit_effect
 from workbench.app.panels import show_calls
 from workbench.app.parts import (
+    Stage,
     label_control,
     list_choices,
     make_button,
     make_panel,
-    name_field,
     show_content,
     show_section,
 )
 from workbench.app.session import Session
-from workbench.app.sessions import Stage
 from workbench.app.state import State as Work
 from workbench.errors import InputError
-from workbench.narrator.addition import describe_table
+from workbench.narrator.diagnosis import describe_table
 from workbench.narrator.effects import name_effect
 from workbench.narrator.tables import JOINT_LEGEND, tabulate_joints
 from workbench.report.numbers import make_errors
@@ -51,7 +50,7 @@ def show_choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
     kept = f"beyond {' '.join(state.model.effects)}"  # a model with an effect more asks anew
     more: dict[str, Any] = {"placeholder": "choose", "persistence": kept, "persistence_type": "session"}
     library = label_control(
-        "Any effect of the library, or a table", dcc.Dropdown(others, None, id=name_field("any"), **more)
+        "Any effect of the library, or a table", dcc.Dropdown(others, None, id={"field": "any"}, **more)
     )
     any_of_them = html.Div([library, make_button("Add it", "add-any", disabled=busy)], className="fields wide")
     return make_panel("Add an effect", show_calls(state, busy), any_of_them)

@@ -8,16 +8,25 @@ from dash.development.base_component import Component
 
 from pendulum_env.arms.body import Body
 from pendulum_env.formatting import capitalise, format_number
+from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording
+from pendulum_env.thinning import thin
 from workbench.app import card_form, demo
 from workbench.app.panels import show_findings, show_timing
-from workbench.app.parts import make_aria, make_button, make_graph, make_panel, make_save_button, make_table
-from workbench.app.plots import plot_joints
-from workbench.app.recordings import LoadedRecording
+from workbench.app.parts import (
+    Action,
+    Stage,
+    make_aria,
+    make_button,
+    make_graph,
+    make_panel,
+    make_save_button,
+    make_table,
+)
 from workbench.app.session import Session
-from workbench.app.sessions import Action, Stage
-from workbench.app.state import State
+from workbench.app.state import LoadedRecording, State
 from workbench.app.uploads import STUDY
+from workbench.figure import Figure, line, stacked
 from workbench.narrator.notes import describe_note
 from workbench.robot import describe_held
 
@@ -32,12 +41,14 @@ def show(session: Session) -> list[Component]:
     if isinstance(state.body, Body):
         parts.append(_show_robot(state, state.body))
     elif not state.loaded:
-        parts.append(_show_demo())
+        demo_button = make_button("Try the demo", "demo")
+        about = "The demo has two of a pendulum that hides something. "
+        parts.append(make_panel("No recording at hand?", html.P([about, demo_button])))
     if state.loaded:
         plots = [
             make_graph(figure)
             for k, own in enumerate(state.recordings[:4])
-            for figure in plot_joints(own, k, state.body)
+            for figure in plot_recording(own, k, state.body)
         ]
         told = [*show_timing(state), show_findings(state)] if state.body.can_simulate else []
         parts += [show_recordings(state), *told, html.Div(plots, className="panel")]
@@ -55,9 +66,23 @@ def _show_robot(state: State, body: Body) -> Component:
     return make_panel("The robot", *(html.P(f"{capitalise(text)}.") for text in texts))
 
 
-def _show_demo() -> Component:
-    about = "The demo has two of a pendulum that hides something. "
-    return make_panel("No recording at hand?", html.P([about, make_button("Try the demo", "demo")]))
+def plot_recording(recording: Recording, k: int, body: Mechanism) -> list[Figure]:
+    """Plot the position and torque of the k-th recording over time, of an arm joint by joint."""
+    figures, height = [], 340 if len(recording.joints) == 1 else 260
+    for n, (joint, own) in enumerate(zip(recording.names, recording.joints, strict=True)):
+        title, units = f"{joint}, {recording.name}" if joint else recording.name, body.units(joint, recording.units)
+        data, (angle, torque) = [], (units.unit("rad"), units.unit("N m"))
+        for series, label, color, unit, where in (
+            (own.position, "position", "--final", angle, "y"),
+            (own.torque, "torque", "--train", torque, "y2"),
+        ):
+            kept = thin(series)
+            data.append(line(own.time[kept], series[kept], label, color, unit, yaxis=where, showlegend=False))
+        layout = stacked(f"position [{angle}]", f"{units.name('torque')} [{torque}]", "time [s]")
+        layout["margin"] = {"t": 40}
+        layout["title"] = {"text": title, "x": 0, "xref": "paper", "font": {"size": 14}}
+        figures.append(Figure(f"course-{k}-{n}", f"Position and torque over time, {title}", data, layout, height))
+    return figures
 
 
 def show_recordings(state: State) -> Component:
@@ -94,10 +119,6 @@ def _show_row(one: LoadedRecording, recording: Recording) -> tuple[Any, ...]:
     )
 
 
-def _align(session: Session, *_: object) -> None:
-    session.change("correct the torque", session.state.restart(is_aligned=True))
-
-
 ACTIONS: dict[str, Action] = {
     "demo": lambda session, *_: demo.start(session),
     "columns": lambda session, id, _: session.ask(id),
@@ -106,6 +127,6 @@ ACTIONS: dict[str, Action] = {
     "fit": lambda session, id, _: session.hold_out(id, False),
     "check": lambda session, id, _: session.hold_out(id, True),
     "remove": lambda session, id, _: session.remove(id),
-    "align": _align,
+    "align": lambda session, *_: session.change("correct the torque", session.state.restart(is_aligned=True)),
 }
 STAGE = Stage("data", "Data", show, ACTIONS, needs_model=False)

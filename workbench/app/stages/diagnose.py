@@ -11,14 +11,20 @@ from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.fits import fit_and_diagnose
 from workbench.app.jobs import Task
 from workbench.app.panels import show_calls, show_timing
-from workbench.app.parts import KEPT, label_control, list_choices, make_button, make_panel, name_field, show_section
+from workbench.app.parts import (
+    KEPT,
+    Stage,
+    label_control,
+    list_choices,
+    make_button,
+    make_panel,
+    show_section,
+)
 from workbench.app.session import Session
-from workbench.app.sessions import Stage
 from workbench.app.state import State as Work
 from workbench.options import parse_effects
-from workbench.report.arm import make_result
 from workbench.report.data import ReportData
-from workbench.report.story import make_story, rank_candidates
+from workbench.report.story import make_candidates, make_joints, make_story
 
 
 def show(session: Session) -> list[Component]:
@@ -39,7 +45,7 @@ def show(session: Session) -> list[Component]:
     if found is None:
         return [*show_timing(state), search]
     kind = "story found" if state.result.selected else "story"
-    make = make_story if state.robot is None else make_result
+    make = make_story if state.robot is None else make_joints
     result = make(ReportData(state.result))
     return [
         make_panel("What was found", *show_section(result), className=kind),
@@ -47,7 +53,7 @@ def show(session: Session) -> list[Component]:
         make_panel(
             "Ranking",
             show_calls(state, busy),
-            *show_section(rank_candidates(found.candidates, found.detectable)),
+            *show_section(make_candidates(ReportData(found))),
             className="ranking",
         ),
         search,
@@ -62,7 +68,7 @@ def show_choices(state: Work, is_open: bool) -> Component:
         control = dcc.Dropdown(
             library,
             parse_effects(getattr(asked, id)),
-            id=name_field(f"ask-{id}"),
+            id={"field": f"ask-{id}"},
             multi=True,
             placeholder=empty,
             **KEPT,
@@ -70,7 +76,7 @@ def show_choices(state: Work, is_open: bool) -> Component:
         return label_control(label, control)
 
     def text(label: str, id: str, example: str, note: str) -> Component:
-        control = dcc.Input(getattr(asked, id), type="text", id=name_field(f"ask-{id}"), placeholder=example, **KEPT)
+        control = dcc.Input(getattr(asked, id), type="text", id={"field": f"ask-{id}"}, placeholder=example, **KEPT)
         return label_control(label, control, note)
 
     parameters = ", ".join(column.name for term in state.base_terms for column in term.columns)

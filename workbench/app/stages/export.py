@@ -9,11 +9,9 @@ from dash import State as Value
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from workbench.app.downloads import EXPERIMENT, make_file
-from workbench.app.equivalent import DIAGNOSIS, REPORT, is_study_needed, write_commands
-from workbench.app.parts import make_panel, make_save_button
-from workbench.app.session import Session
-from workbench.app.sessions import Sessions, Stage
+from workbench.app.downloads import DIAGNOSIS, EXPERIMENT, REPORT, is_study_needed, make_file, write_commands
+from workbench.app.parts import Stage, make_panel, make_save_button
+from workbench.app.session import Session, Sessions
 from workbench.app.state import State
 from workbench.app.uploads import MODEL, STUDY
 

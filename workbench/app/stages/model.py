@@ -1,20 +1,26 @@
-"""Model: its terms, parameters with their uncertainty, and the six schemes side by side."""
+"""Model: its terms, parameters with their uncertainty, and the schemes; Compare: where it fails."""
+
+from functools import lru_cache
+from pathlib import Path
 
 from dash import html
 from dash.development.base_component import Component
 
 from pendulum_env.formatting import capitalise
-from workbench.app.parts import make_panel, show_section
+from workbench.app.parts import Stage, list_choices, make_panel, show_section
 from workbench.app.session import Session
-from workbench.app.sessions import Stage
-from workbench.app.state import State as Work
-from workbench.narrator.effects import name_effect
+from workbench.app.state import State
+from workbench.narrator.effects import find_description, name_effect
 from workbench.narrator.identification import TRUST, tabulate_schemes
+from workbench.report.comparison import make_comparison
 from workbench.report.data import Section
+from workbench.report.failures import make_failures
 from workbench.report.numbers import make_parameters, make_schemes
 
+GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 
-def show(session: Session) -> list[Component]:
+
+def show_model(session: Session) -> list[Component]:
     """Show the terms, parameters, schemes."""
     state = session.state
     terms = [
@@ -29,7 +35,7 @@ def show(session: Session) -> list[Component]:
     ]
 
 
-def _show_schemes(state: Work) -> list[Component]:
+def _show_schemes(state: State) -> list[Component]:
     """Show the estimates of each scheme; of an arm without their convergence."""
     if state.schemes is not None and not state.body.can_simulate:
         return show_section(Section("schemes", "Schemes", "Schemes", [tabulate_schemes(state.schemes), f"{TRUST}."]))
@@ -37,4 +43,34 @@ def _show_schemes(state: Work) -> list[Component]:
     return show_section(section) if section is not None else [html.P("These recordings are too poor for the schemes.")]
 
 
-STAGE = Stage("model", "Model", show)
+def show_comparison(session: Session) -> list[Component]:
+    """Show where the base model and the last one fail, and measured against modelled motion."""
+    state = session.state
+    shown = [make_panel(section.title, *show_section(section)) for section in _make_sections(state)]
+    return [*shown, _show_gallery(state)] if state.robot is None else shown
+
+
+@lru_cache(maxsize=4)  # while the page shows one
+def _make_sections(state: State) -> tuple[Section, ...]:
+    failures = make_failures(state.standing)
+    return (failures, make_comparison(state.standing)) if state.robot is None else (failures,)
+
+
+def _show_gallery(state: State) -> Component:
+    """Show the residuals that single effects leave, the likeliest first after a diagnosis."""
+    names = list_choices()
+    found = [one.effect for one in state.diagnosis.candidates] if state.diagnosis is not None else []
+    rows = []
+    for id in sorted(names, key=lambda id: found.index(id) if id in found else len(found)):
+        if (GALLERY / f"{id}.svg").is_file():
+            leaves = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
+            note = html.P(find_description(id).signature, className="note")
+            rows.append(html.Li([names[id], html.Div([leaves, note])]))
+    about = "The residual of each effect in the paper's pendulum. Signs and sizes may differ."
+    summary = html.Summary("Effects to compare it with")
+    listed = html.Details([summary, html.Ul(rows)])
+    return make_panel("What it looks like", html.P(about, className="note"), listed, className="gallery")
+
+
+MODEL = Stage("model", "Model", show_model)
+COMPARE = Stage("compare", "Compare", show_comparison)

@@ -1,17 +1,42 @@
-"""Recording of the rig, row by row."""
+"""Runs of a pendulum: simulated, replayed, or of the rig row by row."""
 
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
+from agents.observer import Pilot
 from pendulum_env.backends.hardware import DriveError
-from pendulum_env.policy import rollout
+from pendulum_env.backends.simulated import TORQUE_NOISE, record
+from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.registration import PENDULUM
+from pendulum_env.spaces import MAX_TORQUE
 from pendulum_env.wrappers import RecordMeasurements
 from workbench.errors import InputError, Interrupted
 from workbench.outputs import report_files
-from workbench.runs import Plan, make_controller, make_environment
+from workbench.runs import Plan
 from workbench.terminal import Terminal
+
+
+def simulate(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Recording:
+    """Record with the backend that was asked for."""
+    arguments, command, seconds = plan.arguments, plan.command, plan.seconds
+    if not isinstance(command, Pilot) and arguments.backend in (None, "simulated"):
+        with terminal.progress("simulating"):
+            sensor = plan.rate, arguments.counts, TORQUE_NOISE
+            return record(plan.plant, command, seconds, *sensor, rng=rng, release=plan.release)
+    env = make_environment(plan)
+    rate = env.unwrapped.rate  # type: ignore[attr-defined]
+    steps = round(seconds * rate)
+    with terminal.progress("running") as tell:
+        return rollout(
+            env,
+            _make_controller(plan, rate),
+            steps,
+            seed=int(rng.integers(2**31)),
+            watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / seconds),
+        )
 
 
 def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
@@ -34,7 +59,7 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
         if plan.remark:
             terminal.say(plan.remark)
         with terminal.progress("running") as show:
-            recording = rollout(env, make_controller(plan, rate), steps, watch=watch)
+            recording = rollout(env, _make_controller(plan, rate), steps, watch=watch)
     except (DriveError, RecordingError) as error:
         raise InputError(last.get("fault") or str(error)) from None
     except KeyboardInterrupt:
@@ -55,6 +80,35 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
     if "fault" in last:
         raise InputError(f"{last['fault']}; what was measured until then is in {output}")
     report_files([output], terminal)
+
+
+def _make_controller(plan: Plan, rate: float) -> OpenLoop | Pilot:
+    """Create the controller at a rate [Hz]; a replay has its own torque."""
+    return plan.command if isinstance(plan.command, Pilot) else OpenLoop(plan.command, rate)
+
+
+def make_environment(plan: Plan) -> gym.Env[Any, Any]:
+    """Create the environment: a simulated plant, a replayed recording, or a rig without power.
+
+    The rig is owned and connected from now on; raises InputError if it is out of reach, or in use.
+    """
+    asked = plan.arguments
+    if plan.rig is not None:
+        try:
+            return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(plan.rig.path))
+        except DriveError as error:
+            raise InputError(str(error)) from None
+    return gym.make(
+        PENDULUM,
+        max_episode_steps=-1,
+        backend=asked.backend or "pymunk",
+        model=None if asked.replay is not None else plan.plant,
+        rate=asked.rate,
+        counts=asked.counts,
+        torque_noise=TORQUE_NOISE,
+        max_torque=max(MAX_TORQUE, plan.command.amplitude),
+        recording=asked.replay,
+    )
 
 
 def describe_recording(recording: Recording, terminal: Terminal) -> None:
