@@ -42,6 +42,7 @@ class ChannelSettings:
     error_margin: float = Criterion.error_margin  # share by which errors differ by chance
     fewest_equations: int = 3  # equations for each column
     friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # of the highest velocity: where friction, too, may bend
+    orders: int = 48  # of sines of the angle, where torque of another kind is left
     bends: int = 3  # times that the torque of the model is refitted with columns that depend on it
     nearby: float = 1e-4  # [s], difference for derivatives
     negligible: float = 0.1  # of a sample: clocks, and the steps of simulators, are not more exact
@@ -129,15 +130,17 @@ class Alignment:
         spread = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
         return bool(abs(apart) <= SEARCH.sure * spread)
 
-    def apply(self, recording: Recording) -> Recording:
+    def apply(self, recording: Recording, later: float = 0.0, slower: float = 0.0) -> Recording:
         """Correct the torque of a recording that was logged late or filtered; return other recordings unchanged.
 
-        The last samples of each segment, whose torque was never logged, are left out.
+        The last samples of each segment, whose torque was never logged, are left out. `later` and `slower` are added to
+        the delay and to the lag [s]; the remaining samples are the same for any values of these.
         """
         if not self.is_late:
             return recording
         period = 1.0 / recording.rate
         channel = replace(self.channel, delay=0.5 * period) if self.is_half_sample else self.channel
+        changed = replace(channel, delay=channel.delay + later, lag=channel.lag + slower)
         edge = 2 * self.channel.is_sampled  # samples whose cubic has no neighbours
         first = max(edge, int(self.lag > 0))
         beyond = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + edge
@@ -145,7 +148,7 @@ class Alignment:
         joints = recording.torque.reshape(len(recording), -1).T  # of an arm several
         for begin, end in pairwise((*recording.starts, len(recording))):
             if end - beyond - begin - first >= 2:
-                acting = np.column_stack([channel.hold_torque(own[begin:end], period) for own in joints])
+                acting = np.column_stack([changed.hold_torque(own[begin:end], period) for own in joints])
                 kept.append(np.arange(begin + first, end - beyond))
                 torque.append(acting[first : end - beyond - begin])
         if not kept:

@@ -18,12 +18,19 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Self
 
 import numpy as np
 
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
-from estimators.checks.channel_rows import MOTOR, SENSE, ChannelRows, list_torque_dependent, make_channel_rows
+from estimators.checks.channel_rows import (
+    MOTOR,
+    SENSE,
+    ChannelRows,
+    list_torque_dependent,
+    make_angle_columns,
+    make_channel_rows,
+)
+from estimators.checks.closed_loop import is_consistent
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import IdentificationError, project_out
@@ -51,7 +58,7 @@ class ChannelFits(ChannelRows):
     torques: dict[Channel, Array] = field(default_factory=dict)
 
     @classmethod
-    def from_recordings(cls, recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Self | None:
+    def from_recordings(cls, recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> ChannelFits | None:
         """Fit recordings with effects of the joint; None if too few rows are clear of the ends of segments.
 
         Of an arm all terms of the model are given, the links first; its joints are late alike.
@@ -66,7 +73,7 @@ class ChannelFits(ChannelRows):
         fits = cls(**vars(rows), by_torque=np.zeros_like(rows.phi))
         return fits.with_columns_of_torque(partial(fits._compute_torque_columns, of_torque)) if of_torque else fits
 
-    def with_columns(self, columns: Array, by_torque: Array | None = None) -> Self:
+    def with_columns(self, columns: Array, by_torque: Array | None = None) -> ChannelFits:
         """Return the fits with more columns (R, P), and their derivatives by the torque."""
         weighted = columns * self.data.weights[self.rows, None]
         slopes = np.zeros_like(columns) if by_torque is None else by_torque
@@ -87,14 +94,14 @@ class ChannelFits(ChannelRows):
         parts = [(data.locate_rows(term.at), data.columns([term])[0][0]) for term in terms]
         return place_columns(len(self.data.weights), parts)[self.rows]
 
-    def with_motor_friction(self) -> Self:
+    def with_motor_friction(self) -> ChannelFits:
         """Return the fits with friction that depends on the motor torque."""
         parts = [
             self.data.averages.column(column, self.data.averages.samples)[self.rows, None] for column in (MOTOR, SENSE)
         ]
         return self.with_columns(*parts)
 
-    def with_columns_of_torque(self, columns: Callable[[Array], Array]) -> Self:
+    def with_columns_of_torque(self, columns: Callable[[Array], Array]) -> ChannelFits:
         """Return the fits with columns (R, P) of the fitted torque (R,) [N m], which has no delay.
 
         The recorded torque is that with the delay `start`. Each of `SEARCH.bends` iterations replaces the columns by
@@ -106,18 +113,23 @@ class ChannelFits(ChannelRows):
             fits = self.with_columns(columns(fitted))
         return fits
 
-    def with_nonlinear_gain(self) -> Self:
+    def with_nonlinear_gain(self) -> ChannelFits:
         """Return the fits with columns of the torque of the model: friction under load, and nonlinear gain."""
         sign = np.sign(self.data.samples.velocity[self.rows])
         return self.with_columns_of_torque(
             lambda torque: np.column_stack([np.abs(torque) * sign, torque**2, torque**3])
         )
 
-    def with_drift(self) -> Self:
+    def with_drift(self) -> ChannelFits:
         """Return the fits with parameters of the base model that change linearly along each recording."""
         time_share = np.concatenate([2 * w.centers / len(w.recording) - 1 for w in self.data.windows])
         base = np.column_stack([self.data.columns([term])[0][0] for term in BASE])
         return self.with_columns((base * time_share[:, None])[self.rows])
+
+    def with_angle_columns(self) -> ChannelFits:
+        """Return the fits with sines of the angle, of as many orders as there are equations for, as any cogging has."""
+        count = (len(self.rows) // SEARCH.fewest_equations - self.phi.shape[1]) // 2
+        return self if count < 1 else self.with_columns(make_angle_columns(self.data, count)[self.rows])
 
     @cached_property
     def span(self) -> Array:
@@ -140,7 +152,7 @@ class ChannelFits(ChannelRows):
         delays = SEARCH.reach * np.linspace(-1.0, 1.0, SEARCH.starts)
         return min(np.outer(delays, [1.0, 0.0]), key=lambda x: float(np.linalg.norm(self.misfit(x))))
 
-    def select_most_precise(self) -> Self:
+    def select_most_precise(self) -> ChannelFits:
         """Return the fits with the least error of the delay: these, those with drift, or with nonlinear gain."""
         return min((self, self.with_drift(), self.with_nonlinear_gain()), key=lambda fits: fits.delay_fit.delay_std)
 
@@ -267,6 +279,10 @@ class ChannelFits(ChannelRows):
         before, after = np.hypot(errors, exactness)
         return bool(abs(delay) < SEARCH.negligible * self.period and after > (1 - SEARCH.error_margin) * before)
 
+    def is_consistent(self, recordings: Sequence[Recording], law: Alignment) -> bool:
+        """Return whether the fit of a law to recordings is consistent; see `closed_loop.is_consistent`."""
+        return is_consistent(recordings, self.data, self.residual(self.torque(law.channel)), self.span.shape[1])
+
     def compute_noise_gain(self, channel: Channel) -> float:
         """Compute the largest gain of white noise of the log in the windows by the inverse filter."""
         factors, reach = [], int(np.ceil(5 * SEARCH.reach / self.period))
@@ -307,7 +323,11 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     sampled torque does. Sampled torque is late by half a sample unless another delay predicts significantly better, and
     need not predict significantly better than no delay.
 
-    Recordings too short to tell give an alignment without a finding and with infinite standard errors.
+    In a closed loop the controller answers each torque that the columns lack, and a delay fits its answer: there a law
+    needs a residual of noise (see `closed_loop`), if need be with `with_angle_columns`.
+
+    Recordings too short to tell, and closed loops without such a residual, give an alignment without a finding and with
+    infinite standard errors.
 
     Raises:
         TypeError: if something else is given than recordings and terms.
@@ -321,6 +341,18 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
         return NO_ALIGNMENT
     if not fits.data.shared_columns:  # the columns of links and smooth laws follow any motion
         fits = fits.select_most_precise()
+    found = _choose_hold(fits)
+    if not found.is_found or fits.is_consistent(recordings, found):
+        return found
+    if not fits.data.shared_columns:
+        fits = fits.with_angle_columns()
+        if (found := _choose_hold(fits)).is_found and fits.is_consistent(recordings, found):
+            return found
+    return NO_ALIGNMENT
+
+
+def _choose_hold(fits: ChannelFits) -> Alignment:
+    """Return the best law of torque that was held or sampled; see `align`."""
     found, sampled = fits.select_law(), replace(fits, is_sampled=True)
     free = fits.delay_fit
     if not (found.is_late or (free.is_significant and not found.is_found)):

@@ -19,6 +19,7 @@ from pendulum_env._typing import Array, Index
 from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import LOAD, Column, Term
 from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import NEWTON_METRE, Load, Recording
 
 NONE = Load(0.0, 0.0)
@@ -87,6 +88,12 @@ def make_channel_rows(recordings: Sequence[Recording], beside: Sequence[Term]) -
     cluster_sets = [data.clusters[rows], *([recording] if is_several else [])]
     numbered = tuple(np.unique(labels, return_inverse=True)[1] for labels in cluster_sets)
     return ChannelRows(data, rows, phi[rows] * data.weights[rows, None], where, load_torque, numbered)
+
+
+def make_angle_columns(data: TorqueWindows, count: int) -> Array:
+    """Make columns (R, 2 K) of sines of the angle, of the orders 1 to K, at most `count` and `SEARCH.orders`."""
+    orders = range(1, min(count, SEARCH.orders) + 1)
+    return np.column_stack([data.columns([Cogging(float(order))])[0][0] for order in orders])
 
 
 def list_torque_dependent(terms: Sequence[Term]) -> list[Term]:

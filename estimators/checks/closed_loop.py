@@ -5,6 +5,8 @@ past does not predict, are then correlated. A planned torque has no such correla
 
 A fit of recorded torque is consistent in a closed loop only if its residual is noise (Forssell and Ljung, Automatica
 35(7), 1999): the controller answers each unmodelled torque, and a delay or a lag of the torque fits its answer.
+
+Motion of one frequency determines neither: a later torque at that frequency is another inertia and viscous friction.
 """
 
 from collections.abc import Sequence
@@ -17,7 +19,14 @@ from numpy.lib.stride_tricks import sliding_window_view
 from estimators.findings import Finding, Kind, Quantity
 from estimators.memoize import memoized
 from estimators.regression.least_squares import Equations, solve, solve_least_squares
+from estimators.selection.criterion import Criterion
+from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import TorqueWindows
+from pendulum_env._typing import Array
 from pendulum_env.recording import Recording
+from pendulum_env.tone import ONE, find_tone
+
+SAME = 1.2  # ratio of frequencies below which they count as one
 
 
 @dataclass(frozen=True)
@@ -48,6 +57,37 @@ def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
         Finding(kind, {"gain": Quantity(float(np.median([*own.values()])), unit=unit)}, recordings=tuple(own))
         for (kind, unit), own in gains.items()
     ]
+
+
+def have_one_frequency(recordings: Sequence[Recording]) -> bool:
+    """Return whether recordings of one joint together move at one frequency, at which a lag or delay is any inertia."""
+    if any(recording.position.ndim > 1 for recording in recordings):
+        return False
+    longest = [max(recording.segments, key=len) for recording in recordings]
+    tones = [find_tone(segment.position, 1.0 / segment.rate) for segment in longest]
+    frequencies = [frequency for frequency, _ in tones]
+    return min(share for _, share in tones) > ONE and max(frequencies) < SAME * min(frequencies)
+
+
+def is_consistent(recordings: Sequence[Recording], data: TorqueWindows, residual: Array, parameters: int) -> bool:
+    """Return whether a fit of the torque's timing is consistent.
+
+    It needs motion of more than one frequency, and where torque answers the motion a residual of noise.
+
+    Args:
+        recordings: of the fit; those of an arm are not tested.
+        data: their windows.
+        residual: of the fit (R,), weighted by noise [N m]; of noise if at most `Criterion.misfit` times the floor.
+        parameters: number of fitted parameters.
+    """
+    if have_one_frequency(recordings):
+        return False
+    if data.joints != ("",) or not find_feedback(recordings):
+        return True
+    inertia = TorqueRows(data).base_inertia
+    floor = max(data.precision(), min(w.noise(inertia) for w in data.windows))  # weights are relative to the least
+    freedom = max(1, len(residual) - parameters)
+    return bool(np.linalg.norm(residual) <= Criterion.misfit * floor * freedom**0.5)
 
 
 @memoized

@@ -221,10 +221,15 @@ class FitData:
         """Return whether the torque of a recording was logged late, and so corrected."""
         return any(alignment.is_late for alignment in self.alignments)
 
+    @property
+    def has_unknown_timing(self) -> bool:
+        """Return whether the time between torque and motion of a recording could not be determined."""
+        return any(np.isinf(alignment.delay_std) for alignment in self.alignments)
+
     def agrees(self, other: FitData) -> bool:
-        """Return whether other data have the same alignments, within their standard errors."""
+        """Return whether other data have the same alignments, within their standard errors, or these data have none."""
         return all(
-            np.isinf(alignment.delay_std + counterpart.delay_std)
+            np.isinf(alignment.delay_std)
             or (alignment.is_late == counterpart.is_late and alignment.agrees(counterpart))
             for alignment, counterpart in zip(self.alignments, other.alignments, strict=True)
         )

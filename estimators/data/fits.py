@@ -1,5 +1,6 @@
 """Fits of models with standard errors of linear parameters, nonlinear parameters, and edges without derivatives."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -7,10 +8,10 @@ import numpy as np
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import Terms
 from estimators.regression.balance import Balance, place_columns
-from estimators.regression.least_squares import Fit, project_out
+from estimators.regression.least_squares import Fit, project_out, solve_least_squares
 from estimators.weak_form.columns import bounds_of_laws, mark_bounds
 from estimators.weak_form.nonlinear import find_edges, get_step_unit, set_values
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Model, NonlinearParameter, Term
 
 INSTANTS, EDGES = (1e-3, 10.0), (1e-5, 0.7)  # least and largest tried displacement: of an instant [s]; [step units]
@@ -26,10 +27,8 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     terms, theta = data.maker.fit(terms, exactly=True)
     balance = _open_to_noise(data, terms, theta)
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
-    is_torque = data.layout.predicts_torque
-    edges = {term: find_edges(term, data.data.part(term.at).samples) if is_torque else [] for term in terms}
-    scanned = {term.get_full_name(parameter.name) for term in terms for parameter in edges[term]}
-    is_smooth = np.array([name not in scanned for name in names], dtype=bool)
+    edges = _find_edges(data, terms)
+    is_smooth = _are_smooth(names, edges)
     payload = data.data.payload  # its parameters are estimated from the same rows
     extra = [jacobian[:, is_smooth], *([] if payload is None or not payload.columns.any() else [payload.columns])]
     fit = balance.fit(data.layout.clusters, np.column_stack(extra) if sum(part.size for part in extra) else None, theta)
@@ -48,6 +47,34 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     columns = [column.name for term in terms for column in term.columns]
     model = Model.build(terms, theta, fit.std[:count], **nonlinear_std)
     return mark_bounds(model).with_covariance([*columns, *names], fit.covariance), fit
+
+
+def _find_edges(data: RegressionData, terms: Terms) -> dict[Term, list[NonlinearParameter]]:
+    """Return the parameters of each term by which its torque has no derivative."""
+    is_torque = data.layout.predicts_torque
+    return {term: find_edges(term, data.data.part(term.at).samples) if is_torque else [] for term in terms}
+
+
+def _are_smooth(names: Sequence[str], edges: Mapping[Term, Sequence[NonlinearParameter]]) -> Mask:
+    """Return the mask of the full names of parameters (S,) that are no edges."""
+    scanned = {term.get_full_name(parameter.name) for term, own in edges.items() for parameter in own}
+    return np.array([name not in scanned for name in names], dtype=bool)
+
+
+def compute_parameter_changes(data: RegressionData, model: Model, changed: RegressionData) -> dict[str, float]:
+    """Return by how much the parameters of a model change, to first order, if its data change; by name.
+
+    Both data have the same windows. Known parameters, those at their bounds and edges do not change.
+    """
+    terms, theta = model.terms, model.theta
+    jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
+    names = [*(column.name for column in model.columns), *names]
+    is_free = np.array([model.estimates[name].std > 0 for name in names]) & _are_smooth(names, _find_edges(data, terms))
+    balance = data.equations(terms)
+    slopes = balance.slopes(theta, jacobian)[:, is_free]
+    change = changed.residual(terms, theta) - data.residual(terms, theta)
+    steps = solve_least_squares(slopes * balance.weights[:, None], change * balance.weights)
+    return dict(zip(np.array(names)[is_free].tolist(), steps.tolist(), strict=True))
 
 
 def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:

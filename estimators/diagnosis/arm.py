@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.fit_data import FitData
+from estimators.data.timing_error import widen_by_timing
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.conclusion import conclude_arm
 from estimators.diagnosis.setting import Setting
@@ -13,6 +14,7 @@ from estimators.diagnosis.treatments import align_with_effects, include_payload
 from estimators.diagnosis.unexplained import find_joint_residuals
 from estimators.findings import Finding
 from estimators.schemes.identifiability import find_undetermined_links
+from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult, search
 from estimators.weak_form.windows import concatenate_samples
@@ -45,6 +47,11 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     return replace(trial.found, steps=[*others, replace(last, model=model)]), ()
 
 
+def present(trial: Trial, step: Step) -> Step:
+    """Return a step with the errors of the timing."""
+    return replace(step, model=widen_by_timing(step.model, trial.data, trial.evaluator.train))
+
+
 ARM = Case(
     takes=lambda base, recordings: not find_body(base).can_simulate,
     prepare=prepare,
@@ -53,7 +60,7 @@ ARM = Case(
     refit=lambda found, start: found,
     refine=refine,
     unexplained=lambda trial: find_joint_residuals(trial.evaluator, trial.terms)[1],
-    present=lambda trial, step: step,
+    present=present,
     conclude=conclude_arm,
     reveal=lambda data, base, kind: data,
     treatments=(include_payload, align_with_effects),

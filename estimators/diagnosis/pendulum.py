@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.fit_data import FitData
+from estimators.data.timing_error import widen_by_timing
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.conclusion import conclude
 from estimators.diagnosis.horizon import refit_to_horizon
@@ -34,8 +35,9 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
 
 
 def present(trial: Trial, step: Step) -> Step:
-    """Return a step whose model has the torque constant, and known values as the user gave them."""
-    model = add_torque_constant(step.model, trial.data.parts[0].data)
+    """Return a step with the errors of timing and torque constant, and known values as the user gave them."""
+    model = widen_by_timing(step.model, trial.data, trial.evaluator.train)
+    model = add_torque_constant(model, trial.data.parts[0].data)
     return replace(step, model=restore_known(model, trial.setting.original, trial.data.recordings))
 
 

@@ -143,6 +143,7 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
             gates += evaluator.confirmation_gates(step, found.steps[-1])
         selected = [step.added for step in found.steps if step.added is not None]
         reason = explain_rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)
+        verdict = Verdict.NOT_EXCITED if "frequencies" in [gate.name for gate in gates] else verdict
         if found.table is not None and term.kind == found.table.kind:
             reason = explain_table(Kind.IMITATES_TABLE, found.table)
     return Candidate(term.id, 0.5 * (1 - gain.p_value), verdict, ratio, reason, gain, variants, tuple(gates), longer)

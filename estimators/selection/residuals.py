@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.checks.closed_loop import find_feedback
+from estimators.checks.closed_loop import find_feedback, have_one_frequency
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import ResidualStructure
@@ -20,6 +20,7 @@ from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Terms
 from pendulum_env._typing import Array
 from pendulum_env.physics import ByTime, Term, list_ids
+from pendulum_env.recording import Recording
 
 
 class Power(NamedTuple):
@@ -108,21 +109,40 @@ class Residuals:
         )
 
     def loop_gates(self, after: Terms, before: Terms) -> list[Gate]:
-        """Return the gate of a lag or delay that a larger model adds in a closed loop: its residual has to be noise.
+        """Return the gate of a lag or delay that a larger model adds, if the motion may not determine it.
 
-        The controller answers each torque that the model lacks, and a lag or delay of the torque fits this answer.
+        In motion of one frequency it is not determined (`frequencies`). In a closed loop its residual has to be noise:
+        the controller answers each torque that the model lacks, and a lag or delay of the torque fits this answer.
         """
         known = list_ids(before)
-        if not any((term.lead or term.delay) and term.id not in known for term in after) or not self.has_feedback:
+        if not any((term.lead or term.delay) and term.id not in known for term in after):
+            return []
+        if self.has_one_frequency:
+            return [Gate("frequencies", 1, 2, False)]
+        if not self.has_feedback:
             return []
         size, limit = self.relative_rms(after), self.criterion.misfit
         return [Gate("residual_in_loop", size, limit, size <= limit)]
 
     @cached_property
+    def has_one_frequency(self) -> bool:
+        """Return whether a pendulum moves at one frequency in all recordings; rows of positions need no such test."""
+        return self._is_pendulum and have_one_frequency(self._recordings)
+
+    @property
+    def _is_pendulum(self) -> bool:
+        """Return whether the rows are of the torque of one joint."""
+        return self.train.layout.predicts_torque and self.joints == ("",)
+
+    @property
+    def _recordings(self) -> list[Recording]:
+        """Recordings of training and held-out data."""
+        return [own for part in self.parts for own in part.recordings]
+
+    @cached_property
     def has_feedback(self) -> bool:
         """Return whether the recorded torque of a pendulum answers the motion; simulated rows depend on goals alone."""
-        is_pendulum = self.train.layout.predicts_torque and self.joints == ("",)
-        return is_pendulum and bool(find_feedback([own for part in self.parts for own in part.recordings]))
+        return self._is_pendulum and bool(find_feedback(self._recordings))
 
     def holdout_residual(self, terms: Terms) -> Array:
         """Return the held-out residual (R,) [N m], with the parameters of the fit updated by the held-out data.

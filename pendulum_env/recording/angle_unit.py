@@ -1,7 +1,7 @@
 """Find the unit of an angle from the motion: gravity acts with the sine of radians."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from pendulum_env.filters import filter_savitzky_golay
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.vocabulary import UNITS
+from pendulum_env.tone import has_one_frequency
 
 DEGREE, TURN = UNITS["position"]["deg"], UNITS["position"]["rev"]  # [rad]
 SMOOTHING = 0.05  # [s] window of the second derivative
@@ -58,6 +59,7 @@ class AccelerationFit:
         acceleration: (N,) [rad/s^2].
         torque: smoothed, of unit size (N,).
         is_odd: second of each sample is odd (N,).
+        period: time between samples [s].
     """
 
     position: Array
@@ -65,6 +67,7 @@ class AccelerationFit:
     acceleration: Array
     torque: Array
     is_odd: Mask
+    period: float
 
     @classmethod
     def from_motion(cls, position: Array, torque: Array, rate: float) -> "AccelerationFit | None":
@@ -79,7 +82,7 @@ class AccelerationFit:
         window = (min(max(5, round(SMOOTHING / step)), count) - 1) | 1  # odd
         v, a = (filter_savitzky_golay(q, window, 3, order, step) for order in (1, 2))
         is_odd = (np.arange(count) * step).astype(np.intp) % 2 == 1
-        return cls(filter_savitzky_golay(q, window, 3), v, a, filter_savitzky_golay(tau, window, 3), is_odd)
+        return cls(filter_savitzky_golay(q, window, 3), v, a, filter_savitzky_golay(tau, window, 3), is_odd, step)
 
     def compute_misfit(self, *gravity: Array) -> float:
         """Return the residual norm of every other second, predicted by the fit of the seconds between [rad/s^2]."""
@@ -109,7 +112,8 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
     Turns are found where their misfit is a tenth of that of radians, with or without a spring. Smaller swings about an
     unknown zero bend gravity less: there the misfit of turns has to be the lower one, at the wave number of turns.
     Degrees that cover more than 2 pi are found by a smaller difference. Below 30 degrees the sine is straight, as is a
-    spring over radians: the unit is uncertain.
+    spring over radians: the unit is uncertain. So it is in a motion of one frequency, whose position is proportional to
+    its acceleration, if a torque drives it: gravity on degrees may imitate an error of the torque.
 
     Args:
         position: uniformly sampled, in one segment.
@@ -137,7 +141,10 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
         )
         if radians > 1e-3 * np.sqrt(len(q)) and (other < CLEAR * radians or is_bent):
             return UnitSuspicion("rev", _find_range(position), other / max(radians, gravity))
-    return _suspect_degrees(position, fit)
+    found = _suspect_degrees(position, fit)
+    if found is None or not found.is_certain:
+        return found
+    return replace(found, is_certain=not (torque.any() and has_one_frequency(fit.position, fit.period)))
 
 
 def _suspect_degrees(position: Array, fit: AccelerationFit) -> UnitSuspicion | None:

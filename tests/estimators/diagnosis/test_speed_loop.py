@@ -5,26 +5,29 @@ from math import copysign, sin
 import numpy as np
 import pytest
 
+from estimators.checks.channel import align
+from estimators.checks.closed_loop import find_feedback, have_one_frequency
 from estimators.data.split import split_recordings
 from estimators.selection.candidates import find_best_variant
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
 from pendulum_env.physics import BASE, effect
+from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 
 INERTIA, VISCOUS, COULOMB = 1e-4, 1.5e-3, 0.01  # [kg m^2], [N m s/rad], [N m]
 RATE, STEPS, SECONDS = 500.0, 16, 8.0  # samples, steps of integration and of control in each, length [s]
 
 
-def record(seed: int, lag: float, cogging: float, bandwidth: float) -> Recording:
-    """Simulate a motor whose speed follows a square wave under a PI controller; the log holds the command."""
+def record(seed: int, lag: float, cogging: float, bandwidth: float, wave: str = "square") -> Recording:
+    """Simulate a motor whose speed follows a square wave or sine under a PI controller; the log holds the command."""
     rng = np.random.default_rng(seed)
     frequency, top, step = rng.uniform(0.3, 1.2), rng.uniform(5.0, 8.0), 1.0 / (RATE * STEPS)
     gain, q, v, acting, integral = INERTIA * bandwidth, 0.0, 0.0, 0.0, 0.0
     position, torque = [], []
     for k in range(int(SECONDS * RATE * STEPS)):
-        wave = sin(2 * np.pi * frequency * k * step)
-        error = top * copysign(1.0, wave) - v
+        sine = sin(2 * np.pi * frequency * k * step)
+        error = top * (copysign(1.0, sine) if wave == "square" else sine) - v
         integral += 0.3 * bandwidth * gain * error * step
         command = gain * error + integral
         acting = acting + (command - acting) * step / lag if lag else command
@@ -63,3 +66,21 @@ def test_a_lag_in_the_loop_is_found():
     assert [step.added for step in found.steps] == [None, "actuator_lag"]
     assert found.steps[-1].model.estimates["actuator_lag.time_constant"].value == pytest.approx(0.02, rel=0.1)
     assert found.steps[-1].model.estimates["inertia"].value == pytest.approx(INERTIA, rel=0.1)
+
+
+def test_torque_of_a_closed_loop_is_timed_where_all_but_noise_is_explained():
+    """The controller answers cogging, which smooth laws leave: a free delay fits its answer, by 20 ms and more."""
+    recordings = [record(seed, 0.0, COULOMB, 60.0, "sine") for seed in (1, 2)]
+    assert find_feedback(recordings) and not have_one_frequency(recordings)
+    for beside in ([], [Cogging(12.0, 24.0)]):
+        found = align(recordings, beside)
+        assert found.is_late and found.delay == pytest.approx(0.5 / RATE, abs=0.25 / RATE)  # set within a sample
+
+
+def test_motion_of_one_frequency_determines_no_lag():
+    recording = record(2, 0.01, 0.0, 60.0, "sine")
+    assert have_one_frequency([recording]) and not align([recording]).is_found
+    evaluator = ModelEvaluator(*split_recordings([recording]), library={"actuator_lag": effect("actuator_lag")})
+    (gate,) = evaluator.residuals.loop_gates((*BASE, effect("actuator_lag")(0.02)), BASE)
+    assert gate.name == "frequencies" and not gate.passed
+    assert [step.added for step in search(evaluator).steps] == [None]

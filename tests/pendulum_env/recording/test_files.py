@@ -226,6 +226,19 @@ def test_degrees_by_gravity(write: Write) -> None:
     assert read_recording(write(swing | {"position_rad": np.degrees(q)})).position.max() > 50  # its name says radians
 
 
+@pytest.mark.parametrize("tones", [(2.5,), (2.5, 8.0)], ids=["one", "two"])
+def test_a_motor_at_one_frequency_turns_in_radians(write: Write, tones: tuple[float, ...]) -> None:
+    """Its position is proportional to its acceleration, so gravity on degrees imitates what a noisy torque lacks."""
+    time = np.arange(2400) / 200.0
+    position, speed, acceleration = (
+        np.sum([30.0 * w**order * np.sin(w * time + order * np.pi / 2) for w in tones], axis=0) for order in range(3)
+    )
+    torque = acceleration + 2.0 * speed + 30.0 * np.tanh(speed)
+    noise = np.random.default_rng(0).normal(0.0, 0.5 * np.std(torque), len(time))
+    recording = read_recording(write({"time": time, "position": position, "torque": torque + noise}))
+    assert np.ptp(recording.position) > 10 * np.pi  # no spring is wound up so far
+
+
 def test_turns_about_an_unknown_zero_by_gravity(write: Write) -> None:
     def two_sines(time: np.ndarray) -> np.ndarray:
         return 4.5 * np.sin(2 * time) + 2.5 * np.sin(4.7 * time)

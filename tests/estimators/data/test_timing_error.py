@@ -1,0 +1,53 @@
+"""Standard errors of parameters include that of a delay of the torque, which is estimated with them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant
+from estimators.checks.alignment import Alignment
+from estimators.data.fit_data import FitData
+from estimators.data.fits import fit_terms
+from estimators.data.timing_error import widen_by_timing
+from estimators.signals.channel import Channel
+from pendulum_env.physics import BASE
+from tests.cases import recorded
+
+DELAY, STD = 0.004, 0.0005  # [s], of the torque, and the error of its estimate
+
+
+def time_recording(law: Alignment, delay: float) -> FitData:
+    """Return the data of a recording whose torque is logged late, corrected by a delay with an error of `law`."""
+    recording = recorded(Plant(), Experiment(rate=500.0, seconds=12.0, excitation="multisine", seed=3))[0]
+    late = replace(recording, torque=np.roll(recording.torque, 2))
+    own = replace(law, channel=replace(law.channel, delay=delay))
+    corrected = replace(own.apply(late), is_checked=True)
+    return FitData((corrected,), (corrected,), alignments=(law, law), untimed=FitData((late,), (late,)))
+
+
+LATE = Alignment(Channel(DELAY), STD, 0.0)
+
+
+def test_errors_grow_by_the_change_of_the_parameters_under_another_delay():
+    data = time_recording(LATE, DELAY)
+    train = data.parts[0]
+    model = fit_terms(train, BASE)[0]
+    widened = widen_by_timing(model, data, train)
+    first, second = (fit_terms(time_recording(LATE, DELAY + change).parts[0], BASE)[0] for change in (-STD, STD))
+    for name in ("inertia", "gravity", "viscous", "coulomb"):
+        change = np.sqrt(widened.estimates[name].std ** 2 - model.estimates[name].std ** 2)
+        difference = abs(second.estimates[name].value - first.estimates[name].value) / 2
+        assert change == pytest.approx(difference, rel=0.2, abs=0.2 * model.estimates[name].std)
+    assert widened.estimates["inertia"].std > 2 * model.estimates["inertia"].std
+    assert [own.value for own in widened.estimates.values()] == [own.value for own in model.estimates.values()]
+    np.testing.assert_allclose(np.sqrt(np.diag(widened.covariance)), [own.std for own in widened.estimates.values()])
+
+
+@pytest.mark.parametrize(
+    "law", [replace(LATE, delay_std=0.0), Alignment(Channel(), STD, np.inf)], ids=["exact", "in time"]
+)
+def test_errors_of_torque_in_time_stay(law):
+    data = time_recording(law, DELAY)
+    model = fit_terms(data.parts[0], BASE)[0]
+    assert widen_by_timing(model, data, data.parts[0]) is model
