@@ -364,6 +364,8 @@ def _describe_gate(found: Finding) -> str:
         return f"predicts no better than other values of the parameters that were given: {format_p_value(value.value)}"
     if name == "residual_in_loop":
         return f"leaves {value.value:.2g} times the noise floor: in a closed loop, it may fit the controller's answer"
+    if name == "frequencies":
+        return "not determined: the motion has one frequency, at which it is another inertia and viscous friction"
     if name == "kept_gravity":
         return f"fits only with {value.value:.2g} times the gravity: both terms cancel and imitate a third law"
     if name == "kept_inertia":
