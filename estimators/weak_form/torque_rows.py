@@ -131,7 +131,19 @@ class TorqueRows:
             return part
         fixed = self.data.averages.fixed_under(term, self._perturbations)
         fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
-        return part._replace(fixed_change=fixed - part.fixed[:, None])
+        slopes = 1.0 - np.diff(fixed, axis=1) / np.diff(self._perturbations)
+        return part._replace(fixed_change=self._perturbations - self._respond(slopes))
+
+    def _respond(self, slopes: Array) -> Array:
+        """Return the response of equations with slopes s between perturbations (R, J - 1) to each of these (R, J) [N m].
+
+        The torque explains a residual r by r / s, the motion by r; both have noise, the motion a share c of its
+        variance. The likeliest combination has the size of r / sqrt((1 - c) s^2 + c): it is finite beyond a saturation.
+        """
+        share = self.data.motion_share[:, None]
+        steps = np.sqrt((1.0 - share) * slopes**2 + share) * np.diff(self._perturbations)
+        response = np.cumsum(np.column_stack([np.zeros(len(steps)), steps]), axis=1)
+        return response - response[:, [len(PERTURBATIONS)]]
 
     @property
     def _largest_torque(self) -> float:
