@@ -11,6 +11,8 @@ from pendulum_env.errors import UserError
 P = ParamSpec("P")
 T = TypeVar("T")
 
+READING = ("columns", "unwrap", "drive")  # arguments of `read_recording` alone
+
 
 class UnknownName(UserError, KeyError):
     """Name that is unknown."""
@@ -34,13 +36,15 @@ def find(kind: str, name: str, known: Mapping[str, T]) -> T:
 
 
 def refuse_unknown_arguments(function: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a function so that it refuses an unknown keyword with the nearest that it takes."""
+    """Decorate a function so that it refuses an unknown keyword and names the nearest that it takes."""
     known = dict(inspect.signature(function).parameters)
     known.pop("self", None)
 
     @functools.wraps(function)
     def checked(*args: P.args, **keywords: P.kwargs) -> T:
         for name in keywords:
+            if name in READING and name not in known:
+                raise UnknownName(f"'{name}' is an argument of read_recording: read with it, and give the recording")
             find("argument", name, known)
         return function(*args, **keywords)
 

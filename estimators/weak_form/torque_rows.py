@@ -135,7 +135,7 @@ class TorqueRows:
         return part._replace(fixed_change=self._perturbations - self._respond(slopes))
 
     def _respond(self, slopes: Array) -> Array:
-        """Return the response of equations with slopes s between perturbations (R, J - 1) to each of these (R, J) [N m].
+        """Return the responses (R, J) [N m] of equations to perturbations, from slopes s between these (R, J - 1).
 
         The torque explains a residual r by r / s, the motion by r; both have noise, the motion a share c of its
         variance. The likeliest combination has the size of r / sqrt((1 - c) s^2 + c): it is finite beyond a saturation.

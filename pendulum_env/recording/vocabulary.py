@@ -9,12 +9,13 @@ HEADER = "time,position,torque"  # the plain header, in s, rad and N m; velocity
 
 ALIASES = {
     "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec tout xvalue zeit "
-    "zeitstempel unixtime tunix epoch epochtime posixtime",
+    "zeitstempel unix unixtime tunix epoch epochtime posixtime",
     "position": "position pos q theta θ θr angle ang phi φ angularposition jointposition jointangle jointpos "
     "motorposition motorangle motorpos presentpos presentangle observationstate winkel drehwinkel",
     "velocity": "velocity vel speed omega ω dq qd qdot dqdt dtheta thetadot thetad v angularvelocity angvel "
     "jointvelocity jointvel motorvelocity motorvel winkelgeschwindigkeit drehzahl",
-    "torque": "torque tau τ effort trq tq moment jointtorque motortorque appliedtorque drehmoment couple",
+    "torque": "torque tau τ effort trq tq moment jointtorque motortorque taumotor motortau appliedtorque drehmoment "
+    "couple",
     "reference": "reference positionreference referenceposition posref refpos qref refq qr thetaref refangle angleref "
     "setpoint positionsetpoint positioncmd positioncommand commandedposition poscmd qcmd thetacmd desiredposition "
     "positiondesired desiredangle posdes despos qdes thetades goalposition targetposition positiontarget qtarget "
