@@ -37,7 +37,7 @@ from estimators.regression.least_squares import IdentificationError, project_out
 from estimators.selection.score import cross_validated
 from estimators.signals.channel import Channel
 from pendulum_env._typing import Array
-from pendulum_env.physics import BASE, Term
+from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.recording import NEWTON_METRE, Recording
 
 DESCENT = Rule(turns=20, dampings=(0.0, 1.0, 10.0), of_cost=1e-9)
@@ -310,8 +310,9 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
 
     Args:
         recordings: one or more.
-        beside: effects that the joint has, with their nonlinear parameters set, which are fitted along. Laws that make
-            another torque of the one that was logged, as a lag does, are left out: they compete with the channel's.
+        beside: effects that the joint has, with their nonlinear parameters set, which are fitted along. Laws of the
+            present torque without parameters, as a saturation, are applied to it. Laws that delay the torque, as a lag,
+            are left out: they compete with the channel's.
 
     A law is reported if its delay or lag is `SEARCH.sure` standard errors from zero, and if it predicts seconds to
     which it was not fitted significantly better. A delay below `SEARCH.negligible` of a sample is zero if torque is
@@ -333,6 +334,7 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
         TypeError: if something else is given than recordings and terms.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else recordings
+    recordings = [_apply_torque_laws(recording, beside) for recording in recordings]
     try:
         fits = ChannelFits.from_recordings(recordings, beside) if any(r.torque.any() for r in recordings) else None
     except IdentificationError:
@@ -349,6 +351,17 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
         if (found := _choose_hold(fits)).is_found and fits.is_consistent(recordings, found):
             return found
     return NO_ALIGNMENT
+
+
+def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording:
+    """Return a recording of a pendulum with the torque that remains after laws of the present torque."""
+    laws = [term for term in terms if term.fixed and not term.has_state() and not term.at]
+    if not laws:
+        return recording
+    velocity = np.gradient(recording.position, recording.time)
+    x = Samples(recording.time, recording.position, velocity, recording.torque)
+    lost = sum(column.force(x) for law in laws for column in law.fixed)
+    return replace(recording, torque=recording.torque - lost)
 
 
 def _choose_hold(fits: ChannelFits) -> Alignment:

@@ -196,3 +196,15 @@ def test_friction_that_drives_is_said_of_what_is_found():
     viscous = found.model.estimates["viscous"]
     assert viscous.value == 0 and viscous.at_bound  # no body has less, and the data ask for it
     assert Finding(Kind.FRICTION_NEGATIVE, parameters=("viscous",)) in found.findings
+
+
+def test_clipped_torque_at_a_low_rate_leaves_noise_and_no_delay():
+    """A clip has no slope by the torque, and delays none: errors stay finite, and the log is in time."""
+    plant = Plant(effects={"torque_saturation": {"sat": 3.0, "sat_law": 1.0}})
+    runs = recorded(plant, Experiment(rate=500.0, seconds=12.0, seed=3))
+    found = diagnose(runs, only=["torque_saturation", "actuator_lag", "dead_time"])
+    assert found.selected == ("torque_saturation",) and found.unexplained == ()
+    assert not found.data.has_moved
+    for name, truth in (THETA | {"torque_saturation.limit": 3.0}).items():
+        estimate = found.model.estimates[name]
+        assert abs(estimate.value - truth) < 4 * estimate.std, name
