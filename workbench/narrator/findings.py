@@ -398,7 +398,8 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.RELATIVE_TO_INERTIA: lambda found: (
         "No torque is applied: every parameter is relative to the inertia"
         f"{' of the joint with its known load' if found.recordings else ''}, which is 1. A known value makes them "
-        f"absolute ({format_setting('fixed', {'inertia': Blank('VALUE')})})."
+        f"absolute ({format_setting('fixed', {'inertia': Blank('VALUE')})}). "
+        "A motor that drives the joint needs a torque column."
     ),
     Kind.LOADS_UNKNOWN: (
         "{unknown}. The log has {channel} for the torque, and known loads that differ are needed. " + OTHER_LOAD
