@@ -6,7 +6,7 @@ from pendulum_env._typing import Array
 
 ONE = 0.995  # share of the power of a motion in one sine, above which it has one frequency; of a triangle wave 0.986
 ZOOM, STEPS = 40, 3  # frequencies tried about the best one, and repetitions with a smaller spacing
-ENOUGH = 2000  # samples, to which longer series are averaged
+ENOUGH = 20_000  # samples that are kept of longer series; an average would remove fast motion
 LEAST = 0.9  # share of the power within two lines of the best one of a spectrum, below which there is no tone
 
 
@@ -17,7 +17,7 @@ def find_tone(series: Array, period: float) -> tuple[float, float]:
     `period` is the sample time [s].
     """
     stride = max(1, len(series) // ENOUGH)
-    series, period = series[: len(series) // stride * stride].reshape(-1, stride).mean(axis=1), stride * period
+    series, period = series[::stride], stride * period
     time = np.arange(len(series)) * period
     line = np.column_stack([np.ones_like(time), np.linspace(-1.0, 1.0, len(time))])
     rest = series - line @ np.linalg.lstsq(line, series, rcond=None)[0]

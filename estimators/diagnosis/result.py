@@ -155,8 +155,7 @@ class Diagnosis:
         ambiguous: groups of ids of effects that the data cannot tell apart, the selected one first.
         unexplained: regions of the residual of the final model; empty if it is noise. An arm has one region for each
             joint with a residual.
-        floors: noise floor of held-out torque at each joint [N m]; in the loop the mean position error by the encoder
-            [rad].
+        floors: noise floor of the torque at each joint [N m]; in the loop the mean position error by the encoder [rad].
         findings: on data and model, the most important first.
         suggestion: experiment that answers most open questions; None if there is none.
         forbidden: reason why no experiment answers a question or explains a residual; None if there is no reason.

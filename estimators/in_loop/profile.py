@@ -153,8 +153,8 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
 def _leave_local_minima(rollouts: Rollouts, near: Linear, typical: Array) -> Linear:
     """Refit from multiples of the `multimodal` parameter, over which fits have local minima, while the fit improves."""
     names = [term.get_full_name(find_hints(type(term)).multimodal) for term in near.point.terms]
-    is_moved = np.isin([*near.point.named_values], names)
     while True:
+        is_moved = np.isin([*near.point.named_values], names)  # a fit may free another parameter, or bind one
         starts = [near.point.with_values(np.where(is_moved, leap, 1.0) * near.point.values) for leap in PROFILE.leaps]
         others = [
             fit(rollouts, start, typical, nonlinear=True, share=0.0, secants=LOOP.secants[-1:]) for start in starts

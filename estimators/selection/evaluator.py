@@ -264,7 +264,7 @@ class ModelEvaluator:
             Gate("p_value", gain.p_value, criterion.p_value, gain.p_value <= criterion.p_value),
         ]
         if gates[-1].passed and (freed := self.without_known(before)) != before:
-            chance = self.gain(after, freed).p_value
+            chance = self.evidence(after, freed).p_value
             gates.append(Gate("known_parameters", chance, criterion.p_value, chance <= criterion.p_value))
         if gates[-1].passed:
             share = self.explained_share(after, before, least_share)

@@ -137,8 +137,8 @@ def find_model_path(state: SearchState) -> list[Step]:
     """Return the steps from the start to the terms of a state, in an order in which each is confirmed.
 
     The first order removes, from the last to the first step, the effect that the model needs least. With few effects,
-    other orders follow; then the same orders with parameters refitted to the motion, or before if torque alone does not
-    show each effect. If none is confirmed, the first order is returned.
+    other orders follow, and then the same orders with parameters refitted to the motion. If windows of torque do not
+    show each effect, the refitted orders come first. If none is confirmed, the first order is returned.
     """
     evaluator, terms, known = state.evaluator, state.terms, list_ids(state.start)
     order: list[Term] = []

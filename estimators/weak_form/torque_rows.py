@@ -22,7 +22,7 @@ from estimators.regression.fold_grams import (
     solve_all_folds,
     solve_each_fold,
 )
-from estimators.regression.least_squares import weigh_recordings
+from estimators.regression.least_squares import solve, weigh_recordings
 from estimators.search_hints import find_hints, is_possible
 from estimators.weak_form.columns import bounds_of_laws, is_known, is_torque_dependent, list_bounds
 from estimators.weak_form.nonlinear import (
@@ -36,7 +36,7 @@ from estimators.weak_form.nonlinear import (
 )
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
-from pendulum_env.physics import BASE, Term
+from pendulum_env.physics import BASE, SIGNIFICANT, Term
 
 RECENT = 4  # sets of terms whose equations are kept
 PERTURBATION = 1e-6  # of the torque for derivatives, share of the largest torque
@@ -132,18 +132,39 @@ class TorqueRows:
         fixed = self.data.averages.fixed_under(term, self._perturbations)
         fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
         slopes = 1.0 - np.diff(fixed, axis=1) / np.diff(self._perturbations)
-        return part._replace(fixed_change=self._perturbations - self._respond(slopes))
+        torque = self.data.torque()
+        kept = float(np.linalg.norm(torque - part.fixed)) / max(float(np.linalg.norm(torque)), 1e-300)
+        return part._replace(fixed_change=self._perturbations - self._respond(slopes, min(kept, 1.0)))
 
-    def _respond(self, slopes: Array) -> Array:
+    def _respond(self, slopes: Array, kept: float) -> Array:
         """Return the responses (R, J) [N m] of equations to perturbations, from slopes s between these (R, J - 1).
 
-        The torque explains a residual r by r / s, the motion by r; both have noise, the motion a share c of its
-        variance. The likeliest combination has the size of r / sqrt((1 - c) s^2 + c): it is finite beyond a saturation.
+        Errors of the torque u and of the motion both explain a residual r. The motion has a share c of the variance of
+        noise, and its torque is smaller by `kept` k, the norm of the remaining torque over that of the recorded one.
+        The likeliest errors together have the size of an error r / sqrt((1 - c) s^2 + c k^2) of u, which is finite
+        beyond a saturation. A law that makes all torques smaller explains nothing.
         """
-        share = self.data.motion_share[:, None]
-        steps = np.sqrt((1.0 - share) * slopes**2 + share) * np.diff(self._perturbations)
+        share = self._motion_share[:, None]
+        steps = np.sqrt((1.0 - share) * slopes**2 + share * kept**2) * np.diff(self._perturbations)
         response = np.cumsum(np.column_stack([np.zeros(len(steps)), steps]), axis=1)
         return response - response[:, [len(PERTURBATIONS)]]
+
+    @cached_property
+    def _motion_share(self) -> Array:
+        """Share of the motion in the variance of each equation's error by noise (R,).
+
+        It is zero of joints of an arm, and if the inertia is insignificant: its noise would explain the torque.
+        """
+        data = self.data
+        if any(w.at or w.recording.known_inertia for w in data.windows):
+            return np.zeros(len(data.weights))
+        fit = solve(data.equations(BASE), data.weights, data.clusters)
+        inertia = max(float(fit.theta[0] - SIGNIFICANT * fit.std[0]), 0.0)
+        if inertia == 0.0:
+            return np.zeros(len(data.weights))
+        of_torque = np.array([w.torque_noise for w in data.windows])
+        of_both = np.array([np.hypot(w.noise(inertia), data.precision()) for w in data.windows])
+        return (1.0 - (of_torque / np.maximum(of_both, 1e-300)) ** 2)[data.recording_of_window]
 
     @property
     def _largest_torque(self) -> float:

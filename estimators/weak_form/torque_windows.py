@@ -192,11 +192,6 @@ class TorqueWindows:
         return np.concatenate([w.rates.column(LOAD, w.samples) for w in self.windows])
 
     @property
-    def motion_share(self) -> Array:
-        """Share of the motion in the variance of each equation's error by noise (R,)."""
-        return np.array([w.motion_share for w in self.windows])[self.recording_of_window]
-
-    @property
     def recording_of_window(self) -> Index:
         """Index of the entry of `windows` of each equation (R,)."""
         return np.repeat(np.arange(len(self.windows)), [len(w.centers) for w in self.windows])
@@ -482,9 +477,7 @@ def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known
     theta = np.linalg.lstsq(phi / scale, y, rcond=1e-10)[0] / scale
     rms = float(np.linalg.norm(y - phi @ theta)) / np.sqrt(freedom)
     factor = min(1.0, rms / max(w.noise(abs(inertia(theta))), 1e-300))
-    w = replace(w, torque_noise=factor * w.torque_noise, acceleration_noise=factor * w.acceleration_noise)
-    error = np.hypot(w.noise(abs(inertia(theta))), WEAK_FORM.precision * float(np.std(w.recording.torque)))
-    return replace(w, motion_share=1.0 - (w.torque_noise / max(float(error), 1e-300)) ** 2)
+    return replace(w, torque_noise=factor * w.torque_noise, acceleration_noise=factor * w.acceleration_noise)
 
 
 def choose_half_width(recording: Recording) -> float:

@@ -177,7 +177,6 @@ class Windows:
         acceleration_shared: correlation of the acceleration noise of windows half a window apart.
         velocity_noise: standard deviation of the smoothed velocity [rad/s].
         first, stop: range of samples with windows; earlier samples only drive terms with memory.
-        motion_share: share of the motion in the variance of a window's residual by noise; 0 before `calibrate`.
         at: name of the recorded joint of an arm; empty for a pendulum.
         run: number of the arm's recording, which its joints share; None for a pendulum.
         payload: known payload of the arm.
@@ -199,7 +198,6 @@ class Windows:
     velocity_noise: float
     first: int
     stop: int
-    motion_share: float = 0.0
     at: str = ""
     run: int | None = None
     payload: LinkLoad | None = None

@@ -22,3 +22,9 @@ def test_a_triangle_and_two_sines_have_several_frequencies():
     for series in (triangle, np.sin(3 * TIME) + 0.3 * np.sin(7 * TIME), np.random.default_rng(0).normal(size=3000)):
         assert not has_one_frequency(series, 1 / 250.0)
     assert has_one_frequency(np.sin(3 * TIME) + 0.03 * np.sin(7 * TIME), 1 / 250.0)
+
+
+def test_fast_motion_in_a_long_log_counts():
+    time = np.arange(60_000) / 100.0
+    assert not has_one_frequency(np.sin(0.5 * time) + 0.2 * np.sin(21.0 * time), 0.01)
+    assert has_one_frequency(np.sin(21.0 * time), 0.01)

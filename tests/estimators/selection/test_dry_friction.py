@@ -47,6 +47,12 @@ def test_friction_below_the_speeds_of_the_windows_is_found_by_free_motion(size, 
         assert abs(estimate.value - truth) < 3 * estimate.std < 1.5 * truth
 
 
+def test_a_known_parameter_leaves_the_evidence_of_free_motion():
+    fitted, held_out = swept(0.45, 0.08, 10)
+    found = diagnose(fitted, held_out, only=["stribeck", "quadratic_drag"], fixed={"gravity": 2.0})
+    assert found.selected == ("stribeck",)
+
+
 def test_without_a_misfit_of_the_motion_no_dry_friction_is_tried():
     fitted, held_out = map(lambda run: RegressionData.from_recordings([run]), swept(0.0, 0.1, 20))
     evaluator = ModelEvaluator(fitted, held_out)

@@ -85,6 +85,14 @@ def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(regress
         assert left > 0.9 * np.linalg.norm(recorded), term  # all but what the least slope of an equation hides
 
 
+def test_a_law_that_removes_nearly_all_torque_predicts_less_than_the_pendulum_without_it():
+    """A coarse encoder has much noise of the motion, which must not stand for the torque."""
+    recordings = recorded(Plant(), Experiment(rate=500.0, seconds=8.0, seed=1, excitation="pd_loop", counts=1000))
+    evaluator = ModelEvaluator(*split_recordings(recordings))
+    tiny = effects()["torque_saturation"](0.002 * float(np.abs(recordings[0].torque).max()))
+    assert evaluator.density((*BASE, tiny)).sum() < evaluator.density(BASE).sum()
+
+
 def test_a_bent_torque_is_solved_for_what_was_recorded(regression: TorqueRows):
     """Half of a limit is the torque of artanh 1/2: as much of it as the law takes has been recorded, not less."""
     limit = 2.0 * float(np.abs(regression.data.torque()).max())
