@@ -17,6 +17,14 @@ from pendulum_env.reading import quote_value
 
 T = TypeVar("T")
 LAWS = ("mass", "force", "dry", "potential", "loss")
+FORMER_NAMES = {  # of release 1.0.0, and the present ones
+    "shapes": "nonlinear_parameters",
+    "typical": "typical_size",
+    "grid": "set_hints",
+    "looked_at": "set_hints",
+    "possible": "set_hints",
+    "title": "description",
+}
 STEP, CLOSE = 1e-5, 1e-4  # of the angle, to differentiate a potential [rad], and share by which a force may differ
 
 
@@ -33,6 +41,9 @@ def check_effect(kind: type[Term]) -> None:
     for text in ("id", "law", "kind"):
         if not isinstance(value := getattr(kind, text, None), str):
             raise UserError(f"{text} of {name} is {quote_value(value)}: it has to be a text")
+    for former, present in FORMER_NAMES.items():
+        if hasattr(kind, former):
+            raise UserError(f"{former} of {name} is a name of release 1.0.0: use {present}")
     if not re.fullmatch(r"[\w-]+", kind.id):
         raise UserError(f"id of {name} is {quote_value(kind.id)}: use letters, digits and underscores")
     find(f"kind of {name}", kind.kind, dict.fromkeys(get_args(Kind)))

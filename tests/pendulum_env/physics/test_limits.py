@@ -98,6 +98,7 @@ def test_a_file_of_effects_is_known_and_may_be_loaded_twice(tmp_path, own_librar
         ("x = 1\nx = nothing\n", "line 2: NameError"),
         ("import sys\nsys.exit(0)\n", "line 2: SystemExit: 0"),
         (PLUGIN.replace('"c q\'^3"', "None"), "law of Cubic is None: it has to be a text"),
+        (PLUGIN.replace("    law =", "    shapes = ()\n    law ="), "shapes of Cubic is a name of release 1.0.0"),
         (PLUGIN.replace("x.velocity**3", "None + 1"), "line 17: force of column 'cubic_.*' of Cubic: TypeError"),
         (PLUGIN.replace("x.velocity**3", "x.velocity[:3]"), "force of .* of Cubic: ValueError: operands could not be"),
     ],
