@@ -14,13 +14,11 @@ from estimators.diagnosis.treatments import align_with_effects, include_payload
 from estimators.diagnosis.unexplained import find_joint_residuals
 from estimators.findings import Finding
 from estimators.schemes.identifiability import find_undetermined_links
-from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult, search
 from estimators.weak_form.windows import concatenate_samples
 from pendulum_env.arms.joints import find_body, find_links, place_effects
-from pendulum_env.physics.table import TABLES
-from pendulum_env.physics.terms import list_ids
+from pendulum_env.physics import TABLES, list_ids
 from pendulum_env.recording import Recording
 
 
@@ -47,11 +45,6 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     return replace(trial.found, steps=[*others, replace(last, model=model)]), ()
 
 
-def present(trial: Trial, step: Step) -> Step:
-    """Return a step with the errors of the timing."""
-    return replace(step, model=widen_by_timing(step.model, trial.data, trial.evaluator.train))
-
-
 ARM = Case(
     takes=lambda base, recordings: not find_body(base).can_simulate,
     prepare=prepare,
@@ -60,7 +53,7 @@ ARM = Case(
     refit=lambda found, start: found,
     refine=refine,
     unexplained=lambda trial: find_joint_residuals(trial.evaluator, trial.terms)[1],
-    present=present,
+    present=lambda trial, step: replace(step, model=widen_by_timing(step.model, trial.data, trial.evaluator.train)),
     conclude=conclude_arm,
     reveal=lambda data, base, kind: data,
     treatments=(include_payload, align_with_effects),
