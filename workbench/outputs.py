@@ -20,9 +20,11 @@ from workbench.terminal import Terminal
 def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> None:
     """Refuse, before any work is done, what could not be written in the end, or would destroy data.
 
-    Raises InputError if two outputs are the same file, or one of them is a recording that is read, and OSError if a
-    file cannot be written there.
+    Raises InputError if an output is `-`, two outputs are the same file, or one of them is a recording that is read,
+    and OSError if a file cannot be written there.
     """
+    if "-" in outputs:
+        raise InputError("results are written to files: give a name such as result.json instead of '-'")
     given = [check_output(path) for path in outputs if path is not None]
     resolved = [os.path.realpath(path) for path in given]  # unlike Path.resolve, also of links that go round
     for path, place in zip(given, resolved, strict=True):

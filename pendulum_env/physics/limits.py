@@ -71,7 +71,8 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
             hint = f"did you mean {near[0]}?" if near else "`effects` lists those of effects, by ID or ID.NAME"
             raise UserError(f"unknown parameter '{name[:60]}': {hint}")
         if name in nonlinear and low == high:
-            raise UserError(f"{name} is searched for and cannot be fixed: give it bounds")
+            around = f"{0.99 * low:.4g} and {1.01 * low:.4g}"
+            raise UserError(f"{name} is searched for and cannot be fixed: give it bounds, such as {around}")
         least, most = (
             (nonlinear[name].low, nonlinear[name].high)
             if name in nonlinear

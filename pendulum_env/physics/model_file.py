@@ -117,7 +117,7 @@ def describe_terms(terms: Sequence[Term]) -> JSON:
 def read_model(path: str | Path) -> Any:
     """Read the JSON of a model file; raises ModelError with its name if it is missing or no JSON."""
     try:
-        return read_json(path, "a model is written by `Model.save` or by `identify`")
+        return read_json(path, "a model is what `Model.save` or `identify -o` writes, and comes before the recordings")
     except FileError as error:
         raise ModelError(str(error)) from None
 

@@ -98,7 +98,7 @@ def covered(**changes: object) -> dict:
         (covered(parameters=["mass", "gravity", "viscous", "coulomb"]), "no covariance of all parameters"),
         (covered(matrix=np.eye(4)[:3].tolist()), "no covariance of all parameters"),
         (covered(matrix=(-np.eye(4)).tolist()), "no covariance of all parameters"),
-        (b"\xff\xfe\x00", "is not JSON; a model is written"),
+        (b"\xff\xfe\x00", "is not JSON; a model is what"),
         ("nowhere", "cannot be read"),
     ],
 )
