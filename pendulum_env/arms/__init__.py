@@ -7,6 +7,8 @@ from pendulum_env.lazy import lazy_exports
 if TYPE_CHECKING:
     from pendulum_env.arms.body import BaseParameter, Body, BodyError, read_body
     from pendulum_env.arms.joints import Links, arm_base, friction, joint_effects, place_effect, place_term
+    from pendulum_env.arms.joints import at_joint as at_joint  # the names of place_effect and place_term in 1.0.0,
+    from pendulum_env.arms.joints import placed as placed  # kept for one release
     from pendulum_env.arms.model import ArmModel
     from pendulum_env.arms.planar import TWO_LINK, Link
     from pendulum_env.arms.plane import find_planar_links

@@ -294,3 +294,6 @@ class Links(Term):
         if not np.any((np.abs(here - there).max(axis=0) < OF_NO_LINK) & (np.abs(here).max(axis=0) > OF_NO_LINK)):
             return ()
         return ("one",) if self.body.slides[joint] else ("sine", "cosine")
+
+
+at_joint, placed = place_effect, place_term  # names of 1.0.0, kept for one release

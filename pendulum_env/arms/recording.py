@@ -37,6 +37,8 @@ class ArmRecording(Recording):
         """Create a recording of time (N,) [s], positions (N, n) [rad], torques (N, n) [N m]; raises as `Recording`."""
         return cls(time, position, torque, name=name, names=tuple(names))
 
+    of = from_arrays  # its name in 1.0.0, kept for one release
+
     def __post_init__(self) -> None:
         if getattr(self, "torque", None) is None:
             raise RecordingError(f"recording {self.name!r} is of an arm, which needs the torque of every joint")

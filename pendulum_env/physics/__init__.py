@@ -22,6 +22,9 @@ from pendulum_env.physics.terms import (
     list_ids,
 )
 
+# Names of 1.0.0, kept for one release
+Shape, addable, nameable = NonlinearParameter, list_addable, list_nameable
+
 __all__ = [
     "BASE",
     "COMPETING",
@@ -44,6 +47,7 @@ __all__ = [
     "NonlinearParameter",
     "PluginError",
     "Samples",
+    "Shape",
     "Table",
     "Term",
     "Trajectory",

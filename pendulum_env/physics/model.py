@@ -226,6 +226,10 @@ class Model(Mapping[str, Estimate]):
         estimates = {name: replace(e, is_unknown=True) if name in names else e for name, e in self.estimates.items()}
         return replace(self, estimates=estimates)
 
+    # Names of 1.0.0, kept for one release
+    at, of, per, biased, correlated = with_values, get_parameters, convert_units, mark_biased, with_covariance
+    withholding = withhold
+
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Return the torque that the model needs for a motion [N m]; undefined in stick, mask these samples."""
         linear = sum(c * column.torque(x, acceleration) for c, column in zip(self.theta, self.columns, strict=True))
