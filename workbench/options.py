@@ -40,13 +40,13 @@ class MergeAction(argparse.Action):
 def keep_message(convert: Callable[[str], T]) -> Callable[[str], T]:
     """Make a converter whose ValueError keeps its message; argparse itself would drop it."""
 
-    def converted(text: str) -> T:
+    def convert_text(text: str) -> T:
         try:
             return convert(text)
         except ValueError as error:
             raise argparse.ArgumentTypeError(str(error)) from None
 
-    return converted
+    return convert_text
 
 
 def convert_number(low: float, high: float = LARGE) -> Callable[[str], float]:
@@ -55,13 +55,13 @@ def convert_number(low: float, high: float = LARGE) -> Callable[[str], float]:
     kind = int if is_whole else float
     asked = f"a whole number from {low} to {high}" if is_whole else f"a number from {low:g} to {high:g}"
 
-    def converted(text: str) -> float:
+    def convert_text(text: str) -> float:
         with suppress(ValueError):
             if low <= (value := kind(text)) <= high:
                 return value
         raise argparse.ArgumentTypeError(f"{quote_value(text)} should be {asked}")
 
-    return converted
+    return convert_text
 
 
 def _parse_hidden_effect(text: str) -> str:
