@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,11 +20,12 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import SIGNIFICANT, KnownLoad, has_link
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.servo.drive import LONGEST
-from pendulum_env.servo.loop import Servos, follow
+from pendulum_env.servo.loop import Looks, Servos, follow
 from pendulum_env.servo.torque import get_bus_voltage
 
-GRAIN = 0.02  # [s] between compared positions
-STEPS, FINE = 11, 20  # of the integrator in a grain, during a search and for the final fit
+GRAIN = 0.02  # [s] between compared positions, about
+STEPS, FINE = 11, 20  # of the integrator in this time, during a search and for the final fit
+ALIKE = 0.01  # relative difference of the rates of logs that are compared at their samples
 CONTACT = 2  # times as many, where a link hangs on a contact: it is stiffer than the joint
 FINEST = 1e-6  # [rad], least step of an encoder; smaller ones are rounding
 JITTER = 0.03  # error of a clock in samples
@@ -35,15 +37,31 @@ class Rollouts:
 
     Attributes:
         recordings: of servos.
-        steps: of the integrator from one position that is compared to the next.
+        steps: of the integrator in the time `GRAIN`.
         shares: begin and end of the compared part of each recording; the whole recording is simulated.
         is_held: whether goals are held from sample to sample or interpolated, unless the drive declares it.
+        grain: time between compared positions [s]; 0 takes samples of the log, about `GRAIN` apart. A motion that
+            follows held goals bends between them, so that positions between samples are not known.
     """
 
     recordings: tuple[Recording, ...]
     steps: int = STEPS
     is_held: bool = True
     shares: tuple[float, float] = (0.0, 1.0)
+    grain: float = 0.0
+
+    @cached_property
+    def _grain(self) -> float:
+        """Return the time between compared positions [s]: `GRAIN` if the rates of the logs differ."""
+        periods = [1.0 / recording.rate for recording in self.recordings]
+        if self.grain or max(periods) > (1.0 + ALIKE) * min(periods):
+            return self.grain or GRAIN
+        period = float(np.median(periods))
+        return period * max(1, round(GRAIN / period))
+
+    @cached_property
+    def _steps_per_grain(self) -> int:
+        return max(1, math.ceil(self.steps * self._grain / GRAIN - ALIKE))
 
     @cached_property
     def _segments(self) -> list[tuple[int, Recording]]:
@@ -53,8 +71,9 @@ class Rollouts:
     def servos(self) -> Servos:
         """Return all rollouts in a batch; shorter ones are padded with their last sample."""
         parts = [part for _, part in self._segments]
-        step = GRAIN / self.steps
-        step_times = np.arange(self.steps * max(len(at) for at in self._times)) * step + 1e-6  # [s], against rounding
+        step = self._grain / self._steps_per_grain
+        count = self._steps_per_grain * max(len(at) for at in self._times)
+        step_times = np.arange(count) * step + 1e-6  # [s], against rounding
 
         def hold(values: Sequence[Array]) -> Array:
             """Return series held from sample to sample, at the begin of each step (N, B)."""
@@ -78,9 +97,22 @@ class Rollouts:
                 [np.interp(step_times, np.arange(len(part)) / part.rate, series) for series, part in pairs]
             ).T
 
+        def read_at_looks(series: Array, part: Recording, rate: float, is_ramp: bool) -> Array:
+            """Return the goals that a controller reads in each step (N,), the last ones in steps without a look."""
+            looks, places = Looks(rate, step, count), np.arange(len(series))
+            samples = (looks.time + 1e-6) * part.rate
+            goals = np.interp(samples, places, series)
+            if not is_ramp:
+                goals = series[np.minimum(samples.astype(np.intp), len(series) - 1)]
+            return looks.average(goals)[np.maximum.accumulate(np.where(looks.due > 0, np.arange(count), 0))]
+
         drives = tuple(part.drive for part in parts if part.drive is not None)
         goals = [part.reference for part in parts if part.reference is not None]
         ramps = [not self.is_held if drive.goal is None else drive.goal == "ramp" for drive in drives]
+        goal = np.where(ramps, interpolate(goals), average_held(goals))
+        for k, drive in enumerate(drives):
+            if drive.rate is not None:
+                goal[:, k] = read_at_looks(goals[k], parts[k], drive.rate, ramps[k])
         loads = [get_known_load(part) for part in parts]
         known_load = KnownLoad(
             np.array([load.inertia for load in loads], dtype=float),
@@ -90,7 +122,7 @@ class Rollouts:
         return Servos(
             drives,
             step,
-            np.where(ramps, interpolate(goals), average_held(goals)),
+            goal,
             hold([get_bus_voltage(part) for part in parts]),
             hold([part.powered for part in parts]),
             np.array([part.position[0] for part in parts]),
@@ -103,8 +135,9 @@ class Rollouts:
     @cached_property
     def _times(self) -> list[Array]:
         """Return the times of compared positions, from the start of each rollout [s]."""
-        lengths = [(part.time[-1] - part.time[0]) / GRAIN for _, part in self._segments]
-        return [GRAIN * np.arange(1.0, int(length + 1e-6) + 1) for length in lengths]
+        grain = self._grain
+        lengths = [(part.time[-1] - part.time[0]) / grain for _, part in self._segments]
+        return [grain * np.arange(1.0, int(length + 1e-6) + 1) for length in lengths]
 
     @cached_property
     def _compared(self) -> list[Mask]:
@@ -112,7 +145,7 @@ class Rollouts:
         masks = []
         for times, (k, part) in zip(self._times, self._segments, strict=True):
             whole = self.recordings[k]
-            share = (part.time[0] - whole.time[0] + times) / (whole.time[-1] - whole.time[0] + GRAIN)
+            share = (part.time[0] - whole.time[0] + times) / (whole.time[-1] - whole.time[0] + self._grain)
             masks.append((share >= self.shares[0]) & (share < self.shares[1]))
         return masks
 
@@ -178,7 +211,7 @@ class Rollouts:
             terms.append(type(variants[0])(**merged))
         rollouts = self._in_contact if has_link(points[0].terms) else self
         theta = np.column_stack([point.theta for point in points])
-        return self.compare_paths(follow(terms, theta, rollouts.servos, rollouts.steps))
+        return self.compare_paths(follow(terms, theta, rollouts.servos, rollouts._steps_per_grain))
 
     @cached_property
     def _in_contact(self) -> Self:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pendulum_env._typing import Array, ArrayLike
+from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
@@ -27,7 +27,7 @@ from pendulum_env.physics.simulation import (
     unstack_rows,
     write_balance,
 )
-from pendulum_env.physics.symbols import make_symbol, repeat
+from pendulum_env.physics.symbols import make_symbol, may_be_true, repeat
 from pendulum_env.physics.term import ROOM, round_up
 from pendulum_env.physics.terms import move_to_motor, read_encoder
 from pendulum_env.servo.drive import ServoDrive
@@ -35,7 +35,70 @@ from pendulum_env.servo.drive import ServoDrive
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
-GAINS = ("kp", "ki", "kd", "most", "seen", "old", "turn")  # of each servo
+GAINS = ("kp", "ki", "kd", "most", "seen", "turn")  # of each servo
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Times at which a controller looks at goal and motion, within N steps of an integrator.
+
+    A step is longer or shorter than the period of the controller, and does not begin with it. What the controller asks
+    for at a look acts from that look to the next one. The looks within a step count by these times.
+
+    Attributes:
+        rate: of the controller [Hz].
+        step: of the integrator [s].
+        count: number of steps N.
+    """
+
+    rate: float
+    step: float
+    count: int
+
+    @cached_property
+    def time(self) -> Array:
+        """Times of the looks (K,) [s]."""
+        return np.arange(math.ceil(self.count * self.step * self.rate - 1e-6)) / self.rate
+
+    @cached_property
+    def _step_of(self) -> Index:
+        return np.floor(self.time / self.step + 1e-6).astype(np.intp)
+
+    @cached_property
+    def _duration(self) -> Array:
+        """Time from each look to the next one or to the end of its step (K,) [s]."""
+        return np.minimum(self.time + 1.0 / self.rate, (self._step_of + 1) * self.step) - self.time
+
+    @cached_property
+    def due(self) -> Array:
+        """Return 1 for steps with a look, 0 for others (N,)."""
+        return (self.share > 0).astype(float)
+
+    @cached_property
+    def share(self) -> Array:
+        """Share of each step that comes after its first look (N,)."""
+        return np.bincount(self._step_of, self._duration, self.count) / self.step
+
+    @cached_property
+    def lead(self) -> Array:
+        """Mean time of the looks from the begin of their step (N,) [s]."""
+        return self.average(np.maximum(self.time - self._step_of * self.step, 0.0))
+
+    @cached_property
+    def old(self) -> Array:
+        """Share of the last velocity in the measured one (N,).
+
+        Velocities are those at the begin of a step; the speed between two positions is that of half a period ago.
+        """
+        steps = np.flatnonzero(self.due)
+        elapsed = np.full(self.count, max(self.step, 1.0 / self.rate))
+        elapsed[steps[1:]] = np.diff(steps) * self.step
+        return (0.5 / self.rate - self.lead) / elapsed
+
+    def average(self, values: Array) -> Array:
+        """Return means over the looks of each step of values at the looks (K,); 0 for a step without a look (N,)."""
+        weighted = np.bincount(self._step_of, self._duration * values, self.count)
+        return np.asarray(weighted / np.maximum(self.share * self.step, 1e-300))
 
 
 @dataclass(frozen=True)
@@ -45,7 +108,7 @@ class Servos:
     Attributes:
         drives: of each.
         step: of the integrator [s].
-        goal: held over each step (N, B) [rad, or rad/s].
+        goal: of each step, as the controller sees it (N, B) [rad, or rad/s].
         supply: voltage of the bus over each step (N, B) [V]; a duty is a share of it.
         on: whether the motor is powered (N, B).
         position, velocity: at the start (B,) [rad, rad/s].
@@ -75,13 +138,29 @@ class Servos:
         """Compiled steps of models that simulate the servos."""
         return StepPrograms()
 
+    @property
+    def is_sampled(self) -> bool:
+        """Return whether a controller looks at certain times only."""
+        return any(drive.rate is not None for drive in self.drives)
+
+    @cached_property
+    def looks(self) -> list[Looks]:
+        """Looks of each controller; one that acts all the time looks at the begin of each step."""
+        return [Looks(drive.rate or 1.0 / self.step, self.step, len(self.goal)) for drive in self.drives]
+
     @cached_property
     def inputs(self) -> Array:
-        """Inputs of each step, in the order of `ServoInputs` (N, 6, B)."""
+        """Inputs of each step, in the order of `ServoInputs` (N, 9, B); without controllers that look, the first 6."""
         scale = np.column_stack([drive.scale(own) for drive, own in zip(self.drives, self.supply.T, strict=True)])
         warm = np.full_like(self.goal, ROOM) if self.temperature is None else self.temperature
         outside = np.broadcast_to(self.load.torque, self.goal.shape)
-        return np.stack([self.goal, scale, self.on, _find_updates(self), warm, outside], axis=1)
+        times = [np.ones_like(self.goal)]
+        if self.is_sampled:
+            acts = [drive.rate is None for drive in self.drives]  # all the time
+            names = ("due", "share", "lead", "old")
+            times = [np.column_stack([getattr(own, name) for own in self.looks]) for name in names]
+            times[3] = np.where(acts, 0.0, times[3])
+        return np.stack([self.goal, scale, self.on, times[0], warm, outside, *times[1:]], axis=1)
 
     @cached_property
     def _wrapped_inputs(self) -> dict[int, Array]:
@@ -108,7 +187,11 @@ class ControllerState(NamedTuple):
 
 
 class ServoInputs(NamedTuple):
-    """Inputs of a servo over a step: goal, scale of its output, on or off, due to update, temperature, load."""
+    """Inputs of a servo over a step: goal, scale of its output, on or off, due to update, temperature, load.
+
+    A controller that is due acts over the last `share` of the step. It reads the position `lead` [s] after the begin,
+    and a share `old` of its speed is that of the last look.
+    """
 
     goal: Any
     scale: Any
@@ -116,6 +199,9 @@ class ServoInputs(NamedTuple):
     due: Any
     temperature: Any = ROOM
     load_torque: Any = 0.0
+    share: Any = 1.0
+    lead: Any = 0.0
+    old: Any = 0.0
 
 
 def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) -> Array:
@@ -139,7 +225,9 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
         raise ValueError("servos with encoders at the motor and at the output cannot be simulated at once")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
     gains = np.array([compute_gains(drive, servos.step) for drive in servos.drives]).T
-    program = servos.programs.find(terms, _compile_step, speed, len(weights), loaded, integrates, h, servos.at_output)
+    count = servos.inputs.shape[1]
+    options = speed, len(weights), loaded, integrates, h, servos.at_output, count
+    program = servos.programs.find(terms, _compile_step, *options)
     theta = theta[:, :, None]
     constants = [*theta, *program.nonlinear, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
     own = np.array([np.broadcast_to(value, shape) for value in constants])
@@ -167,14 +255,11 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
 
 
 def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
-    """Return gains of a servo, the filter's share of a new speed, the last one's share in it, and its period [s].
-
-    An encoder tells the speed by the difference of two positions, which is that of half a turn ago.
-    """
+    """Return gains of a servo, its limit, the filter's share of a new speed, and its period [s]."""
     period = 0.0 if drive.rate is None else 1.0 / drive.rate
     turn = max(step, period)
     seen = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * turn)
-    return drive.kp, drive.ki, drive.kd, drive.most, seen, 0.5 * period / turn, turn
+    return drive.kp, drive.ki, drive.kd, drive.most, seen, turn
 
 
 def _flatten_state(x: Samples, state: ControllerState, integrates: bool) -> list[Any]:
@@ -205,14 +290,6 @@ def compute_taps(steps: Array) -> Array:
     return np.asarray(np.where(place == whole, 1 - share, 0.0) + np.where(place == whole + 1, share, 0.0))
 
 
-def _find_updates(servos: Servos) -> Array:
-    """Return whether each controller updates at the start of each step (N, B)."""
-    rate = np.array([np.inf if drive.rate is None else drive.rate for drive in servos.drives])
-    time = servos.step * np.arange(len(servos.goal))[:, None]
-    turn = np.floor(time * np.minimum(rate, 1.0 / servos.step) + 1e-6)
-    return np.asarray(np.diff(turn, axis=0, prepend=-1.0) > 0, dtype=float)
-
-
 def step_servo(
     balance: TorqueBalance,
     x: Samples,
@@ -238,16 +315,18 @@ def compute_control(
 ) -> tuple[Any, ControllerState]:
     """Return the torque that a motor is asked for over a step, and the controller's state; symbols or arrays."""
     looks = given.due > 0
-    measured = x.velocity - gains["old"] * (x.velocity - state.velocity)
+    measured = x.velocity - given.old * (x.velocity - state.velocity)
     seen = np.where(looks, state.speed + gains["seen"] * (measured - state.speed), state.speed)
-    error = given.goal - (seen if speed else x.position)
+    position = x.position + given.lead * x.velocity if may_be_true(given.lead != 0.0) else x.position
+    error = given.goal - (seen if speed else position)
     wanted = gains["kp"] * error + gains["ki"] * state.integral - (0.0 if speed else gains["kd"] * seen)
     output = np.maximum(np.minimum(wanted, gains["most"]), -gains["most"])
     winds = (np.abs(wanted) > gains["most"]) & (wanted * error > 0)
     integral = state.integral + np.where(looks, np.where(winds, 0.0, gains["turn"] * error), 0.0)
     integral = np.where(given.on > 0, integral, 0.0)  # begins anew with power
     held = np.where(looks, output * given.scale, state.held)
-    line = (held, *state.before)
+    acting = state.held + given.share * (held - state.held) if may_be_true(given.share != 1.0) else held
+    line = (acting, *state.before)
     torque: Any = given.on * sum(weight * past for weight, past in zip(taps, line, strict=True))
     return torque, ControllerState(
         held, line[: len(state.before)], integral, seen, np.where(looks, x.velocity, state.velocity)
@@ -255,13 +334,20 @@ def compute_control(
 
 
 def _compile_step(
-    terms: Sequence[Term], speed: bool, taps: int, loaded: bool, integrates: bool, longest: float, at_output: bool
+    terms: Sequence[Term],
+    speed: bool,
+    taps: int,
+    loaded: bool,
+    integrates: bool,
+    longest: float,
+    at_output: bool,
+    count: int,
 ) -> PreparedStep:
     """Compile a step of servos."""
     from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
 
     h: Any = make_symbol("h", most=round_up(longest))
-    given = ServoInputs(*(make_symbol(text) for text in ServoInputs._fields))
+    given = ServoInputs(*(make_symbol(text) for text in ServoInputs._fields[:count]))
     gains = {text: make_symbol(text) for text in GAINS}
     weights = [make_symbol(f"tap_{k}") for k in range(taps)]
     before = tuple(make_symbol(f"before_{k}") for k in range(taps - 1))
@@ -273,7 +359,7 @@ def _compile_step(
         shared = [*gains.values(), *(x.load[:2] if loaded else ()), *weights, h]
         constants: Any = [*balance.theta, *map(make_symbol, nonlinear), *shared]
         inputs, known, states = (
-            [one.label for one in each] for each in (given, constants, _flatten_state(x, state, integrates))
+            [one.label for one in each] for each in (given[:count], constants, _flatten_state(x, state, integrates))
         )
         return PreparedStep(
             compile_recurrence(inputs, known, states, _flatten_state(after, later, integrates)),

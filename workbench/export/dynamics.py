@@ -176,26 +176,30 @@ class _Parts:
             scale = scale * make_symbol("gain")
         self.given.append(StepQuantity("on", "0: the motor is open", 1.0))
         weights = compute_taps(np.array((drive.delay + sum(term.delay for term in model.terms)) / seconds)).tolist()
-        phase: Any = make_symbol("phase")
-        due = 1.0 if looks_always else phase - (1.0 - 1e-6)
+        phase: Any = make_symbol("phase")  # periods of the controller until its next look
+        looks, period = seconds * (drive.rate or 0.0), 1.0 / (drive.rate or math.inf)
+        lead: Any = 0.5 * max(seconds - period, 0.0) if drive.rate else 0.0
+        due, share, elapsed = 1.0, 1.0, seconds
+        if not looks_always:
+            lead, due = np.maximum(phase, 0.0) * period, looks * (1.0 - 1e-6) - phase
+            share, elapsed = 1.0 - lead / seconds, period - lead + make_symbol("last_lead")
+        old = (0.5 * period - lead) / elapsed
         before = tuple(make_symbol(f"before_{k + 1}") for k in range(len(weights) - 1))
         speed = x.velocity if looks_always and gains["seen"] == 1.0 else make_symbol("speed")
-        last = make_symbol("last_velocity") if gains["old"] else x.velocity
+        last = make_symbol("last_velocity") if drive.rate else x.velocity
         state = ControllerState(make_symbol("held"), before, make_symbol("integral") if drive.ki else 0.0, speed, last)
         on: Any = make_symbol("on")
-        torque, after = compute_control(
-            x, state, ServoInputs(make_symbol("goal"), scale, on, due), gains, weights, drive.acts_on_speed
-        )
+        given = ServoInputs(make_symbol("goal"), scale, on, due, share=share, lead=lead, old=old)
+        torque, after = compute_control(x, state, given, gains, weights, drive.acts_on_speed)
         memory = {id: (on,) if id == BackEmf.id else own for id, own in x.memory.items()}
         self.x = replace(x, torque=torque, memory=memory)
-        turn = np.where(due > 0, phase - 1.0, phase) + seconds * (drive.rate or 0.0)
+        turn = np.where(due > 0, phase + 1.0, phase) - looks
         self.after = {"held": after.held, "integral": after.integral, "speed": after.speed, "phase": turn}
-        self.after["last_velocity"] = after.velocity
+        self.after |= {"last_velocity": after.velocity, "last_lead": np.where(due > 0, lead, make_symbol("last_lead"))}
         self.after |= {symbol.label: value for symbol, value in zip(before, after.before, strict=True)}
         self.start |= dict.fromkeys(self.after, 0.0) | {
             "speed": make_symbol("velocity"),
             "last_velocity": make_symbol("velocity"),
-            "phase": 1.0,
         }
 
     def dynamics(self, after: Mapping[str, Any]) -> Dynamics:

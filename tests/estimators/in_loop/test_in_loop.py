@@ -21,7 +21,7 @@ from estimators.in_loop.fit import compute_likelihood, fit, linearise_errors
 from estimators.in_loop.goal_reading import reread_goals
 from estimators.in_loop.goals import read_goals, with_goals
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.in_loop.rollouts import Rollouts, are_driven
+from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, Estimate, Model, effects
 from pendulum_env.physics.actuation import BackEmf
@@ -466,6 +466,33 @@ def test_positions_of_a_slow_log_are_compared_with_its_motion_and_not_with_chord
     rollouts = Rollouts((own,))
     inner = slice(4, -4)
     assert np.abs(rollouts.position - 0.8 * np.sin(5.0 * rollouts.time))[inner].max() < 2e-4
+
+
+@pytest.mark.parametrize(("log_rate", "controller_rate"), [(30.0, 2000.0), (83.0, 250.0), (200.0, 2000.0)])
+def test_steps_of_the_integrator_are_neither_those_of_the_log_nor_of_the_controller(log_rate, controller_rate):
+    """A stiff servo follows each held goal before the next one comes; its motion bends within every row."""
+    inertia, viscous, step, recordings = 0.01, 1.2, 1e-4, []
+    tones, phases = 2 * np.pi * np.array([0.2, 0.5, 1.1]), np.array([0.3, 2.0, 4.0])
+    for kp in (30.0, 45.0):
+        goals = np.sin(np.arange(8 * log_rate + 1)[:, None] / log_rate * tones + phases) @ [0.5, 0.3, 0.2]
+        q, v, torque, looks, path = float(goals[0]), 0.0, 0.0, 0, []
+        for k in range(80_000):
+            if k * step * log_rate > len(path) - 1e-6:
+                path.append(q)
+            if k * step * controller_rate > looks - 1e-6:
+                torque, looks = kp * (float(goals[len(path) - 1]) - q), looks + 1
+            pushed = v + step * (torque - TRUE["gravity"] * np.sin(q) - viscous * v) / inertia
+            v = float(np.sign(pushed) * max(abs(pushed) - step * TRUE["coulomb"] / inertia, 0.0))
+            q += step * v
+        count = 2 * np.pi / 2**14
+        position, goal = np.round(np.array(path) / count) * count, goals[: len(path)]
+        drive = ServoDrive(output="torque", kp=kp, rate=controller_rate, goal="held")
+        known = {"reference": goal, "drive": drive, "name": f"{kp}"}
+        recordings.append(Recording(np.arange(len(path)) / log_rate, position, kp * (goal - position), **known))
+    rollouts = Rollouts(tuple(recordings), FINE)
+    found = fit(rollouts, Point(TILTED, np.array([0.01, 0.9, 1.0, 0.1, 0.0])), TYPICAL, share=0.0)
+    assert np.mean(np.abs(found.error)) < 1.5 * count / 4  # that of rounding
+    assert found.point.theta[:4] == pytest.approx([inertia, TRUE["gravity"], viscous, TRUE["coulomb"]], rel=0.03)
 
 
 @pytest.mark.parametrize("is_held", [True, False])

@@ -12,7 +12,7 @@ from pendulum_env.physics import BASE, KnownLoad, effect, simulate
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.transmission import Backlash, JointFlexibility
 from pendulum_env.servo import ServoDrive
-from pendulum_env.servo.loop import Servos, follow
+from pendulum_env.servo.loop import Looks, Servos, follow
 from tests.runge_kutta import stepped
 from tests.terms import Clipped, Table
 
@@ -155,6 +155,32 @@ def test_controller_sees_the_speed_between_the_positions_of_two_turns(control):
         y = stepped(rate, k * turn, y, turn)
         exact.append(y[0])
     assert path(drive, goal)[::steps] == pytest.approx(exact, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("rate", "error"), [(2000.0, 3e-4), (1300.0, 2e-3), (700.0, 3e-4), (333.0, 3e-4), (250.0, 3e-4)]
+)
+@pytest.mark.parametrize("kd", [0.0, 0.15])
+def test_motion_does_not_depend_on_the_steps_of_the_integrator_between_the_looks_of_a_controller(rate, error, kd):
+    """A stiff servo with goals held for 12 ms, integrated a hundred times as finely with each look at its time."""
+    drive = ServoDrive(output="torque", kp=60.0, kd=kd, rate=rate, cutoff=60.0)
+    fine, coarse, held, viscous = 1e-5, 1e-3, 12e-3, 0.5 - kd
+    goals = 0.5 * np.sin(9.0 * held * np.arange(101))
+    q = v = torque = before = speed = 0.0
+    looks, exact, share = 0, [], 1 - math.exp(-2 * math.pi * 60.0 / rate)
+    for k in range(120_000):
+        if k * fine * rate > looks - 1e-6:
+            speed += share * ((q - before) * rate - speed)
+            before, looks = q, looks + 1
+            torque = 60.0 * (float(goals[int(k * fine / held + 1e-6)]) - q) - kd * speed
+        v += fine * (torque - GRAVITY * math.sin(q) - viscous * v) / INERTIA
+        q += fine * v
+        exact.append(q)
+    times = Looks(rate, coarse, 1200)
+    goal = times.average(goals[(times.time / held + 1e-6).astype(int)])
+    theta = np.array([INERTIA, GRAVITY, viscous, 0.0])
+    found = follow(BASE, theta[:, None], replace(servo(drive, goal), step=coarse))[1:, 0, 0]
+    assert np.abs(found - exact[99::100]).max() < error * np.ptp(exact)
 
 
 def test_dead_time_of_the_model_and_delay_of_the_drive_are_one():
