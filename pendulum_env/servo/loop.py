@@ -256,9 +256,10 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
 
 def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
     """Return gains of a servo, its limit, the filter's share of a new speed, and its period [s]."""
-    period = 0.0 if drive.rate is None else 1.0 / drive.rate
+    period = step if drive.rate is None else 1.0 / drive.rate
     turn = max(step, period)
-    seen = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * turn)
+    share = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * period)
+    seen = turn / (turn + period * (1.0 - share) / share)  # as late, also if a step holds several periods
     return drive.kp, drive.ki, drive.kd, drive.most, seen, turn
 
 

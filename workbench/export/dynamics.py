@@ -179,7 +179,9 @@ class _Parts:
         phase: Any = make_symbol("phase")  # periods of the controller until its next look
         looks, period = seconds * (drive.rate or 0.0), 1.0 / (drive.rate or math.inf)
         lead: Any = 0.5 * max(seconds - period, 0.0) if drive.rate else 0.0
-        due, share, elapsed = 1.0, 1.0, seconds
+        due: Any = 1.0
+        share: Any = 1.0
+        elapsed: Any = seconds
         if not looks_always:
             lead, due = np.maximum(phase, 0.0) * period, looks * (1.0 - 1e-6) - phase
             share, elapsed = 1.0 - lead / seconds, period - lead + make_symbol("last_lead")

@@ -158,7 +158,7 @@ def test_controller_sees_the_speed_between_the_positions_of_two_turns(control):
 
 
 @pytest.mark.parametrize(
-    ("rate", "error"), [(2000.0, 3e-4), (1300.0, 2e-3), (700.0, 3e-4), (333.0, 3e-4), (250.0, 3e-4)]
+    ("rate", "error"), [(2000.0, 1e-4), (1300.0, 2e-3), (700.0, 1e-4), (333.0, 1e-4), (250.0, 1e-4)]
 )
 @pytest.mark.parametrize("kd", [0.0, 0.15])
 def test_motion_does_not_depend_on_the_steps_of_the_integrator_between_the_looks_of_a_controller(rate, error, kd):
