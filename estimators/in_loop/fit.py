@@ -24,6 +24,7 @@ from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
+from pendulum_env.physics.term import zero
 
 
 @dataclass(frozen=True)
@@ -114,11 +115,16 @@ class Linear:
 def compute_parameter_sizes(point: Point, typical: Array) -> Array:
     """Return the size of each free parameter, to which its changes are relative (P + S,).
 
-    It is the absolute value; of a linear parameter at least its typical size (P,).
+    It is the absolute value; of a linear parameter at least its typical size (P,), but of a mass not more than the
+    largest one: a joint without inertia is none, and a motor has less than the joint.
     """
     values = np.abs(point.values)
     count = len(point.theta)
-    values[:count] = np.maximum(values[:count], typical)
+    is_mass = np.array([column.mass is not zero for term in point.terms for column in term.columns], dtype=bool)
+    heaviest = np.max(values[:count], where=is_mass, initial=0.0)
+    values[:count] = np.maximum(
+        values[:count], np.where(is_mass & (heaviest > 0), np.minimum(typical, heaviest), typical)
+    )
     return np.maximum(values, 1e-9)
 
 

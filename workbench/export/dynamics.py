@@ -182,9 +182,10 @@ class _Parts:
         due: Any = 1.0
         share: Any = 1.0
         elapsed: Any = seconds
+        last_lead: Any = make_symbol("last_lead")
         if not looks_always:
             lead, due = np.maximum(phase, 0.0) * period, looks * (1.0 - 1e-6) - phase
-            share, elapsed = 1.0 - lead / seconds, period - lead + make_symbol("last_lead")
+            share, elapsed = 1.0 - lead / seconds, period - lead + last_lead
         old = (0.5 * period - lead) / elapsed
         before = tuple(make_symbol(f"before_{k + 1}") for k in range(len(weights) - 1))
         speed = x.velocity if looks_always and gains["seen"] == 1.0 else make_symbol("speed")
@@ -197,7 +198,7 @@ class _Parts:
         self.x = replace(x, torque=torque, memory=memory)
         turn = np.where(due > 0, phase + 1.0, phase) - looks
         self.after = {"held": after.held, "integral": after.integral, "speed": after.speed, "phase": turn}
-        self.after |= {"last_velocity": after.velocity, "last_lead": np.where(due > 0, lead, make_symbol("last_lead"))}
+        self.after |= {"last_velocity": after.velocity, "last_lead": np.where(due > 0, lead, last_lead)}
         self.after |= {symbol.label: value for symbol, value in zip(before, after.before, strict=True)}
         self.start |= dict.fromkeys(self.after, 0.0) | {
             "speed": make_symbol("velocity"),

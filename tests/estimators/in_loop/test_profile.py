@@ -7,10 +7,12 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.data.regression_data import RegressionData
+from estimators.in_loop.fit import linearise_errors
 from estimators.in_loop.profile import fit_parabola
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.search_hints import make_grid
+from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.physics.transmission import Backlash
@@ -53,6 +55,15 @@ def test_gap_comes_back_within_its_profile_interval(case):
     assert abs(gap - case["gap"]) < 3 * std < 0.3 * case["gap"]
     values = profile.point.named_values  # all dry friction is that of the motor
     assert values.get("backlash.friction", 0.0) * values["backlash"] < 0.1 * values["coulomb"]
+
+
+def test_slopes_by_the_inertia_beside_a_play_are_those_of_a_motor_that_has_inertia():
+    """Where the torque turns a viscous joint, the typical inertia is many times that of the joint."""
+    rollouts = Rollouts(record_play(**CASES[0]))
+    play = Backlash(gap=8.7e-3, resonance=258.0, damping=42.0, gravity=61.0)
+    point = Point.from_parameters((*TERMS, play), np.array([0.016, 0.736, 0.30, 0.09, 0.0, 0.012]))
+    least, most = (linearise_errors(rollouts, point, size * np.ones(6), True).slopes for size in (1e-6, 0.2))
+    assert np.linalg.norm(most[:, 0] - least[:, 0]) < 0.1 * np.linalg.norm(least[:, 0])
 
 
 def test_terms_without_local_minima_have_no_profile():
