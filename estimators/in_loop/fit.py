@@ -115,16 +115,16 @@ class Linear:
 def compute_parameter_sizes(point: Point, typical: Array) -> Array:
     """Return the size of each free parameter, to which its changes are relative (P + S,).
 
-    It is the absolute value; of a linear parameter at least its typical size (P,), but of a mass not more than the
-    largest one: a joint without inertia is none, and a motor has less than the joint.
+    It is the absolute value; of a linear parameter at least its typical size (P,). Beside a play, that of a mass is at
+    most the largest one: secants would make the inertia less than that of the link.
     """
     values = np.abs(point.values)
     count = len(point.theta)
-    is_mass = np.array([column.mass is not zero for term in point.terms for column in term.columns], dtype=bool)
-    heaviest = np.max(values[:count], where=is_mass, initial=0.0)
-    values[:count] = np.maximum(
-        values[:count], np.where(is_mass & (heaviest > 0), np.minimum(typical, heaviest), typical)
-    )
+    if has_local_minima(point.terms):
+        is_mass = np.array([column.mass is not zero for term in point.terms for column in term.columns])
+        heaviest = np.max(values[:count], where=is_mass, initial=0.0)
+        typical = np.where(is_mass & (heaviest > 0), np.minimum(typical, heaviest), typical)
+    values[:count] = np.maximum(values[:count], typical)
     return np.maximum(values, 1e-9)
 
 
