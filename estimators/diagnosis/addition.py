@@ -19,9 +19,8 @@ from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
 from estimators.in_loop import decide_goals
 from estimators.progress import Progress, no_progress
-from estimators.selection.candidates import fit_without_and_with
 from estimators.selection.errors import explain_rejection
-from estimators.selection.search import SearchResult
+from estimators.selection.search import SearchResult, fit_without_and_with
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import Bounds, Model, is_hidden
@@ -81,10 +80,11 @@ def add(
     (refitted,) = case.refit(SearchResult(evaluator, [before]), replace(model, terms=tuple(setting.base))).steps
     added = longer.model.terms[-1]
     found = case.refit(SearchResult(evaluator, [before, longer]), refitted.model.add(added))
-    after, is_gain = found.steps[-1], evaluator.is_significant(longer.model.terms, before.model.terms)
+    after, is_shown = found.steps[-1], is_hidden(added) and evaluator.train.segments  # the motion shows hidden states
     objection = explain_rejection(evaluator.confirmation_gates(after, refitted))
-    if objection is None and not is_gain and not (is_hidden(added) and evaluator.train.segments):
-        objection = Finding(Kind.BY_CHANCE)  # the motion shows hidden states
+    if objection is None and not is_shown:
+        gain = evaluator.evidence(longer.model.terms, before.model.terms)
+        objection = None if gain.p_value <= evaluator.criterion.p_value else Finding(Kind.BY_CHANCE)
     trial, log_format = Trial(case, data, setting, found), collect_log_format(data.recordings)
     refitted, after = (case.present(trial, step).with_log_format(log_format) for step in (refitted, after))
     return Addition(refitted, after, evaluator.residuals.floors, objection, data.doubt)

@@ -7,9 +7,8 @@ import numpy as np
 
 from estimators.data.rows import ScoredTerms
 from estimators.data.variants import rank_variants, refine_variants, try_variants
-from estimators.regression.least_squares import IdentificationError
 from estimators.search_hints import find_hints, is_possible
-from estimators.selection.errors import Gate, Step, Terms
+from estimators.selection.errors import Gate, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.nonlinear import list_continuous_parameters, release, set_values
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
@@ -202,30 +201,3 @@ def release_significant(evaluator: ModelEvaluator, terms: Terms) -> Terms:
         if evaluator.is_significant(looser, terms) and not evaluator.violations(looser):
             return release_significant(evaluator, looser)
     return terms
-
-
-def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step]:
-    """Fit the base model, and the base model with the best variant of an effect, with standard errors.
-
-    Raises:
-        IdentificationError: if the data offer no variant of the effect.
-    """
-    evaluator.progress("fitting without it", 0.1)
-    before = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
-    evaluator.progress(f"searching {kind.id}", 0.3)
-    trial = find_best_variant(evaluator, before.model.terms, kind)
-    if trial is None:
-        raise IdentificationError(f"{', '.join(evaluator.train.names)}: nothing there shows {kind.id}", kind.id)
-    evaluator.progress(f"fitting with {kind.id}", 0.8)
-    longer = evaluator.fit_with_std(kind.id, refit_nonlinear(evaluator, release_significant(evaluator, trial.terms)))
-    if evaluator.train.layout.predicts_torque:
-        term, data = longer.model.terms[-1], evaluator.train.data
-        for column, most in zip(term.columns, data.find_largest_sizes(term).tolist(), strict=True):
-            own = longer.model.estimates[column.name]
-            if not own.is_significant and max(abs(own.value), own.std) > most:
-                raise IdentificationError(
-                    f"{', '.join(evaluator.train.names)}: {column.name} is not determined: within its standard error "
-                    "it means more torque than was applied",
-                    kind.id,
-                )
-    return before, longer

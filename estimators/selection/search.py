@@ -9,12 +9,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
 
-from estimators.selection.candidates import refit_nonlinear, screen_effects
+from estimators.regression.least_squares import IdentificationError
+from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_significant, screen_effects
 from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.moves import SearchState, add_effect, remove_term, revise
+from estimators.selection.moves import SearchState, add_dry_friction, add_effect, remove_term, revise
 from estimators.selection.tables import drop_unneeded, replace_by_table
-from pendulum_env.physics import Table, Term, list_ids
+from pendulum_env.physics import Table, Term, is_dry, list_ids
 from pendulum_env.physics.terms import list_forms
 
 
@@ -169,3 +170,42 @@ def find_model_path(state: SearchState) -> list[Step]:
             if are_confirmed(evaluator, steps):
                 return steps
     return fit_steps(orders[0], refits[0])
+
+
+def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> list[Step]:
+    """Return the steps from the base model to that with the best variant of an effect, with standard errors.
+
+    Dry friction that is not significant in torque is fitted to free motion, if that confirms it.
+
+    Raises:
+        IdentificationError: if the data offer no variant of the effect, or do not determine it.
+    """
+    evaluator.progress("fitting without it", 0.1)
+    start = refit_nonlinear(evaluator, evaluator.base)
+    evaluator.progress(f"searching {kind.id}", 0.3)
+    trial = find_best_variant(evaluator, start, kind)
+    terms = None if trial is None else refit_nonlinear(evaluator, release_significant(evaluator, trial.terms))
+    if is_dry(kind()) and (terms is None or not evaluator.is_significant(terms, start)):
+        if (moved := add_dry_friction(SearchState(evaluator, start, start))) is not None:
+            return find_model_path(moved)
+    if terms is None:
+        raise IdentificationError(f"{', '.join(evaluator.train.names)}: nothing there shows {kind.id}", kind.id)
+    evaluator.progress(f"fitting with {kind.id}", 0.8)
+    before, longer = evaluator.fit_with_std(None, start), evaluator.fit_with_std(kind.id, terms)
+    _refuse_undetermined(evaluator, longer)
+    return [before, longer]
+
+
+def _refuse_undetermined(evaluator: ModelEvaluator, longer: Step) -> None:
+    """Refuse the last term of a step if its torque may exceed the applied torque within its standard error."""
+    if not evaluator.train.layout.predicts_torque:
+        return
+    term = longer.model.terms[-1]
+    for column, most in zip(term.columns, evaluator.train.data.find_largest_sizes(term).tolist(), strict=True):
+        own = longer.model.estimates[column.name]
+        if not own.is_significant and max(abs(own.value), own.std) > most:
+            raise IdentificationError(
+                f"{', '.join(evaluator.train.names)}: {column.name} is not determined: within its standard error "
+                "it means more torque than was applied",
+                term.id,
+            )

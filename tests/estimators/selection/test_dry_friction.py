@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators import diagnose
+from estimators import add, diagnose
 from estimators.data.regression_data import RegressionData
 from estimators.selection.dry_friction import screen_dry_friction
 from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import BASE, effects, is_dry
 from pendulum_env.recording import Recording
-from tests.cases import recorded
+from tests.cases import plain, recorded
 from tests.slow import but_first
 
 RATE, SECONDS = 500.0, 12.0
@@ -45,6 +45,15 @@ def test_friction_below_the_speeds_of_the_windows_is_found_by_free_motion(size, 
     for name, truth in (("stribeck", size), ("stribeck.stribeck_velocity", speed)):
         estimate = found.model.estimates[name]
         assert abs(estimate.value - truth) < 3 * estimate.std < 1.5 * truth
+
+
+def test_add_accepts_what_diagnose_finds_by_free_motion():
+    fitted, held_out = swept(0.45, 0.08, 10)
+    found = diagnose(fitted, held_out, only=FRICTION)
+    added = add(plain(), "stribeck", fitted, held_out)
+    assert found.selected == ("stribeck",) and added.objection is None
+    for name, estimate in found.model.estimates.items():
+        assert abs(added.after.model.estimates[name].value - estimate.value) <= 0.1 * estimate.std
 
 
 def test_a_known_parameter_leaves_the_evidence_of_free_motion():
