@@ -44,9 +44,7 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
         return None
     data = [_steady(part, last.model) for part in trial.data.with_horizon(seconds).parts]
     before = _step(last, last.model, data)
-    if not errs_by_more_than_noise(
-        data[0].segments, before.model, before.errors["train"].position_rms, trial.evaluator.criterion
-    ):
+    if not errs_by_more_than_noise(data[0].segments, before.model, trial.evaluator.criterion):
         return HorizonRefit(seconds, before)
     doubled = [HORIZON * 2**k for k in range(max(0, int(np.ceil(np.log2(seconds / HORIZON)))))]
     horizons = [*doubled, *[seconds] * REWEIGHTED]

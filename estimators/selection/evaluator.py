@@ -19,8 +19,8 @@ from estimators.selection.residuals import Residuals, set_time_grid
 from estimators.selection.score import (
     Bootstrap,
     Gain,
-    compute_accuracy,
     compute_motion_gain,
+    compute_motion_noise,
     cross_validated,
     errs_by_more_than_noise,
     make_blocks,
@@ -220,20 +220,19 @@ class ModelEvaluator:
         return bool(self.train.segments) and self.is_misfit(self.fit(None, terms))
 
     def is_misfit(self, step: Step) -> bool:
-        """Return whether free-running simulation errs by more than `criterion.misfit` noise levels.
+        """Return whether free-running simulation errs by more than `criterion.misfit` noise levels of each segment.
 
         That must hold from measured and from fitted initial states. It is False for a transmission, whose impacts are
         too sharp to simulate, and without segments or a known inertia.
         """
-        segments, limit = self.train.segments, self.criterion.misfit
+        segments, criterion = self.train.segments, self.criterion
         if has_transmission(step.model.terms) or not (segments and step.model.has_known_inertia):
             return False
-        if not errs_by_more_than_noise(segments, step.model, step.errors["train"].position_rms, self.criterion):
+        if not errs_by_more_than_noise(segments, step.model, criterion):
             return False
         point = output_error.Point.from_model(step.model)
-        accuracy = compute_accuracy(segments, self.criterion.accuracy)
-        noise = max(accuracy, output_error.compute_torque_noise_rms(segments, point))
-        return output_error.compute_rms(segments, point) > limit * noise
+        noise = compute_motion_noise(segments, point, criterion.accuracy)
+        return bool(np.mean(output_error.compute_segment_rms(segments, point) ** 2 / noise) > criterion.misfit**2)
 
     def is_supported(self, after: Terms, before: Terms) -> bool:
         """Return whether the larger model `after` passes all `gates` beside `before`."""
@@ -302,7 +301,7 @@ class ModelEvaluator:
         if not (new.has_known_inertia and old.has_known_inertia):
             return Gain(0.0, 0.0, 1.0), (0.0, 0.0)
         parts = self.train.segments, self.holdout.segments
-        return compute_motion_gain(parts, new, old, penalty)
+        return compute_motion_gain(parts, new, old, self.criterion.accuracy, penalty)
 
     def without_known(self, terms: Terms) -> Terms:
         """Return the terms with known parameters free; unchanged for free swings, whose inertia has to be known."""

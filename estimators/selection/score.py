@@ -28,8 +28,9 @@ from estimators.data.rows import BLOCK, FOLDS, RowLayout
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import SOLVER
 from estimators.selection.criterion import Criterion
+from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.simulation import output_error
-from estimators.simulation.free_running import Segments
+from estimators.simulation.free_running import Segments, follow
 from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.physics import Model
 
@@ -232,36 +233,53 @@ class Bootstrap:
         return np.asarray(np.mean(odds / odds.sum(axis=1, keepdims=True), axis=0))
 
 
-def compute_accuracy(segments: Sequence[Segments], share: float) -> float:
-    """Return the accuracy of a simulation of the segments [rad], a share of the standard deviation of the motion."""
-    return share * float(np.std(np.concatenate([segment.position.ravel() for segment in segments])))
+def compute_floor(segments: Sequence[Segments], accuracy: float) -> Array:
+    """Return the mean square error of each segment by encoder noise and simulation (B,) [rad^2].
 
-
-def errs_by_more_than_noise(segments: Sequence[Segments], model: Model, rms: float, criterion: Criterion) -> bool:
-    """Return whether the position error `rms` [rad] of a model exceeds `criterion.misfit` times that by noise.
-
-    Noise is that of torque and initial states, at least the accuracy of the simulation.
+    `accuracy` is the error of a simulation, as a share of the standard deviation of the motion.
     """
-    noise = output_error.compute_noise_rms(segments, output_error.Point.from_model(model))
-    return rms > criterion.misfit * max(compute_accuracy(segments, criterion.accuracy), noise)
+    of_simulation = accuracy * float(np.std(np.concatenate([segment.position.ravel() for segment in segments])))
+    of_encoder = [estimate_encoder_noise(segment.windows.recording.position) for segment in segments]
+    return of_simulation**2 + np.repeat(np.square(of_encoder), [len(segment.first) for segment in segments])
+
+
+def errs_by_more_than_noise(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
+    """Return whether the position errors of a model exceed `criterion.misfit` times those by noise, RMS of the ratios.
+
+    Noise of each segment is that of torque, initial states and encoder, and the accuracy of the simulation.
+    """
+    point = output_error.Point.from_model(model)
+    noise = output_error.compute_noise(segments, point) + compute_floor(segments, criterion.accuracy)
+    errors = [follow(segment, model.terms, point.theta)[1:] for segment in segments]
+    squares = np.concatenate([np.mean(error**2, axis=0) for error in errors])
+    return bool(np.mean(squares / noise) > criterion.misfit**2)
+
+
+def compute_motion_noise(segments: Sequence[Segments], point: output_error.Point, accuracy: float) -> Array:
+    """Return the mean square error of each segment by torque noise and its floor (B,) [rad^2], see `compute_floor`."""
+    return output_error.compute_torque_noise(segments, point) + compute_floor(segments, accuracy)
 
 
 def compute_motion_gain(
-    parts: tuple[Sequence[Segments], Sequence[Segments]], after: Model, before: Model, penalty: float = 0.0
+    parts: tuple[Sequence[Segments], Sequence[Segments]],
+    after: Model,
+    before: Model,
+    accuracy: float,
+    penalty: float = 0.0,
 ) -> tuple[Gain, tuple[float, float]]:
     """Return the gain of one model over another on all segments, and the removed share of squared errors of each part.
 
-    Errors within a segment are fully correlated, so the gain is the logarithm of their ratio. Torque noise is known: it
-    is added to both errors in the gain, since errors below it carry no information, and subtracted from the shares.
-    `penalty` is that of `Bootstrap.gain`.
+    Errors within a segment are fully correlated, so the gain is the logarithm of their ratio. The noise of each segment
+    is known: it is added to both errors in the gain, since errors below it carry no information, and subtracted from
+    the shares, of squared errors over noise. `accuracy` is that of `compute_floor`, `penalty` that of `Bootstrap.gain`.
     """
     points = [output_error.Point.from_model(model) for model in (after, before)]
     new, old = (np.concatenate([output_error.compute_segment_rms(part, one) ** 2 for part in parts]) for one in points)
     owner = np.repeat(np.arange(2), [sum(len(segment.first) for segment in part) for part in parts])
-    noise = np.array([output_error.compute_torque_noise_rms(part, points[1]) ** 2 for part in parts])[owner]
+    noise = np.concatenate([compute_motion_noise(part, points[1], accuracy) for part in parts])
     gain = Bootstrap(owner, np.random.default_rng(0)).gain(
         -0.5 * np.log(new + noise), -0.5 * np.log(old + noise), penalty
     )
-    had, left = (np.bincount(owner, squares - noise).tolist() for squares in (old, new))
+    had, left = (np.bincount(owner, squares / noise - 1.0).tolist() for squares in (old, new))
     first, second = ((a - b) / a if a > 0 else 0.0 for a, b in zip(had, left, strict=True))
     return gain, (first, second)

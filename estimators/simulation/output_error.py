@@ -244,22 +244,25 @@ def compute_rms(
     return float(np.sqrt(np.average(error[:, 0] ** 2, weights=row_weights)))
 
 
-def compute_torque_noise_rms(segments: Sequence[Segments], point: Point) -> float:
-    """Return the root mean square error due to torque noise alone, with free initial states [rad].
+def compute_torque_noise(segments: Sequence[Segments], point: Point, draws: int = 4) -> Array:
+    """Return the mean square error of each segment due to torque noise alone, with free initial states (B,) [rad^2].
 
-    The simulated motion takes the place of the measured one.
+    The simulated motion takes the place of the measured one. Noise differs by segment: torque that was moved in time is
+    uncertain where it jumps, and an unstable motion amplifies it.
     """
     rng = np.random.default_rng(0)
     paths = simulate_all(segments, [(point.terms, point.theta)])
     perturbed = [
         replace(segment, torque=redraw_torque(segment, rng), position=path[:, 0])
+        for _ in range(draws)
         for segment, path in zip(segments, paths, strict=True)
     ]
-    return compute_rms(perturbed, point)
+    squares = compute_segment_rms(perturbed, point) ** 2
+    return np.asarray(np.mean(squares.reshape(draws, -1), axis=0))
 
 
-def compute_noise_rms(segments: Sequence[Segments], point: Point) -> float:
-    """Return the RMS change of the simulated positions by noise of torque and initial velocity [rad]."""
+def compute_noise(segments: Sequence[Segments], point: Point, draws: int = 4) -> Array:
+    """Return the mean square change of the positions of each segment by noise of torque and initial velocity (B,)."""
     rng = np.random.default_rng(0)
     perturbed = [
         replace(
@@ -267,12 +270,14 @@ def compute_noise_rms(segments: Sequence[Segments], point: Point) -> float:
             torque=redraw_torque(segment, rng),
             velocity=segment.velocity + segment.windows.velocity_noise * rng.standard_normal(segment.velocity.shape),
         )
+        for _ in range(draws)
         for segment in segments
     ]
     model = [(point.terms, point.theta)]
-    pairs = zip(simulate_all(perturbed, model), simulate_all(segments, model), strict=True)
-    changes = np.concatenate([(noisy - exact)[1:].ravel() for noisy, exact in pairs])
-    return float(np.sqrt(np.mean(changes**2)))
+    exact = simulate_all(segments, model) * draws
+    pairs = zip(simulate_all(perturbed, model), exact, strict=True)
+    squares = np.concatenate([np.mean((noisy - exact)[1:, 0] ** 2, axis=0) for noisy, exact in pairs])
+    return np.asarray(np.mean(squares.reshape(draws, -1), axis=0))
 
 
 def redraw_torque(segment: Segments, rng: np.random.Generator) -> Array:

@@ -67,3 +67,24 @@ def test_without_a_misfit_of_the_motion_no_dry_friction_is_tried():
     evaluator = ModelEvaluator(fitted, held_out)
     assert not evaluator.is_misfit(evaluator.fit(None, BASE))
     assert screen_dry_friction(evaluator, BASE) == []
+
+
+def stepped_and_slow(size: float, seed: int) -> Recording:
+    """Recording at 200 Hz: 8 s of random steps of torque between samples, then 6 s of a slow sine."""
+    rng, count = np.random.default_rng(seed), 14_000
+    edges, levels = np.cumsum(rng.integers(80, 250, 200)), rng.uniform(-5.0, 5.0, 201)
+    steps, slow = levels[np.searchsorted(edges, np.arange(count))], 2.6 * np.sin(2.2e-3 * np.arange(count))
+    command = np.where(np.arange(count) < 8000, steps, slow)
+    plant = Plant(effects={"stribeck": {"strib_d": size, "strib_v": 0.12}} if size else {})
+    experiment = Experiment(1000.0, 14.0, seed=seed, torque_noise=0.02, counts=65_536)
+    (run,) = recorded(plant, experiment, commands=[command])
+    between = 0.5 * (run.torque[:-5:5] + run.torque[5::5])
+    return Recording(run.time[:-5:5], run.position[:-5:5], between, is_moved=True)
+
+
+@pytest.mark.parametrize(("size", "is_seen"), [(0.0, False), (0.2, True)])
+def test_a_misfit_of_slow_motion_is_seen_beside_steps_that_the_log_leaves_uncertain(size, is_seen):
+    for seed in (1, 3):
+        data = RegressionData.from_recordings([stepped_and_slow(size, seed)])
+        evaluator = ModelEvaluator(data, data)
+        assert evaluator.is_misfit(evaluator.fit(None, BASE)) == is_seen
