@@ -187,11 +187,14 @@ def _compute_mean_inertia(model: Model, x: Samples) -> float:
     return sum(value * float(np.mean(column.mass(x))) for _, column, value in _list_parts(model))
 
 
-def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]) -> list[Gate]:
+def make_confirmation_gates(
+    after: Step, before: Step, motions: Mapping[str, Samples], torque_margin: float = 0.0
+) -> list[Gate]:
     """Return the gates of a step over a smaller one: physical bounds, then held-out errors, up to the first failure.
 
     All violated bounds are returned. Held-out errors have to be below those of `before`: positions first, then torque
-    of each joint with changed terms; unknown errors have no gate. `motions` are samples of the training data, by joint.
+    of each joint with changed terms; unknown errors have no gate. Torque errors may exceed their limit by the relative
+    `torque_margin`. `motions` are samples of the training data, by joint.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
     common = list_forms(after.model.terms) & list_forms(before.model.terms)
@@ -205,7 +208,8 @@ def make_confirmation_gates(after: Step, before: Step, motions: Mapping[str, Sam
     errors = [(kind.removesuffix("_rms"), getattr(new, kind), getattr(old, kind), angle) for kind in kinds]
     for at in (joint for joint in new.joints if joint in changed):
         unit = after.model.units(at).unit("N m")
-        errors.append((f"torque@{at}" if at else "torque", new.get_joint_error(at), old.get_joint_error(at), unit))
+        limit = (1.0 + torque_margin) * old.get_joint_error(at)
+        errors.append((f"torque@{at}" if at else "torque", new.get_joint_error(at), limit, unit))
     for name, error, limit, unit in errors:
         if not np.isnan([error, limit]).any() and all(gate.passed for gate in gates):
             gates.append(Gate(f"holdout_{name}", error, limit, error < limit, unit))

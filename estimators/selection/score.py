@@ -269,17 +269,27 @@ def compute_motion_gain(
 ) -> tuple[Gain, tuple[float, float]]:
     """Return the gain of one model over another on all segments, and the removed share of squared errors of each part.
 
-    Errors within a segment are fully correlated, so the gain is the logarithm of their ratio. The noise of each segment
-    is known: it is added to both errors in the gain, since errors below it carry no information, and subtracted from
-    the shares, of squared errors over noise. `accuracy` is that of `compute_floor`, `penalty` that of `Bootstrap.gain`.
+    Errors within a segment are fully correlated: its mean square counts as one squared error, over its known noise. The
+    gain is that of Student's t, whose scale in each part is at least the noise. Noise is subtracted from the shares.
+    `accuracy` is that of `compute_floor`, `penalty` that of `Bootstrap.gain`.
     """
     points = [output_error.Point.from_model(model) for model in (after, before)]
-    new, old = (np.concatenate([output_error.compute_segment_rms(part, one) ** 2 for part in parts]) for one in points)
     owner = np.repeat(np.arange(2), [sum(len(segment.first) for segment in part) for part in parts])
     noise = np.concatenate([compute_motion_noise(part, points[1], accuracy) for part in parts])
-    gain = Bootstrap(owner, np.random.default_rng(0)).gain(
-        -0.5 * np.log(new + noise), -0.5 * np.log(old + noise), penalty
+    new, old = (
+        np.concatenate([output_error.compute_segment_rms(part, one) ** 2 for part in parts]) / noise for one in points
     )
-    had, left = (np.bincount(owner, squares / noise - 1.0).tolist() for squares in (old, new))
+    densities = (_compute_density_of_ratios(ratios, owner) for ratios in (new, old))
+    gain = Bootstrap(owner, np.random.default_rng(0)).gain(*densities, penalty)
+    had, left = (np.bincount(owner, ratios - 1.0).tolist() for ratios in (old, new))
     first, second = ((a - b) / a if a > 0 else 0.0 for a, b in zip(had, left, strict=True))
     return gain, (first, second)
+
+
+def _compute_density_of_ratios(ratios: Array, owner: Index) -> Array:
+    """Return the log density of squared errors over noise (B,) by Student's t; its scale in each part is at least 1."""
+    scale = np.ones(int(owner.max()) + 1)
+    for _ in range(TURNS):
+        weighted = np.bincount(owner, weigh_squares(ratios, scale[owner])) / np.bincount(owner)
+        scale = np.maximum(weighted, 1.0)
+    return log_student(ratios, scale[owner])
