@@ -117,6 +117,16 @@ def test_a_step_meets_physical_bounds_and_held_out_errors_in_this_order(torque, 
     assert (explain_rejection(gates) is None) == (failed is None)
 
 
+@pytest.mark.parametrize(("torque", "passed"), [(1.04, True), (1.06, False)])
+def test_a_torque_error_may_rise_by_its_margin_if_the_position_error_falls(torque, passed):
+    before, after = (
+        Step(None, Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.01), {"holdout": Errors(own, angle, joints={"": own})})
+        for own, angle in ((1.0, 0.1), (torque, 0.05))
+    )
+    assert all(gate.passed for gate in make_confirmation_gates(after, before, {"": X}, torque_margin=0.05)) == passed
+    assert not all(gate.passed for gate in make_confirmation_gates(after, before, {"": X}))
+
+
 LEAST = Criterion().kept_inertia
 
 
