@@ -15,7 +15,7 @@ from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Model, NonlinearParameter, Term
 
 INSTANTS, EDGES = (1e-3, 10.0), (1e-5, 0.7)  # least and largest tried displacement: of an instant [s]; [step units]
-DISPLACEMENTS, ONE_SIGMA = 40, 0.6827  # number of displacements, and probability within one standard error
+DISPLACEMENTS, WITHIN = 40, (0.6827, 0.9545, 0.9973)  # displacements; probability within 1, 2, 3 standard errors
 
 
 def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
@@ -103,15 +103,17 @@ def _std_of_edge(
     """Return the standard error of an edge by profile likelihood: the larger of the likely displacements to both sides.
 
     A displacement is likely if the squared error of a fit with it exceeds the least by at most -2 ln(1 - sqrt(P)) times
-    the variance, P = `ONE_SIGMA`. The limit is raised by the factor by which correlated residuals raise the variance
-    of the term. The next larger tried displacement is returned. `of_term` are the columns of the term's parameters.
+    the variance. The limit is raised by the factor by which correlated residuals raise the variance of the term. One,
+    two and three standard errors include the likely displacements of each P in `WITHIN`, and the next larger tried one:
+    the likelihood of an edge is not normal. `of_term` are the columns of the term's parameters.
 
     Source: Hansen, Sample splitting and threshold estimation, Econometrica 68(3), 2000.
     """
     value, rows = term.nonlinear_values[parameter.name], data.locate_rows(term.at)
     unit = 1.0 if parameter.instant else get_step_unit(parameter, value)
     steps = unit * np.geomspace(*(INSTANTS if parameter.instant else EDGES), DISPLACEMENTS)
-    variants = [set_values(term, [parameter], [value + sign * step]) for sign in (0, 1, -1) for step in steps]
+    displacements = np.concatenate([[0.0], steps, -steps])
+    variants = [set_values(term, [parameter], [value + displacement]) for displacement in displacements]
     parts = [
         place_columns(len(fit.residual), [(rows, np.column_stack([part.fixed, part.linear]))])
         for part in data.maker.columns(variants)
@@ -128,7 +130,9 @@ def _std_of_edge(
     uncorrelated = balance.fit(np.arange(len(slopes)), theta=fit.theta).std[of_term]
     ratio = np.divide(fit.std[of_term], uncorrelated, out=np.ones(len(uncorrelated)), where=uncorrelated > 0)
     variance_factor = np.max(ratio**2, initial=1.0)
-    is_likely = squares - squares[0] < -2 * np.log(1 - np.sqrt(ONE_SIGMA)) * variance * variance_factor
-    sides = is_likely[len(steps) :].reshape(2, -1)
-    last_likely = [int(np.max(np.flatnonzero(side), initial=-1)) for side in sides]
-    return float(max(steps[min(k + 1, len(steps) - 1)] for k in last_likely))
+    std = 0.0
+    for multiple, probability in enumerate(WITHIN, 1):
+        is_likely = squares - squares[0] < -2 * np.log(1 - np.sqrt(probability)) * variance * variance_factor
+        last_likely = np.max(np.flatnonzero(is_likely[1:]) % len(steps), initial=-1)
+        std = max(std, steps[min(last_likely + 1, len(steps) - 1)] / multiple)
+    return float(std)

@@ -10,6 +10,7 @@ from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import choose_segments
 from estimators.simulation.output_error import Point
+from estimators.weak_form.nonlinear import find_edges
 from pendulum_env.physics import Model, has_link
 from pendulum_env.physics.terms import has_bristles
 
@@ -53,13 +54,18 @@ def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> 
             refitted = _refit_with_link(evaluator, last, start or last.model)
         model = multiple_shooting.add_standard_errors(evaluator.train.data.windows, refitted.model)
         refitted = replace(refitted, model=model)
-    elif evaluator.residuals.is_noise(last.model.terms):
+    elif not _has_edges(evaluator, last.model) and evaluator.residuals.is_noise(last.model.terms):
         refitted = _refit_by_likelihood(evaluator, last)
     else:
         return selection
     if others and not evaluator.is_confirmed(refitted, others[-1]):
         return selection
     return replace(selection, steps=[*others, refitted])
+
+
+def _has_edges(evaluator: ModelEvaluator, model: Model) -> bool:
+    """Return whether a law of the model jumps at a parameter other than an instant, see `find_edges`."""
+    return any(not own.instant for term in model.terms for own in find_edges(term, evaluator.train.samples))
 
 
 def _refit_by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:

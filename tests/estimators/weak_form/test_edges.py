@@ -72,6 +72,16 @@ def test_friction_that_ends_at_a_speed_is_found_with_its_edge(seed):
         assert abs(estimate.value - value) < 3 * estimate.std < 0.3 * value, name
 
 
+@pytest.mark.slow
+def test_the_error_of_an_edge_covers_its_scatter():
+    library = effects() | {"ending": Ending}
+    found = [
+        diagnose(run(seed), run(seed + 100), library=library).model.estimates["ending.end"] for seed in range(1, 7)
+    ]
+    squares = [((edge.value - TRUTH["ending.end"]) / edge.std) ** 2 for edge in found]
+    assert np.mean(squares) < 2.1  # 95 % of chi squared with 6 degrees of freedom
+
+
 def test_only_parameters_at_which_a_law_jumps_are_edges():
     data = RegressionData.from_recordings([run(1)])
     x, residual = data.samples, data.residual(BASE)
