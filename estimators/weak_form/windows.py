@@ -290,12 +290,15 @@ class Windows:
         return self.averages.columns(variants, self.trace(variants))
 
     def absorbed(self, term: Term) -> float:
-        """Return the variance of white torque noise that a term's fixed columns absorb [(N m)^2], by random noise."""
+        """Return the variance of white torque noise that a term's fixed columns absorb [(N m)^2], by random noise.
+
+        It is 0 for a delay, which moves noise and absorbs none: random noise gives a small number of either sign.
+        """
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
         noisier = self.with_torque(self.recording.torque + noise, self.samples.torque + average_held_torque(noise))
         ((_, noisy_fixed),), ((_, fixed),) = noisier.columns([term]), self.columns([term])
         averaged_noise = self.average(average_held_torque(noise))
-        return float(np.var(averaged_noise) - np.var(averaged_noise - (noisy_fixed - fixed)))
+        return max(0.0, float(np.var(averaged_noise) - np.var(averaged_noise - (noisy_fixed - fixed))))
 
     def torque(self) -> Array:
         """Return the averages (R,) of the recorded torque [N m]."""

@@ -120,8 +120,8 @@ class FileColumn:
             notes.append(Note(NoteKind.LOAD_TORQUE_ALONE, own, headers=header))
         if self.quantity == "load_torque":
             notes.append(Note(NoteKind.LOAD_TORQUE, own, headers=header))
-        for other in self.passed_over:
-            notes.append(Note(NoteKind.PASSED_OVER, own, headers=(self.header, other)))
+        if self.passed_over:
+            notes.append(Note(NoteKind.PASSED_OVER, own, headers=(self.header, *self.passed_over)))
         return tuple(notes)
 
 

@@ -18,7 +18,7 @@ class NoteKind(StrEnum):
     COMMANDED_TORQUE = "commanded_torque"  # headers
     LOAD_TORQUE_ALONE = "load_torque_alone"  # headers
     LOAD_TORQUE = "load_torque"  # headers
-    PASSED_OVER = "passed_over"  # headers: the one that is read, and the other
+    PASSED_OVER = "passed_over"  # headers: the one that is read, and all others
     NO_TORQUE = "no_torque"
     NO_TORQUE_COLUMN = "no_torque_column"
     TORQUE_OF_DRIVE = "torque_of_drive"

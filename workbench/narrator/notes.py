@@ -1,9 +1,9 @@
 """Texts of notes on recordings."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from pendulum_env.formatting import join_words
-from pendulum_env.recording.notes import Note, NoteKind
+from pendulum_env.recording.notes import NAMED, Note, NoteKind
 from pendulum_env.settings import format_setting
 
 WARNING = "warning: "  # begins a note on a likely error
@@ -42,6 +42,12 @@ def _name_times(note: Note) -> str:
     return f"{times} and {more:g} more times" if more else times
 
 
+def _name_headers(headers: Sequence[str]) -> str:
+    """Name columns with their verb: `'tau' is`, or `'a', 'b' and 7 more are`; at most `NAMED`."""
+    named, more = [repr(header) for header in headers[:NAMED]], len(headers) - NAMED
+    return join_words([*named, f"{more} more"] if more > 0 else named) + (" is" if len(headers) == 1 else " are")
+
+
 def _choose_by_count(one: str, several: str) -> Callable[[Note], str]:
     """Choose the text by the count of the note; its numbers are filled in."""
     return lambda note: (one if note.numbers["count"].value == 1 else several).format(
@@ -53,6 +59,7 @@ ROWS = (NoteKind.SPOILT, NoteKind.TIME_REPEATED, NoteKind.GLITCHES, NoteKind.STA
 PLACES = dict.fromkeys(ROWS, _name_rows) | dict.fromkeys((NoteKind.GAPS, NoteKind.FILLED), _name_times)
 VARIANTS: Mapping[NoteKind, Callable[[Note], str]] = {
     NoteKind.OTHER_ROWS: lambda note: {"held": "as it was last"}.get(note.text, "by interpolation"),
+    NoteKind.PASSED_OVER: lambda note: _name_headers(note.headers[1:]),
     NoteKind.SPOILT: lambda note: "is" if len(note.quantities) == 1 else "are",
     NoteKind.GAPS: _choose_by_count("a gap of", "{count:g} gaps of {shortest:.3g} to"),
     NoteKind.SHORT_SEGMENTS: _choose_by_count("a segment", "{count:g} segments"),
@@ -73,7 +80,7 @@ TEXTS: Mapping[NoteKind, str] = {
     NoteKind.COMMANDED_TORQUE: "{quantity} is the commanded one, from column {header!r}",
     NoteKind.LOAD_TORQUE_ALONE: "{quantity} is that of column {header!r}: the log has no other torque",
     NoteKind.LOAD_TORQUE: "column {header!r} is read as a load torque, which adds to torque",
-    NoteKind.PASSED_OVER: "{quantity} is taken from column {header!r}; {header1!r} is there too",
+    NoteKind.PASSED_OVER: "{quantity} is taken from column {header!r}; {variant} there too",
     NoteKind.NO_TORQUE: "torque is taken as none: the recording is a free swing (torque 0)",
     NoteKind.NO_TORQUE_COLUMN: "no torque column: the recording is a free swing (torque 0)",
     NoteKind.TORQUE_OF_DRIVE: "torque is not taken from the log: it is what the drive asked for",

@@ -220,6 +220,12 @@ def test_a_turn_that_friction_of_another_law_makes_is_no_knock(hidden, terms):
     assert knocked(RegressionData.from_recordings(runs), (*BASE, *terms)).contacts == 0
 
 
+def test_a_delay_absorbs_no_noise_of_the_torque(coarse):
+    windows = prepare([told(coarse)]).windows[0]
+    for delay in (0.001, 0.0025, 0.01, 0.1):
+        assert 0.0 <= windows.absorbed(effect("dead_time")(delay)) < 0.1 * windows.raw_torque_noise**2
+
+
 def test_noise_of_the_rate_of_a_torque_is_that_of_white_encoder_noise():
     rng, time = np.random.default_rng(1), np.arange(0.0, 60.0, 0.002)
     q = np.sin(2.0 * time)

@@ -76,6 +76,14 @@ def test_commanded_torque_is_the_second_choice(write: Write, columns: Columns) -
     assert noted(alone) == ("torque is the commanded one, from column 'tau_cmd'",)
 
 
+def test_columns_of_a_telemetry_that_are_not_read_are_in_one_note(swing: Recording) -> None:
+    log = {f"{name}.data[{k}]": getattr(swing, name) for name in ("position", "torque", "velocity") for k in range(9)}
+    named = {name: f"{name}.data[6]" for name in ("position", "torque")}
+    (note,) = read_recording({"time": swing.time} | log, columns=named).notes
+    assert note.headers[0] == "velocity.data[6]", "the velocity of the same joint"
+    assert len(note.headers) == 9
+
+
 # Text
 
 
