@@ -14,7 +14,7 @@ from pendulum_env.recording.clock import find_date, find_unix_unit, unwrap_clock
 from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.record import Recording
+from pendulum_env.recording.record import NO_TORQUE, Recording
 from pendulum_env.recording.table import RawTable
 from pendulum_env.recording.vocabulary import OUTPUTS
 from pendulum_env.servo import MOTOR, ServoDrive
@@ -62,7 +62,8 @@ def build_recording(
     cleaning.drop_invalid_rows(log, checks.BOUNDS.fewest)
     cleaning.shift_restarted_runs(log)
     cleaning.drop_repeated_times(log)
-    if not actuator.is_controller and not log.values["torque"].any() and np.ptp(log.values["position"]) > 0:
+    is_swing = not actuator.is_controller and not (np.abs(log.values["torque"]) > NO_TORQUE).any()
+    if is_swing and np.ptp(log.values["position"]) > 0:
         cleaning.drop_initial_hold(log, turns())
     cleaning.start_from_zero(log)
     cleaning.drop_spoilt_positions(log, turns())

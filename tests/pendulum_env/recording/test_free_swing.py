@@ -52,8 +52,11 @@ def test_a_column_that_may_be_the_torque_is_asked_for(tmp_path: Path, name: str)
         assert not recording.torque.any() and any("free swing" in note for note in noted(recording))
 
 
-@pytest.mark.parametrize(("start", "hold"), [(1.3, 0.62), (2.8, 0.3), (1.3, 0.0), (3.12, 0.0)])
-def test_rest_before_the_release_is_left_out(start: float, hold: float) -> None:
+@pytest.mark.parametrize(
+    ("start", "hold", "torque"),
+    [(1.3, 0.62, 0.0), (2.8, 0.3, 0.0), (1.3, 0.0, 0.0), (3.12, 0.0, 0.0), (1.3, 0.62, 1e-12)],
+)
+def test_rest_before_the_release_is_left_out(start: float, hold: float, torque: float) -> None:
     def slope(_: float, state: np.ndarray) -> list[float]:
         return [state[1], -30.0 * np.sin(state[0]) - 0.1 * state[1] - 0.1 * np.tanh(state[1] / 0.01)]
 
@@ -61,7 +64,8 @@ def test_rest_before_the_release_is_left_out(start: float, hold: float) -> None:
     q = scipy.integrate.solve_ivp(slope, (0, 10), [start, 0.0], t_eval=time, rtol=1e-8).y[0]
     q = np.append(np.full(round(hold * 120), start), q)
     q = q + np.random.default_rng(1).normal(0, 5e-4, len(q))
-    recording = read_recording({"time": np.arange(len(q)) / 120.0, "position": q})
+    columns = {"torque": np.full(len(q), torque)} if torque else {}  # rounding counts as zero
+    recording = read_recording({"time": np.arange(len(q)) / 120.0, "position": q, **columns})
     lost = (len(q) - len(recording)) / 120.0
     assert lost == pytest.approx(hold, abs=0.05)
     assert any("held" in note for note in noted(recording)) == (hold > 0)
