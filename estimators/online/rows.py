@@ -148,7 +148,9 @@ class _StepWriter:
             impulse = average(mass) * acceleration_mean + average(torque)
             energy = average(mass) * kinetic_rate + average(power) + (stored[1] - stored[2]) / period
             rows.append([at_instant, impulse, energy])
-        y = [supplied[0], supplied[1], supplied[1] * ((position - last_position) / period)]
+        applied, last_applied = self.remember("applied", supplied[0], 1)
+        power = supplied[1] * ((position - last_position) / period)
+        y = [applied, supplied[1], power + (applied - last_applied) * (velocity - last_velocity) / 12]
         y = [value - sum(row[k] for row in rows[len(theta) :]) for k, value in enumerate(y)]
         return np.array([*rows[: len(theta)], y], dtype=object).T, velocity
 

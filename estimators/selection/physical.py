@@ -22,6 +22,7 @@ from pendulum_env.physics import (
     has_link,
     list_loads,
 )
+from pendulum_env.physics.term import zero
 from pendulum_env.physics.terms import list_forms
 
 SELDOM = 0.1  # share of the samples at which the power of friction may be negative
@@ -64,7 +65,7 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     found, inertia = [], model.estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
         found.append(Gate("negative_inertia", inertia.value, 0.0, False, inertia.unit))
-    friction = [(term, column, value) for term, column, value in _list_parts(model) if term.kind == "dissipative"]
+    friction = [(term, column, value) for term, column, value in _list_parts(model) if _is_friction(term)]
     power = sum((value * column.power(x) for term, column, value in friction if not term.hides), np.zeros_like(x.time))
     share = float(np.mean(power < 0))
     if share > SELDOM and not is_coupled:
@@ -81,9 +82,14 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     return found
 
 
+def _is_friction(term: Term) -> bool:
+    """Return whether a term is friction, which may change with time: only the sum of its parts has to dissipate."""
+    return term.kind == "dissipative" or any(column.dry is not zero for column in term.columns)
+
+
 def _drives_joint(term: Term) -> bool:
     """Return whether a term, such as gravity, can set a joint in motion without the motor."""
-    return term.kind in ("potential", "time-varying") and term.id != "hard_stop"
+    return term.kind in ("potential", "time-varying") and term.id != "hard_stop" and not _is_friction(term)
 
 
 def _list_parts(model: Model) -> list[tuple[Term, Column, float]]:

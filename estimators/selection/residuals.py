@@ -147,8 +147,8 @@ class Residuals:
     def holdout_residual(self, terms: Terms) -> Array:
         """Return the held-out residual (R,) [N m], with the parameters of the fit updated by the held-out data.
 
-        Both fits are combined, to first order, with the inverses of their covariances as weights. So parameters that
-        the training data hardly determine cause no residual.
+        Both fits are combined, to first order, weighted by their covariances C and D: the update is C (C + D)^-1 of
+        the step to the held-out fit. So parameters that the training data hardly determine cause no residual.
         """
         fit, balance = fit_terms(self.train, terms)[1], self.holdout.equations(terms)
         free = np.flatnonzero(np.diag(fit.covariance))  # others are known, or at their bounds
@@ -158,8 +158,8 @@ class Residuals:
         covariance = compute_robust_covariance(
             slopes * weights[:, None], (error - slopes @ step) * weights, self.holdout.layout.clusters
         )
-        prior, precision = invert_covariance(fit.covariance[np.ix_(free, free)]), invert_covariance(covariance)
-        return np.asarray(error - slopes @ solve_least_squares(prior + precision, precision @ step))
+        prior = fit.covariance[np.ix_(free, free)]
+        return np.asarray(error - slopes @ (prior @ invert_covariance(prior + covariance) @ step))
 
     @memoized
     def power(self, terms: Terms) -> list[dict[str, Power]]:

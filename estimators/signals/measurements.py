@@ -6,8 +6,9 @@ order in its length.
 
 The command is held: between samples k - 1 and k acts command k - 1. The second difference of the position at k is the
 average acceleration under a triangle over k - 1 to k + 1, and the torque under that triangle is exactly the mean of
-commands k - 1 and k. Central differences average velocity in the same way. A correction by second differences d^2
-undoes this averaging for motion and command.
+commands k - 1 and k. Central differences average velocity over k - 1 to k + 1 in the same way. A correction by second
+differences d^2 removes the second moment of both averages, so that they agree on smooth parts of the balance, such as
+sin q, to fourth order. Motion and command pass it alike.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ CLEAN_SWING = 0.03  # the same of a free swing, whose inertia is known and not b
 SIDES = 3  # samples on either side that the kernels below use
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
 VALUE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-# (q[k+1] - q[k-1]) / 2 averages velocity, if it is linear between samples, by 1/4, 1/2, 1/4; 1 - d^2/4 undoes it.
-UNDO = np.array([-1.0, 6.0, -1.0]) / 4
+# (q[k+1] - q[k-1]) / 2 averages velocity over both sides of k; its change from k - 1 to k averages held commands by
+# 1/4, 1/2, 1/4. 1 - d^2/6 removes the second moment of the average of velocity.
+UNDO = np.array([-1.0, 8.0, -1.0]) / 6
 SLOPE = np.pad(np.convolve([0.5, 0.0, -0.5], UNDO), 1)
 BEFORE = np.pad(np.convolve([0.25, 0.5, 0.25], UNDO), (2, 0))  # of the command: k - 1, which acts until instant k
 # q[k+1] - 2 q[k] + q[k-1] averages acceleration by a triangle over both sides of k; 1 - d^2/12 undoes it.
