@@ -1,8 +1,8 @@
 """Measurements: motion and torque of a recording at the same instants, through one zero-phase filter.
 
 The torque balance stays true if every part of it passes the same linear filter. All quantities here pass one symmetric
-window w without a second moment. It does not change cubics; sin q or |q'| of smoothed motion have an error of fourth
-order in its length.
+window w without second and fourth moments. It does not change polynomials of fifth degree; sin q of smoothed motion has
+an error of sixth order in its length.
 
 The command is held: between samples k - 1 and k acts command k - 1. The second difference of the position at k is the
 average acceleration under a triangle over k - 1 to k + 1, and the torque under that triangle is exactly the mean of
@@ -28,7 +28,8 @@ from pendulum_env.recording import Recording
 
 SPARE = 30  # samples by which a recording has to be longer than the filter
 TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS, of a run under the paper's excitation
-CLEAN = 0.01  # noise over RMS acceleration: more biases inertia by more than 1e-4
+CLEAN = 0.005  # noise over RMS acceleration: more biases inertia by more than 2.5e-5
+WIDTHS = (*HALF_WIDTHS, 0.11)  # candidates of half widths [s]
 CLEAN_SWING = 0.03  # the same of a free swing, whose inertia is known and not biased
 SIDES = 3  # samples on either side that the kernels below use
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
@@ -103,13 +104,12 @@ class Measurements:
 
 
 def make_window(half_width: int) -> Array:
-    """Compute smooth weights over 2 half_width + 1 samples with sum one and zero second moment."""
+    """Compute smooth weights over 2 half_width + 1 samples with sum one and zero second and fourth moments."""
     s = np.arange(-half_width, half_width + 1) / (half_width + 1)
-    bump = (1.0 - s**2) ** 3
-    fourth = bump @ s**4
-    weights = bump * (1.0 - s**2 * (bump @ s**2 / fourth)) if fourth > 0 else bump
-    total: float = weights.sum()
-    return weights / total
+    bump, powers = (1.0 - s**2) ** 2, np.stack([s**0, s**2, s**4])
+    moments = (powers * bump) @ powers.T
+    weights = bump * (np.linalg.lstsq(moments, np.array([1.0, 0.0, 0.0]), rcond=None)[0] @ powers)
+    return np.asarray(weights / weights.sum())
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class Smoothing:
         The limit is `CLEAN` times `TYPICAL_ACCELERATION`, as future motion is unknown online. The largest candidate is
         taken if none meets it. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
         """
-        widths = [m for m in range(2, max(3, round(HALF_WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
+        widths = [m for m in range(2, max(3, round(WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
         for m in widths:
             if (
                 noise * rate**2 * _compute_noise_gain(np.convolve(make_window(m), CURVATURE))
@@ -263,7 +263,7 @@ def choose_smoothing(recording: Recording) -> Smoothing:
     """
     noise, clean = estimate_encoder_noise(recording.position), CLEAN_SWING if recording.known_inertia else CLEAN
     longest = (len(recording) - SPARE) // 2
-    widths = sorted({min(longest, max(2, round(width * recording.rate))) for width in HALF_WIDTHS})
+    widths = sorted({min(longest, max(2, round(width * recording.rate))) for width in WIDTHS})
     for half_width in widths:
         curvature = np.convolve(make_window(half_width), CURVATURE)
         total_square = float(np.mean(np.convolve(recording.position, curvature, "valid") ** 2))
