@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from estimators.regression.least_squares import IdentificationError
-from estimators.signals.measurements import Smoothing, choose_smoothing, make_window, measure
 from estimators.schemes.six import VIEWS, scheme
+from estimators.signals.measurements import Smoothing, choose_smoothing, make_window, measure
 from pendulum_env.physics import Gravity, Inertia, Viscous
 from pendulum_env.recording import Recording
 
