@@ -92,17 +92,25 @@ def compute_nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Seq
 
 
 def refine_nonlinear(
-    term: Term, residuals: Residuals, edges: Sequence[NonlinearParameter] = (), gain: float = 0.0
+    term: Term,
+    residuals: Residuals,
+    edges: Sequence[NonlinearParameter] = (),
+    gain: float = 0.0,
+    longest: float = np.inf,
 ) -> Term:
     """Find the variant of a term with locally least squared residual; parameters in `edges` stay.
 
     Gauss-Newton takes derivatives by differences, and evaluates all of an iteration, or all step lengths, in one batch.
     Parameters with a positive lower limit move by factors. The search ends where an iteration lowers the squared
-    residual by less than a share `gain`.
+    residual by less than a share `gain`. Time constants are at most `longest` [s]: beyond, an exponential is a line.
 
     Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
     """
-    sought = [parameter for parameter in list_continuous_parameters(term) if parameter not in edges]
+    sought = [
+        replace(parameter, high=min(parameter.high, longest)) if parameter.unit == "s" else parameter
+        for parameter in list_continuous_parameters(term)
+        if parameter not in edges
+    ]
     if not sought:
         return term
     factor = np.array([parameter.low > 0 for parameter in sought])

@@ -48,6 +48,7 @@ class VariantSettings:
     """Extent of the search for the best variant of an effect."""
 
     exact: int = 3  # best variants of a law of the torque that are fitted exactly
+    longest: float = 100.0  # time constant [recorded times]
     reach: float = 0.03  # of the scan for an instant, to either side, share of the recorded time
     gain: float = 2e-6  # least decrease of their squared error in an iteration, as a share; idle ones decrease less
     follows: int = 3  # iterations that set a nonlinear parameter to the linear parameter that it follows
@@ -497,9 +498,11 @@ class TorqueRows:
             term = replace(term, **{s.name: float(values[s.follows]) for s in following if s.follows in values})
         residuals, samples = self._residuals(others), self.data.part(term.at).samples
         gain = VARIANTS.gain if is_torque_dependent(term) else 0.0
-        reach, refined, edges = VARIANTS.reach * float(np.ptp(samples.time)), term, find_edges(term, samples)
+        span, refined, edges = float(np.ptp(samples.time)), term, find_edges(term, samples)
+        reach, longest = VARIANTS.reach * span, VARIANTS.longest * span
         for _ in range(1 + bool(edges and len(list_continuous_parameters(term)) > 1)):
-            refined = scan_edges(refine_nonlinear(refined, residuals, edges, gain), residuals, edges, reach)
+            refined = refine_nonlinear(refined, residuals, edges, gain, longest)
+            refined = scan_edges(refined, residuals, edges, reach)
         refined_trial = self.trial((*trial.terms[:index], refined, *trial.terms[index + 1 :]))
         is_worse = refined_trial.fitted_rms > trial.fitted_rms and not following
         return trial if is_worse or not is_possible(refined, samples) else refined_trial

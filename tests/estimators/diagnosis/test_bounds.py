@@ -55,6 +55,19 @@ def test_dry_friction_that_falls_is_found_although_a_free_fit_makes_it_negative_
         assert values["coulomb"] + values["friction_drift.coulomb"] * faded == pytest.approx(law(t), abs=0.02)
 
 
+@pytest.mark.parametrize("seed", slow.but_first([401, 411, 421]))
+def test_dry_friction_that_rises_along_a_line_is_a_drift_whose_end_is_unknown(seed):
+    """A straight line is an exponential of any long time: only its value and its slope are determined."""
+    law = lambda t: 0.35 + 0.008 * t  # noqa: E731
+    found = diagnose([drifting(seed, law)], [drifting(seed + 1, law)], only=FEW)
+    assert found.selected == ("friction_drift",) and not found.unexplained
+    coulomb, fading = (found.model.estimates[name] for name in ("coulomb", "friction_drift.coulomb"))
+    warm_up = found.model.estimates["friction_drift.warm_up"].value
+    for t in (0.0, 10.0, 20.0):
+        assert coulomb.value + fading.value * np.exp(-t / warm_up) == pytest.approx(law(t), abs=0.02)
+    assert coulomb.is_unknown or abs(coulomb.value) < 10 * 0.5, "no end far beyond what was recorded"
+
+
 def test_dry_friction_that_stays_shows_no_drift():
     found = diagnose([drifting(1, lambda t: 0.45)], [drifting(2, lambda t: 0.45)], only=FEW)
     assert found.selected == () and not found.unexplained

@@ -84,6 +84,15 @@ def test_dry_friction_may_be_what_gravity_or_a_load_overcame():
     assert find_violations(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
 
 
+def test_only_the_sum_of_friction_that_changes_with_time_has_to_be_possible():
+    terms = [*BASE, effect("friction_drift")(3000.0)]  # nearly a straight line over 10 s
+    assert find_violations(Model.build(terms, [0.1, 2.0, 0.01, 50.0, 0.0, -49.8]), {"": swinging()}) == []
+    (large,) = find_violations(Model.build(terms, [0.1, 0.1, 0.01, 50.0, 0.0, -49.8]), {"": swinging()})
+    assert large.name == "dry_friction" and large.value == pytest.approx(0.2 + 49.8 * 5 / 3000, abs=0.01)
+    (driving,) = find_violations(Model.build(terms, [0.1, 2.0, 0.01, 50.0, 0.0, -50.3]), {"": swinging()})
+    assert driving.name == "driving_friction"
+
+
 def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_not_push():
     dropped, stopped, bristles = (effect(id) for id in ("payload_change", "hard_stop", "presliding"))
     assert find_violations(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
