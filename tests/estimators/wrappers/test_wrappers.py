@@ -65,7 +65,7 @@ def test_every_wrapper_works_in_every_place(tmp_path):
         lambda env: RandomizePlant(env, 0.2),
         lambda env: RecordMeasurements(env, tmp_path / "run.csv", overwrite=True),
         EstimateParameters,
-        lambda env: TimeLimit(env, 50),
+        lambda env: TimeLimit(env, 100),
         lambda env: RescaleAction(env, np.float32(-1), np.float32(1)),
     ]
     estimates = []
