@@ -30,6 +30,7 @@ SPARE = 30  # samples by which a recording has to be longer than the filter
 TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS, of a run under the paper's excitation
 CLEAN = 0.005  # noise over RMS acceleration: more biases inertia by more than 2.5e-5
 WIDTHS = (*HALF_WIDTHS, 0.11)  # candidates of half widths [s]
+CLEAN_ONLINE = 0.01  # the same online, where a longer window delays the estimates
 CLEAN_SWING = 0.03  # the same of a free swing, whose inertia is known and not biased
 SIDES = 3  # samples on either side that the kernels below use
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
@@ -133,14 +134,14 @@ class Smoothing:
     def from_noise(cls, noise: float, rate: float) -> Smoothing:
         """Choose the smallest half width of at least two samples that keeps noise of the acceleration below a limit.
 
-        The limit is `CLEAN` times `TYPICAL_ACCELERATION`, as future motion is unknown online. The largest candidate is
-        taken if none meets it. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
+        The limit is `CLEAN_ONLINE` times `TYPICAL_ACCELERATION`, as future motion is unknown online. The largest
+        candidate is taken if none meets it. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
         """
         widths = [m for m in range(2, max(3, round(WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
         for m in widths:
             if (
                 noise * rate**2 * _compute_noise_gain(np.convolve(make_window(m), CURVATURE))
-                <= CLEAN * TYPICAL_ACCELERATION
+                <= CLEAN_ONLINE * TYPICAL_ACCELERATION
             ):
                 break
         return cls(m, max(SLOWEST, 5 * noise * rate * _compute_noise_gain(np.convolve(make_window(m), SLOPE))))
