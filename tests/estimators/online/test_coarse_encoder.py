@@ -63,8 +63,9 @@ def test_estimates_with_a_learnt_encoder_are_those_with_a_known_one():
     samples = recorded(6.0, 20.0)[:, :1200]
     estimators = [OnlineEstimator(RATE, **options) for options in ({}, {"counts": COUNTS})]
     learnt, known = (fed(estimator, samples) for estimator in estimators)
-    newest = [now[-1].index + own.delay for now, own in zip((learnt, known), estimators, strict=True)]
-    assert newest[0] == newest[1]  # samples before the encoder is known count, too
+    for now, own in zip((learnt, known), estimators, strict=True):
+        assert now[-1].time + own.delay / RATE == pytest.approx(samples[0, -1])
+    assert learnt[-1].index > 1100, "samples before the encoder is known count, too"
     assert (np.abs(learnt[-1].theta - known[-1].theta)[0] < standard_errors(known[-1])).all()
     assert not any(now.usable.any() for now in learnt[:256])
 
