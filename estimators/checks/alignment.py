@@ -26,8 +26,9 @@ from scipy.special import ndtri
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.criterion import Criterion
 from estimators.signals.channel import Channel
+from estimators.signals.differentiation import estimate_white_noise
 from pendulum_env._typing import JSON, Array
-from pendulum_env.recording import Note, NoteKind, Recording
+from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class ChannelSettings:
     starts: int = 51  # delays among which a search starts from the best
     sure: float = 4.0  # standard errors from which an estimate is told from none
     clearer: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a gain that counts, as of an effect's
+    p_value: float = Criterion.p_value  # below which more columns explain more
     by_chance: float = float(np.log(2 * reach / 1e-3))  # [nat], gained by chance by the best of so many delays
     error_margin: float = Criterion.error_margin  # share by which errors differ by chance
     fewest_equations: int = 3  # equations for each column
@@ -155,7 +157,11 @@ class Alignment:
             return recording
         rows, shape = np.concatenate(kept), (-1, *recording.torque.shape[1:])
         own: dict[str, Any] = {quantity: values[rows] for quantity, values in recording.series.items()}
-        own |= {"torque": np.concatenate(torque).reshape(shape), "is_moved": True}
+        own |= {"torque": np.concatenate(torque).reshape(shape)}
+        if recording.torque.ndim == 1:
+            reach = beyond + edge + int(np.ceil(5 * max(channel.lag, 0.0) / period))
+            response = channel.hold_torque(np.eye(1, 2 * reach + 1, reach)[0], period)
+            own["moved"] = MovedTorque(estimate_white_noise(recording.torque), response)
         starts = tuple(np.cumsum([0, *map(len, kept[:-1])]).tolist())
         return replace(recording, **own, starts=starts, notes=(*recording.notes, self._note))
 

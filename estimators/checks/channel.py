@@ -20,6 +20,7 @@ from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import fdtrc
 
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
 from estimators.checks.channel_rows import (
@@ -30,7 +31,7 @@ from estimators.checks.channel_rows import (
     make_angle_columns,
     make_channel_rows,
 )
-from estimators.checks.closed_loop import is_consistent
+from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import IdentificationError, project_out
@@ -283,6 +284,16 @@ class ChannelFits(ChannelRows):
         """Return whether the fit of a law to recordings is consistent; see `closed_loop.is_consistent`."""
         return is_consistent(recordings, self.data, self.residual(self.torque(law.channel)), self.span.shape[1])
 
+    def explains_more(self, fits: ChannelFits, law: Alignment) -> bool:
+        """Return whether these columns leave significantly less of the torque than the fewer ones of `fits`: F-test."""
+        more, rows = self.span.shape[1] - fits.span.shape[1], len(self.rows)
+        freedom = rows - self.span.shape[1]
+        if more < 1 or freedom < 1:
+            return False
+        large, small = (float(np.sum(one.residual(one.torque(law.channel)) ** 2)) for one in (fits, self))
+        ratio = (large - small) / more / max(small / freedom, 1e-300)
+        return bool(fdtrc(more, freedom, ratio) < SEARCH.p_value)
+
     def compute_noise_gain(self, channel: Channel) -> float:
         """Compute the largest gain of white noise of the log in the windows by the inverse filter."""
         factors, reach = [], int(np.ceil(5 * SEARCH.reach / self.period))
@@ -325,7 +336,7 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     need not predict significantly better than no delay.
 
     In a closed loop the controller answers each torque that the columns lack, and a delay fits its answer: there a law
-    needs a residual of noise (see `closed_loop`), if need be with `with_angle_columns`.
+    needs a residual of noise (see `closed_loop`), with `with_angle_columns` if these explain more.
 
     Recordings too short to tell, and closed loops without such a residual, give an alignment without a finding and with
     infinite standard errors.
@@ -341,16 +352,15 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
         fits = None
     if fits is None:
         return NO_ALIGNMENT
-    if not fits.data.shared_columns:  # the columns of links and smooth laws follow any motion
-        fits = fits.select_most_precise()
-    found = _choose_hold(fits)
-    if not found.is_found or fits.is_consistent(recordings, found):
+    if fits.data.shared_columns:  # the columns of links and smooth laws follow any motion
+        found = _choose_hold(fits)
+        return found if not found.is_found or fits.is_consistent(recordings, found) else NO_ALIGNMENT
+    fits = fits.select_most_precise()
+    if not (found := _choose_hold(fits)).is_found:
         return found
-    if not fits.data.shared_columns:
-        fits = fits.with_angle_columns()
-        if (found := _choose_hold(fits)).is_found and fits.is_consistent(recordings, found):
-            return found
-    return NO_ALIGNMENT
+    if find_feedback(recordings) and (finer := fits.with_angle_columns()).explains_more(fits, found):
+        fits, found = finer, _choose_hold(finer)
+    return found if fits.is_consistent(recordings, found) else NO_ALIGNMENT
 
 
 def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording:
@@ -392,11 +402,13 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
 
     All have the same drive and log, so a law that all show together, or one alone, holds for all, unless half of them
     contradict it. A recording that contradicts it keeps its own law. If by that law torque acts late, it is not the log
-    that is late, and the shared law holds there, too.
+    that is late, and the shared law holds there, too. In closed loops all share a law, or none, that all together
+    determine: with fewer motions, a delay fits a controller's answer more easily.
     """
     joint = align(recordings, beside)
-    if len(recordings) == 1:
-        return [joint]
+    is_determined = np.isfinite(joint.delay_std) and all(find_feedback([recording]) for recording in recordings)
+    if len(recordings) == 1 or is_determined:
+        return [joint] * len(recordings)
     each = [align([recording], beside) for recording in recordings]
     for law in (joint, *sorted(each, key=lambda alignment: alignment.delay_std + alignment.lag_std)):
         agree = [alignment.agrees(law) for alignment in each]

@@ -38,19 +38,22 @@ class FeedbackSettings:
     sure: float = 4.0  # standard errors
     answered: float = 0.1  # correlation of the surprises; less of it biases no parameter
     tail: float = 4.0  # standard deviations beyond which a surprise is an event of its own: a step, a stop, a glitch
+    strides: tuple[int, ...] = (1, 2, 4, 8)  # samples in a step; a coarse encoder hides answers of single samples
 
 
 ANSWER = FeedbackSettings()
 
 
 def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
-    """Find recordings in which torque answers the motion: by an unexpected change of position, sample to sample.
+    """Find recordings in which torque answers the motion: by an unexpected change of position in a few samples.
 
-    Recordings with a reference and recordings without are a finding each, with the median of their gains.
+    Recordings with a reference and recordings without are a finding each, with the median of their gains. Arms are not
+    tested.
     """
     gains: dict[tuple[Kind, str], dict[str, float]] = {}
-    for recording in recordings:
-        if (gain := _estimate_feedback_gain(recording)) is not None:
+    for recording in (own for own in recordings if own.position.ndim == 1):
+        gains_by_stride = (_estimate_feedback_gain(recording, stride) for stride in ANSWER.strides)
+        if (gain := next((gain for gain in gains_by_stride if gain is not None), None)) is not None:
             kind = Kind.FEEDBACK if recording.reference is None else Kind.FEEDBACK_WITH_REFERENCE
             gains.setdefault((kind, recording.units.unit("N m/rad")), {})[recording.name] = gain
     return [
@@ -91,13 +94,17 @@ def is_consistent(recordings: Sequence[Recording], data: TorqueWindows, residual
 
 
 @memoized
-def _estimate_feedback_gain(recording: Recording) -> float | None:
-    """Estimate the slope of torque innovations over position innovations [N m/rad]; None unless it is negative."""
-    bounds = [(a, b) for a, b in pairwise((*recording.starts, len(recording))) if b - a > 2 * ANSWER.past]
-    if sum(b - a - ANSWER.past for a, b in bounds) < 20 * ANSWER.parts:
+def _estimate_feedback_gain(recording: Recording, stride: int) -> float | None:
+    """Estimate the slope of torque innovations over position innovations [N m/rad]; None unless it is negative.
+
+    Innovations are those of every `stride`-th sample.
+    """
+    pieces = [slice(a, b, stride) for a, b in pairwise((*recording.starts, len(recording)))]
+    pieces = [piece for piece in pieces if piece.stop - piece.start > 2 * ANSWER.past * stride]
+    if sum((piece.stop - piece.start) // stride - ANSWER.past for piece in pieces) < 20 * ANSWER.parts:
         return None
     position, torque = (
-        np.concatenate([sliding_window_view(series[a:b] - series.mean(), ANSWER.past + 1) for a, b in bounds])
+        np.concatenate([sliding_window_view(series[piece] - series.mean(), ANSWER.past + 1) for piece in pieces])
         for series in (recording.position, recording.torque)
     )  # (R, ANSWER.past + 1) each: past and present
     past = np.column_stack([position[:, :-1], torque[:, :-1], np.ones(len(torque))])

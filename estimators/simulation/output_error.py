@@ -287,7 +287,7 @@ def redraw_torque(segment: Segments, rng: np.random.Generator) -> Array:
     change at a random time within it.
     """
     std: float | Array = segment.windows.raw_torque_noise
-    if segment.windows.recording.is_moved:
+    if segment.windows.recording.moved is not None:
         changes = np.diff(segment.torque, axis=0, prepend=segment.torque[:1])
         std = np.hypot(std, changes / np.sqrt(12))  # of a time that is uniform over the sample
     return np.asarray(segment.torque + std * rng.standard_normal(segment.torque.shape))

@@ -285,7 +285,7 @@ class TorqueWindows:
         ends = np.cumsum([len(w.unclear) for w in self.windows])[:-1]
         windows = []
         for w, selected, errors in zip(self.windows, np.split(is_contact, ends), np.split(error, ends), strict=True):
-            centers, scale = w.unclear[selected], np.ones(len(w.moving))
+            centers, scale = w.unclear[selected], np.ones(len(w.moving)) if w.scale is None else w.scale.copy()
             scale[centers] = 1.0 / np.hypot(1.0, errors[selected] / max(w.noise(inertia), 1e-300))
             windows.append(replace(w, centers=np.sort(np.r_[w.centers, centers]), scale=scale))
         return join_windows(windows)

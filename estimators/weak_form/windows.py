@@ -220,7 +220,7 @@ class Windows:
     @property
     def raw_torque_noise(self) -> float:
         """Standard deviation of the white noise of the torque channel [N m]."""
-        return self.torque_noise / float(np.linalg.norm(np.convolve(self.kernel, [0.5, 0.5])))
+        return self.torque_noise / float(np.linalg.norm(_average_log(self.recording, self.kernel)))
 
     @property
     def unclear(self) -> Index:
@@ -331,9 +331,8 @@ class Windows:
 
     def shared_noise(self, inertia: float) -> float:
         """Return the covariance by noise of the residuals of windows half a window apart [(N m)^2]."""
-        of_torque = self.torque_noise**2 * correlate_averages(
-            np.convolve(self.kernel, [0.5, 0.5]), len(self.kernel) // 2
-        )
+        average = _average_log(self.recording, self.kernel)
+        of_torque = self.torque_noise**2 * correlate_averages(average, len(self.kernel) // 2)
         return of_torque + (self._add_load(inertia) * self.acceleration_noise) ** 2 * self.acceleration_shared
 
     def _add_load(self, inertia: float) -> float:
@@ -410,7 +409,6 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     m = max(2, round(half_width * recording.rate))
     smoothing = max(2, round(0.75 * m))
     window, load = make_bump(m), get_known_load(recording)
-    noise = math.hypot(estimate_white_noise(recording.torque), estimate_white_noise(load.get_torque(recording.time)))
     motion = differentiate_position(recording, window, smoothing)
     v = motion.velocity
     moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
@@ -427,6 +425,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     touches_stick = near_stick[candidates]
     is_clear = ~(near_stick | is_excluded)
     is_clear[: first + m] = is_clear[stop - m :] = False
+    torque_noise = _compute_torque_noise(recording, load, window)
     mostly_moving = np.convolve(moving, window, "same") > 0.5
     return Windows(
         recording=recording,
@@ -445,10 +444,41 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
         resting=candidates[touches_stick & ~mostly_moving[candidates]],
         moving=moving,
         is_clear=is_clear,
-        torque_noise=noise * float(np.linalg.norm(np.convolve(window, [0.5, 0.5]))),
+        torque_noise=torque_noise,
         acceleration_noise=motion.acceleration_noise,
         acceleration_shared=correlate_averages(motion.noise_weights, m),
         velocity_noise=motion.velocity_noise,
         first=first,
         stop=stop,
+        scale=_scale_by_jumps(recording, window, torque_noise),
     )
+
+
+def _average_log(recording: Recording, window: Array) -> Array:
+    """Return the weights by which a window averages samples of the log, whose torque may have been moved in time."""
+    average = np.convolve(window, [0.5, 0.5])
+    return average if recording.moved is None else np.convolve(average, recording.moved.response)
+
+
+def _compute_torque_noise(recording: Recording, load: KnownLoad, window: Array) -> float:
+    """Return the standard deviation of a window's torque by white noise of the log and of the known load [N m]."""
+    noise = estimate_white_noise(recording.torque) if recording.moved is None else recording.moved.noise
+    of_load = estimate_white_noise(load.get_torque(recording.time)) * np.linalg.norm(np.convolve(window, [0.5, 0.5]))
+    return math.hypot(noise * np.linalg.norm(_average_log(recording, window)), of_load)
+
+
+def _scale_by_jumps(recording: Recording, window: Array, torque_noise: float) -> Array | None:
+    """Return the factor on the equation about each sample (N,): its noise over that with jumps; None if all are one.
+
+    Torque that was moved in time has jumped at a time that is uniform between two samples, with an error of
+    jump / sqrt(12). A jump is the difference of a change from the median of five, if it is more than noise.
+    `torque_noise` is that of a window [N m].
+    """
+    if recording.moved is None:
+        return None
+    changes = np.diff(recording.torque, prepend=recording.torque[0])
+    changes[list(recording.starts)] = 0.0
+    jumps = changes - scipy.signal.medfilt(changes, 5)
+    jumps[np.abs(jumps) < 4 * np.sqrt(2) * recording.moved.noise] = 0.0
+    variance = np.convolve(jumps**2 / 12, window**2, "same")
+    return np.asarray(1.0 / np.sqrt(1.0 + variance / max(torque_noise, 1e-300) ** 2))

@@ -18,6 +18,7 @@ CLEAR = 0.1  # of the misfit of radians, below which that of another unit tells 
 BETTER = 0.82  # the same, of gravity about a zero that is unknown, if its wave number is that of turns as well
 LONG = 8.0  # [s] of motion, from which such a difference is no accident
 NEAR = 1.2  # ratio of wave numbers that are the same; those of radians and turns differ by 6.3
+ORDERS = (5, 6, 7)  # of cogging, whose torque over radians resembles gravity over turns
 WOUND = 10 * np.pi  # [rad] that a spring at a joint may be wound up and down, at the most
 
 
@@ -111,6 +112,7 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
 
     Turns are found where their misfit is a tenth of that of radians, with or without a spring. Smaller swings about an
     unknown zero bend gravity less: there the misfit of turns has to be the lower one, at the wave number of turns.
+    Cogging of an order near 2 pi must not explain the motion better.
     Degrees that cover more than 2 pi are found by a smaller difference. Below 30 degrees the sine is straight, as is a
     spring over radians: the unit is uncertain. So it is in a motion of one frequency, whose position is proportional to
     its acceleration, if a torque drives it: gravity on degrees may imitate an error of the torque.
@@ -139,7 +141,9 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
             and other < 1.05 * radians
             and fit.has_wave_number(TURN)
         )
-        if radians > 1e-3 * np.sqrt(len(q)) and (other < CLEAR * radians or is_bent):
+        cogging = min(fit.compute_misfit(np.sin(order * q), np.cos(order * q)) for order in ORDERS)
+        is_turned = (other < CLEAR * radians or is_bent) and other < 1.05 * cogging
+        if radians > 1e-3 * np.sqrt(len(q)) and is_turned:
             return UnitSuspicion("rev", _find_range(position), other / max(radians, gravity))
     found = _suspect_degrees(position, fit)
     if found is None or not found.is_certain:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,18 @@ NO_TORQUE = 1e-9  # [N m], at most: rounding
 BEYOND_NOISE = 3.0  # by which a load torque is larger than its noise, if it drives a joint
 NOISE_ORDER = 4  # of differences, in which a load torque vanishes and its noise does not
 NOISE_GAIN = 0.6745 * 70**0.5  # of their median size: 70 is the sum of squares of 1, -4, 6, -4, 1
+
+
+class MovedTorque(NamedTuple):
+    """White noise of a torque that was moved in time.
+
+    Attributes:
+        noise: standard deviation before [N m].
+        response: filter that moved it, its response to one sample (L,).
+    """
+
+    noise: float
+    response: Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,7 +76,7 @@ class Recording:
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did
     known_inertia: float = 0.0  # [kg m^2], scale of a free swing; 1 if torque is relative to it, 0 if it is unknown
     drive: ServoDrive | None = None  # the controller that followed the reference, if it is known
-    is_moved: bool = False  # whether its torque was moved in time, so that when it changed is known to a sample only
+    moved: MovedTorque | None = None  # how its torque was moved in time, so that when it changed is known to a sample
     origin: Origin | None = None  # the columns of its file, if it was read from one
     start_date: datetime | None = None  # of the first sample of its file, if the log has a date
     log_format: Mapping[str, Any] = field(default_factory=dict)  # how it was read, in the words of a study

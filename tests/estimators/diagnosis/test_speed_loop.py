@@ -5,7 +5,7 @@ from math import copysign, sin
 import numpy as np
 import pytest
 
-from estimators.checks.channel import align
+from estimators.checks.channel import align, align_each
 from estimators.checks.closed_loop import find_feedback, have_one_frequency
 from estimators.data.split import split_recordings
 from estimators.selection.candidates import find_best_variant
@@ -19,7 +19,15 @@ INERTIA, VISCOUS, COULOMB = 1e-4, 1.5e-3, 0.01  # [kg m^2], [N m s/rad], [N m]
 RATE, STEPS, SECONDS = 500.0, 16, 8.0  # samples, steps of integration and of control in each, length [s]
 
 
-def record(seed: int, lag: float, cogging: float, bandwidth: float, wave: str = "square") -> Recording:
+def record(
+    seed: int,
+    lag: float,
+    cogging: float,
+    bandwidth: float,
+    wave: str = "square",
+    counts: int = 8192,
+    order: int = 12,
+) -> Recording:
     """Simulate a motor whose speed follows a square wave or sine under a PI controller; the log holds the command."""
     rng = np.random.default_rng(seed)
     frequency, top, step = rng.uniform(0.3, 1.2), rng.uniform(5.0, 8.0), 1.0 / (RATE * STEPS)
@@ -34,12 +42,12 @@ def record(seed: int, lag: float, cogging: float, bandwidth: float, wave: str = 
         if k % STEPS == 0:
             position.append(q)
             torque.append(command)
-        push = acting - VISCOUS * v + cogging * (sin(12 * q + 1.0) + 0.4 * sin(24 * q + 2.0))
+        push = acting - VISCOUS * v + cogging * (sin(order * q + 1.0) + 0.4 * sin(2 * order * q + 2.0))
         moved, friction = v + step * push / INERTIA, step * COULOMB / INERTIA
         v = moved - min(max(moved, -friction), friction)  # friction stops at zero
         q += step * v
     noise = rng.normal(0.0, 1e-4, len(torque))
-    encoder = 2 * np.pi / 8192
+    encoder = 2 * np.pi / counts
     time = np.arange(len(torque)) / RATE
     return Recording(time, np.round(np.array(position) / encoder) * encoder, np.array(torque) + noise, name=f"{seed}")
 
@@ -75,6 +83,18 @@ def test_torque_of_a_closed_loop_is_timed_where_all_but_noise_is_explained():
     for beside in ([], [Cogging(12.0, 24.0)]):
         found = align(recordings, beside)
         assert found.is_late and found.delay == pytest.approx(0.5 / RATE, abs=0.25 / RATE)  # set within a sample
+
+
+def test_an_answer_to_cogging_is_found_with_a_coarse_encoder():
+    """Between two samples the motor moves by less than a count, in eight samples by more."""
+    assert find_feedback([record(1, 0.0, 0.5 * COULOMB, 40.0, "sine", 1024)])
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5])
+def test_an_answer_to_cogging_under_one_sine_is_no_delay(seed):
+    """Alone, a recording of one sine may fit a delay of many samples to the answer, as few columns do."""
+    laws = align_each([record(own, 0.0, 0.6 * COULOMB, 34.0, "sine", 16384, 4) for own in (seed, seed + 1)])
+    assert laws[0] == laws[1] and 0.0 <= laws[0].delay < 1.0 / RATE
 
 
 def test_motion_of_one_frequency_determines_no_lag():

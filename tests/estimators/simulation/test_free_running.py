@@ -11,6 +11,7 @@ from estimators.simulation.free_running import simulate_all
 from estimators.simulation.output_error import redraw_torque
 from estimators.weak_form.windows import trace_all
 from pendulum_env.physics import BASE, effect
+from pendulum_env.recording import MovedTorque
 from tests.cases import TRUTH, recorded
 
 
@@ -35,7 +36,10 @@ def test_torque_that_was_moved_in_time_changed_somewhere_within_a_sample():
     known = replace(
         segment, torque=np.where(np.arange(len(segment.torque))[:, None] < 50, 0.0, 2.0) + 0 * segment.torque
     )
-    moved = replace(known.windows, recording=replace(known.windows.recording, is_moved=True))
+    moved = replace(
+        known.windows,
+        recording=replace(known.windows.recording, moved=MovedTorque(known.windows.raw_torque_noise, np.ones(1))),
+    )
     rng, noise = np.random.default_rng(0), known.windows.raw_torque_noise
     for windows, expected in ((known.windows, noise), (moved, np.hypot(noise, 2.0 / np.sqrt(12)))):
         again = np.stack([redraw_torque(replace(known, windows=windows), rng) for _ in range(1000)])

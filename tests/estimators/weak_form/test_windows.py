@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
+from estimators.checks.alignment import Alignment
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import with_contacts
 from estimators.regression.least_squares import IdentificationError
+from estimators.signals.channel import Channel
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
 from estimators.weak_form.torque_windows import TorqueWindows, choose_half_width, join_windows, prepare
 from estimators.weak_form.windows import WindowAverages, cut
+from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
 from tests.cases import TRUTH, WALLS, recorded, recording, told
@@ -236,3 +239,40 @@ def test_noise_of_the_rate_of_a_torque_is_that_of_white_encoder_noise():
     both = np.intersect1d(clean.centers, noisy.centers)
     of_each = (w.rates.narrow[np.isin(w.centers, both)] @ w.acceleration for w in (clean, noisy))
     assert noisy.rate_noise(0.5) == pytest.approx(0.5 * np.std(np.subtract(*of_each)), rel=0.1)
+
+
+SAMPLED = Alignment(Channel(0.5 / 500.0, 0.0, True), 1e-4, 0.0, is_half_sample=True)
+
+
+def log_of_motion(torque: Array) -> Recording:
+    """A steady swing with some torque, sampled at 500 Hz."""
+    time = np.arange(len(torque)) / 500.0
+    return Recording(time, np.sin(4.0 * time), torque, name="log")
+
+
+def test_sampled_torque_that_was_moved_by_half_a_sample_keeps_the_noise_of_its_log():
+    """Interpolation smooths the noise from sample to sample, by which a noise would look smaller."""
+    noise = 0.1 * np.random.default_rng(0).standard_normal(20_000)
+    (windows,) = prepare([SAMPLED.apply(log_of_motion(noise))], [0.01]).windows
+    average = replace(windows, centers=np.arange(1000, 19_000)).torque()
+    raw = cut(SAMPLED.apply(log_of_motion(noise)), 0.01)
+    assert raw.torque_noise == pytest.approx(average.std(), rel=0.05)
+
+
+def test_equations_of_sampled_torque_count_by_the_unknown_instant_of_its_jumps():
+    """A jump at a random instant between two samples; the scale predicts the error of a window about it."""
+    rng, jumps = np.random.default_rng(0), np.arange(100, 9900, 97)
+    instants, held = jumps + rng.uniform(0.0, 1.0, len(jumps)), np.zeros(10_000)
+    log = 0.01 * rng.standard_normal(len(held))
+    for sign, jump, instant in zip(rng.choice([-1.0, 1.0], len(jumps)), jumps, instants, strict=True):
+        held[jump + 1 :] += sign
+        held[jump] += sign * (jump + 1 - instant)  # mean over the sample
+        log[jump + 1 :] += sign
+    windows, true = cut(SAMPLED.apply(log_of_motion(log)), 0.01), cut(log_of_motion(held), 0.01)
+    assert windows.scale is not None
+    near = jumps[:-1] - round(500.0 * windows.recording.time[0])
+    moved = replace(windows, centers=near, scale=None).torque()
+    error = np.std(moved - replace(true, centers=jumps[:-1], scale=None).torque())
+    predicted = windows.torque_noise / windows.scale[near]
+    assert error == pytest.approx(np.sqrt(np.mean(predicted**2)), rel=0.3)
+    assert np.allclose(windows.scale[near + 48], 1.0) and true.scale is None

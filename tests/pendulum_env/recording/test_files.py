@@ -247,6 +247,16 @@ def test_a_motor_at_one_frequency_turns_in_radians(write: Write, tones: tuple[fl
     assert np.ptp(recording.position) > 10 * np.pi  # no spring is wound up so far
 
 
+def test_cogging_of_order_six_over_radians_is_no_gravity_over_turns(write: Write) -> None:
+    swing = driven(
+        lambda time: 1.5 * np.sin(2 * time) + 1.0 * np.sin(4.7 * time),
+        lambda t, q, v: 0.5 * np.sin(6 * q + 1.0) + 0.2 * v + 0.4 * np.tanh(v / 0.02),
+    )
+    noise = np.random.default_rng(1).normal(0.0, 0.02, len(swing["time"]))
+    recording = read_recording(write(swing | {"torque": swing["torque"] + noise}))
+    assert np.ptp(recording.position) > 2.0 and recording.notes == ()
+
+
 def test_turns_about_an_unknown_zero_by_gravity(write: Write) -> None:
     def two_sines(time: np.ndarray) -> np.ndarray:
         return 4.5 * np.sin(2 * time) + 2.5 * np.sin(4.7 * time)
