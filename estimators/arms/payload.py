@@ -37,7 +37,8 @@ from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.recording import Recording
 
 HIDDEN = 1e-6  # share of a direction that no motion of the joints shows, from which a parameter is unknown
-MIN_Z_SCORE, MAX_SHARE = 5.0, 0.5  # of a payload that stands out: mass in standard errors, share of residual torque
+# of a payload that stands out: mass or a first moment in standard errors, share of residual torque
+MIN_Z_SCORE, MAX_SHARE = 5.0, 0.5
 GAP = 0.25  # least difference of the masses of two payloads, relative to the range of all masses
 
 
@@ -70,10 +71,15 @@ class Payload:
 
     @property
     def stands_out(self) -> bool:
-        """Return whether the payload has significant mass, and halves the residual torque of two joints."""
+        """Return whether a mass has a significant weight, and halves the residual torque of two joints.
+
+        The motion may show the first moments well where it hardly shows the mass.
+        """
         mass = self.estimates.get("m")
+        weights = [self.estimates[name] for name in STANDARD[:4] if name in self.estimates]
+        is_significant = any(abs(weight.value) > MIN_Z_SCORE * weight.std for weight in weights)
         n_improved = sum(after < MAX_SHARE * before for before, after in self.torque_rms.values())
-        return mass is not None and mass.value > MIN_Z_SCORE * mass.std and n_improved >= 2
+        return mass is not None and mass.value > 0 and is_significant and n_improved >= 2
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""
@@ -120,7 +126,8 @@ def find_carried(
     """Identify the payloads that an arm carries in some of its recordings and not in others.
 
     Each recording is first fitted with a payload of its own, relative to the first recording. Sorted masses are split
-    into groups at differences above `GAP`. The lightest group has no payload.
+    into groups at differences above `GAP`. The lightest group has no payload. If then none stands out, the heaviest has
+    none, since motion may hardly show the mass: only a possible body explains the torque.
 
     Returns:
         The payloads that stand out, with the numbers of the recordings that carry each; none if the motion does not
@@ -133,14 +140,17 @@ def find_carried(
     mass = np.append(0.0, rows.masses(count))
     order = np.argsort(mass)
     groups = np.append(0, np.cumsum(np.diff(mass[order]) > GAP * np.ptp(mass)))
-    group_of_recording = np.empty(count, dtype=np.intp)
-    group_of_recording[order] = groups
-    found = rows.fit(group_of_recording.tolist())
-    return [
-        (payload, tuple(np.flatnonzero(group_of_recording == k + 1).tolist()))
-        for k, payload in enumerate(found)
-        if payload.stands_out
-    ]
+    for ascending in (groups, groups[-1] - groups):
+        group_of_recording = np.empty(count, dtype=np.intp)
+        group_of_recording[order] = ascending
+        carried = [
+            (payload, tuple(np.flatnonzero(group_of_recording == k + 1).tolist()))
+            for k, payload in enumerate(rows.fit(group_of_recording.tolist()))
+            if payload.stands_out
+        ]
+        if carried:
+            return carried
+    return []
 
 
 class PayloadRows(NamedTuple):

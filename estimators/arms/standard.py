@@ -32,7 +32,19 @@ class NearestSettings:
     min_std: float = 1e-6  # least standard error relative to a base parameter: no file is more exact
 
 
-NEAREST = NearestSettings()
+@dataclass(frozen=True)
+class BarrierSettings:
+    """Numbers of the barrier method for a link that exists."""
+
+    thinnest: float = 1e-3  # least eigenvalue of the start, relative to the sum of all
+    shrinking: float = 0.1  # factor on the weight of the barrier from one minimum to the next
+    excess: float = 1e-3  # cost of the result above the least one, relative to it
+    stages: int = 40  # largest number of weights
+    steps: int = 30  # of Newton's method to each minimum
+    lengths: tuple[float, ...] = tuple(0.5**k for k in range(30))  # tried lengths of a step
+
+
+NEAREST, BARRIER = NearestSettings(), BarrierSettings()
 DIAGONAL, BELOW = np.arange(4), np.tril_indices(4, -1)  # entries of a factor L (4, 4)
 # the ten entries in the order of `_factorise_links`
 ENTRIES = np.concatenate([DIAGONAL, BELOW[0]]), np.concatenate([DIAGONAL, BELOW[1]])
@@ -100,6 +112,9 @@ def standard_parameters(model: Model) -> dict[str, Estimate]:
 def nearest_link(standard: Array, columns: Array) -> Array:
     """Return the parameters (10,) of the possible body that fits best; a possible free fit is returned as it is.
 
+    The problem is convex: the pseudo-inertia is linear in the parameters. A barrier -w log det of it keeps it positive.
+    Source: Boyd and Vandenberghe, Convex Optimization, 2004, chapter 11.
+
     Args:
         standard: of the free fit (10,).
         columns: of a regression (R, 10); the best fit has the least |columns (parameters - standard)|.
@@ -108,18 +123,31 @@ def nearest_link(standard: Array, columns: Array) -> Array:
     size = float(np.abs(eigenvalues).sum())
     if eigenvalues[0] > 0 or size == 0:
         return standard
-    factor = np.linalg.cholesky((axes * np.maximum(eigenvalues, NEAREST.min_std * size)) @ axes.T)
-    start = np.concatenate([np.log(np.diag(factor)), factor[BELOW]])
-    triangle = np.linalg.qr(columns, mode="r")
-    with np.errstate(over="ignore", invalid="ignore"):  # a step to infinite masses is refused, and shortened
-        solution = scipy.optimize.least_squares(
-            lambda x: triangle @ (_compute_standard(x, 1) - standard),
-            start,
-            lambda x: triangle @ _differentiate_standard(x, 1),
-            x_scale="jac",
-            max_nfev=NEAREST.max_steps,
-        )
-    return _compute_standard(solution.x, 1)
+    units = np.array([pseudo_inertia(unit) for unit in np.eye(len(standard))])  # (10, 4, 4)
+    hessian = columns.T @ columns
+    best = _extract_parameters((axes * np.maximum(eigenvalues, BARRIER.thinnest * size)) @ axes.T)
+
+    def compute_cost(values: Array, weight: float) -> float:
+        least = np.linalg.eigvalsh(pseudo_inertia(values))
+        distance = values - standard
+        return float(0.5 * distance @ hessian @ distance - weight * np.log(least).sum()) if least[0] > 0 else np.inf
+
+    weight = compute_cost(best, 0.0)
+    for _ in range(BARRIER.stages):
+        for _ in range(BARRIER.steps):
+            shares = np.linalg.solve(pseudo_inertia(best), units)
+            slope = hessian @ (best - standard) - weight * np.trace(shares, axis1=1, axis2=2)
+            curvature = hessian + weight * np.einsum("iab,jba->ij", shares, shares)
+            scale = 1.0 / np.sqrt(np.diag(curvature))
+            step = -scale * np.linalg.solve(curvature * np.outer(scale, scale), scale * slope)
+            tried = [best, *(best + step * length for length in BARRIER.lengths)]
+            best = min(tried, key=lambda values: compute_cost(values, weight))
+            if best is tried[0] or -(slope @ step) < weight:
+                break
+        if len(axes) * weight <= BARRIER.excess * compute_cost(best, 0.0):
+            break
+        weight *= BARRIER.shrinking
+    return np.asarray(best)
 
 
 def pseudo_inertia(standard: Array) -> Array:

@@ -6,9 +6,10 @@ import pytest
 from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
 from estimators import identify
-from estimators.arms.payload import find_payload
+from estimators.arms.payload import find_carried, find_payload
 from estimators.arms.standard import nearest_link, pseudo_inertia
 from estimators.regression.least_squares import IdentificationError
+from estimators.weak_form.links import prepare_arm
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
 from tests.two_link import recorded
@@ -109,3 +110,38 @@ def test_standard_errors_hold_what_is_carried(model):
         found = find_payload(model, [run(seed, True)], [run(0, False)])
         mass = found.estimates["m"]
         assert abs(mass.value - MASS) < 4 * mass.std and mass.std < 0.002 * MASS
+
+
+def test_a_body_whose_mass_the_motion_hardly_shows_is_found_by_its_first_moments(monkeypatch):
+    """Of three joints, the last turns the load about its own axis: mass and distance along the axis are nearly one."""
+    pytest.importorskip("mujoco")
+    monkeypatch.setattr(six_joint, "AXES", ("0 0 1", "0 1 0", "1 0 0"))
+    arm, load = six_joint.body(six_joint.JOINTS[:3]), six_joint.Load(0.6, (-0.06, -0.09, 0.02), (0.001, 0.001, 0.001))
+    empty, full = (
+        six_joint.simulate(seed, seconds=8.0, load=body, rubs=(1.0,) * 3) for seed, body in ((1, None), (2, load))
+    )
+    found = find_payload(identify(empty, arm_base(arm), "filtered_dynamic")["filtered_dynamic"].model, [full], [empty])
+    assert found.estimates["m"].std > found.estimates["m"].value / 5 and found.stands_out
+    for moment, center in zip(("mx", "my", "mz"), load.center, strict=True):
+        estimate = found.estimates[moment]
+        assert estimate.value == pytest.approx(0.6 * center, abs=3 * estimate.std), moment
+    parts = [prepare_arm([recording], arm_base(arm)) for recording in (empty, full)]
+    assert [recordings for _, recordings in find_carried(parts, arm_base(arm))] == [(1,)]
+
+
+def test_the_possible_body_nearest_to_an_impossible_one_is_the_least_of_a_convex_problem():
+    """No possible body is nearer, also where a mass and its distance are nearly one."""
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        columns = rng.normal(size=(60, 10))
+        columns[:, 0] = 0.3 * columns[:, 1] + 1e-3 * columns[:, 0]
+        columns *= 10.0 ** rng.uniform(1, 3, 10)
+        center, factor = rng.normal(0, 0.1, 3), rng.normal(0, 0.03, (3, 3))
+        spread = factor @ factor.T  # second moments about the centre
+        second = spread + np.outer(center, center)
+        about = np.trace(second) * np.eye(3) - second
+        body = np.array([1.0, *center, about[0, 0], about[0, 1], about[1, 1], about[0, 2], about[1, 2], about[2, 2]])
+        free = body + np.linalg.lstsq(columns, rng.normal(size=60), rcond=None)[0]
+        found = nearest_link(free, columns)
+        assert np.linalg.eigvalsh(pseudo_inertia(found))[0] > -1e-12
+        assert np.linalg.norm(columns @ (found - free)) <= np.linalg.norm(columns @ (body - free))
