@@ -133,6 +133,6 @@ def _std_of_edge(
     std = 0.0
     for multiple, probability in enumerate(WITHIN, 1):
         is_likely = squares - squares[0] < -2 * np.log(1 - np.sqrt(probability)) * variance * variance_factor
-        last_likely = np.max(np.flatnonzero(is_likely[1:]) % len(steps), initial=-1)
-        std = max(std, steps[min(last_likely + 1, len(steps) - 1)] / multiple)
-    return float(std)
+        next_larger = int(np.max(np.flatnonzero(is_likely[1:]) % len(steps), initial=-1)) + 1
+        std = max(std, float(steps[min(next_larger, len(steps) - 1)]) / multiple)
+    return std

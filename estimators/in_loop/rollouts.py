@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -61,7 +60,7 @@ class Rollouts:
 
     @cached_property
     def _steps_per_grain(self) -> int:
-        return max(1, math.ceil(self.steps * self._grain / GRAIN - ALIKE))
+        return max(1, int(np.ceil(self.steps * self._grain / GRAIN - ALIKE)))
 
     @cached_property
     def _segments(self) -> list[tuple[int, Recording]]:
