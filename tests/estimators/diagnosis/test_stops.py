@@ -95,7 +95,8 @@ def test_limits_that_are_met_twice_within_two_radians_are_found(lower, upper, se
     assert np.sum(np.diff(beyond.astype(int)) == 1) <= met + 2 and np.ptp(run.position) < 2.2
     found = diagnosed([run], only=FEW)
     assert found.selected == ("hard_stop",)
-    assert found.model.estimates["hard_stop.upper"].value == pytest.approx(upper, abs=0.02)
+    end = found.model.estimates["hard_stop.upper"]
+    assert abs(end.value - upper) < 3 * end.std < 0.2
 
 
 def test_fitted_and_held_out_parts_both_have_contacts():
