@@ -24,7 +24,7 @@ def widen_ends(model: Model, recordings: Sequence[Recording]) -> Model:
             if len(steps):  # two for each contact
                 least = float(np.sqrt(np.mean(steps**2) / (0.5 * len(steps))))
                 changed[term.get_full_name(name)] = replace(end, std=max(end.std, least))
-    return replace(model, estimates=model.estimates | changed) if changed else model
+    return replace(model, estimates={**model.estimates, **changed}) if changed else model
 
 
 def _list_steps(position: Array, end: float) -> Array:
