@@ -124,7 +124,7 @@ def test_a_parameter_that_the_motion_does_not_show_is_unknown(body, truth, tmp_p
     slow = np.column_stack([0.4 * np.sin(1.5 * time), 0.3 * np.cos(2.0 * time)])  # next to no acceleration
     q, v, a = slow, np.gradient(slow, time, axis=0), np.gradient(np.gradient(slow, time, axis=0), time, axis=0)
     torque = body.torque(q, v, a) @ body.values + np.array(ARM.viscous) * v + np.array(ARM.coulomb) * np.sign(v)
-    torque += 0.3 * np.random.default_rng(0).normal(size=q.shape)
+    torque += 0.6 * np.random.default_rng(0).normal(size=q.shape)
     run = ArmRecording.from_arrays("poor", body.joints, time, q, torque)
     found = identify(run, arm_base(body), ("dynamic", "filtered_dynamic"))
     own = found["filtered_dynamic"]
@@ -132,7 +132,7 @@ def test_a_parameter_that_the_motion_does_not_show_is_unknown(body, truth, tmp_p
     assert found.findings[0].kind is Kind.UNIDENTIFIABLE
     assert found.findings[0].parameters == ("Iyy@elbow", "Iyy@shoulder", "mz@shoulder")
     assert own.json()["theta"]["Iyy@elbow"]["value"] is None
-    assert own.json()["theta"]["mz@elbow"]["value"] == pytest.approx(truth[body.names.index("mz@elbow")], rel=0.1)
+    assert own.json()["theta"]["mz@elbow"]["value"] == pytest.approx(truth[body.names.index("mz@elbow")], rel=0.2)
     own.model.save(tmp_path / "arm.json")
     again = ArmModel.load(tmp_path / "arm.json", body).estimates
     assert {name for name, estimate in again.items() if estimate.text == "unknown"} == own.withheld
