@@ -14,7 +14,12 @@ from estimators.memoize import memoized
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Step, Terms, compute_held_out_cost
-from estimators.selection.physical import find_violations, make_base_gates, make_confirmation_gates
+from estimators.selection.physical import (
+    find_violations,
+    make_base_gates,
+    make_coefficient_gate,
+    make_confirmation_gates,
+)
 from estimators.selection.residuals import Residuals, set_time_grid
 from estimators.selection.score import (
     Bootstrap,
@@ -248,7 +253,7 @@ class ModelEvaluator:
         return bool(probability > self.criterion.tie_probability)
 
     def gates(self, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
-        """Return the gates of a larger model up to the first failure: gain with p-value, share, base parameters.
+        """Return the gates of a larger model up to the first failure: gain with p-value, share, parameters.
 
         The gain is that of `evidence`.
         Beside known parameters, `after` also has to predict significantly better than `before` with these free, else it
@@ -268,7 +273,19 @@ class ModelEvaluator:
         if gates[-1].passed:
             share = self.explained_share(after, before, least_share)
             gates.append(Gate("explained_share", share, least_share, share > least_share))
-        return [*gates, *self.base_gates(after, before)] if gates[-1].passed else gates
+        if not gates[-1].passed:
+            return gates
+        return [*gates, *self.coefficient_gates(after, before), *self.base_gates(after, before)]
+
+    def coefficient_gates(self, after: Terms, before: Terms) -> list[Gate]:
+        """Return the gate of the coefficients of added effects, see `make_coefficient_gate`.
+
+        What only free motion shows has none, nor has a model with a link, whose states may be unknown yet.
+        """
+        if has_link(after) or not self.is_significant(after, before):
+            return []
+        fit = self.train.equations(after).fit(self.train.layout.clusters)
+        return [make_coefficient_gate(after, fit, list_ids(before), self.criterion.p_value)]
 
     def explained_share(self, after: Terms, before: Terms, enough: float = np.inf) -> float:
         """Return the share of the residual torque, or of the error of free motion, that a larger model explains.

@@ -4,8 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from estimators.findings import Finding, Kind
+from estimators.regression.least_squares import Fit, invert_covariance
 from estimators.selection.errors import Gate, Step
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
@@ -154,6 +156,20 @@ def compute_significant_sign(model: Model, name: str) -> int:
     if estimate is None or estimate.is_unknown or estimate.std <= 0 or not estimate.is_significant:
         return 0
     return int(np.sign(estimate.value))
+
+
+def make_coefficient_gate(terms: Sequence[Term], fit: Fit, known: frozenset[str], p_value: float) -> Gate:
+    """Return the gate of the terms whose ids are not `known`: the p-value of the Wald test of their coefficients.
+
+    The test is that all coefficients of a term are zero, given its nonlinear parameters; the largest p-value counts.
+    Few blocks may be predicted better by chance with an effect that the data do not determine.
+    """
+    owner, chance = np.array([term.id for term in terms for _ in term.columns]), 0.0
+    for id in set(owner.tolist()) - known:
+        own = (owner == id) & (fit.std > 0)  # others are known, or at their bounds
+        wald = fit.theta[own] @ invert_covariance(fit.covariance[np.ix_(own, own)]) @ fit.theta[own]
+        chance = max(chance, float(scipy.stats.chi2.sf(wald, np.count_nonzero(own))) if own.any() else 0.0)
+    return Gate("coefficients", chance, p_value, chance <= p_value)
 
 
 def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples], least_inertia: float) -> list[Gate]:

@@ -14,7 +14,7 @@ from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import ResidualStructure
 from estimators.memoize import memoized
-from estimators.regression.least_squares import compute_robust_covariance, invert_covariance
+from estimators.regression.least_squares import solve_least_squares
 from estimators.search_hints import make_grid
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Terms
@@ -147,19 +147,20 @@ class Residuals:
     def holdout_residual(self, terms: Terms) -> Array:
         """Return the held-out residual (R,) [N m], with the parameters of the fit updated by the held-out data.
 
-        Both fits are combined, to first order, weighted by their covariances C and D: the update is C (C + D)^-1 of
-        the step to the held-out fit. So parameters that the training data hardly determine cause no residual. The
-        update is computed in orthonormal coordinates of the held-out torque, since columns may be nearly collinear.
+        The update is the least squares fit to both parts, to first order; each part is weighted by its residual. So
+        parameters that the training data hardly determine cause no residual. Covariances by clusters would be singular:
+        an arm has more parameters than a short recording has clusters.
         """
-        fit, balance = fit_terms(self.train, terms)[1], self.holdout.equations(terms)
+        fit, rows, targets = fit_terms(self.train, terms)[1], list[Array](), list[Array]()
         free = np.flatnonzero(np.diag(fit.covariance))  # others are known, or at their bounds
-        slopes = balance.slopes(fit.theta, self.holdout.maker.nonlinear_jacobian(terms, fit.theta)[0])[:, free]
-        error, weights = balance.error(fit.theta), balance.weights
-        frame, triangle = np.linalg.qr(slopes * weights[:, None])
-        step = frame.T @ (error * weights)
-        covariance = compute_robust_covariance(frame, error * weights - frame @ step, self.holdout.layout.clusters)
-        prior = triangle @ fit.covariance[np.ix_(free, free)] @ triangle.T
-        return np.asarray(error - frame @ (prior @ invert_covariance(prior + covariance) @ step) / weights)
+        for part in self.parts:
+            balance = part.equations(terms)
+            slopes = balance.slopes(fit.theta, part.maker.nonlinear_jacobian(terms, fit.theta)[0])[:, free]
+            error = balance.error(fit.theta)
+            weights = balance.weights / max(float(np.sqrt(np.mean((error * balance.weights) ** 2))), 1e-150)
+            rows.append(slopes * weights[:, None])
+            targets.append(error * weights)
+        return np.asarray(error - slopes @ solve_least_squares(np.concatenate(rows), np.concatenate(targets)))
 
     @memoized
     def power(self, terms: Terms) -> list[dict[str, Power]]:

@@ -210,9 +210,9 @@ class TorqueWindows:
     def structure(self, residual: Array, inertia: float) -> ResidualStructure:
         """Measure the size of a residual (R,) [N m], and its correlation between windows half a window apart.
 
-        The covariance due to white sensor noise, of a joint with an inertia [kg m^2], is subtracted. The correlation is
-        normalised in blocks of one second, so that blocks with large residuals do not dominate. A correlated part below
-        `precision` counts as zero.
+        The covariance due to white sensor noise, of a joint with an inertia [kg m^2], is subtracted; noise larger than
+        the residual counts as large as that. The correlation is normalised in blocks of one second, so that blocks with
+        large residuals do not dominate. A correlated part below `precision` counts as zero.
         """
         block, start = _number_blocks(self.windows, 1.0), 0
         products, squares, owners = [], [], []
@@ -220,7 +220,8 @@ class TorqueWindows:
             count, m = len(w.centers), len(w.kernel) // 2
             of_recording = residual[start : start + count]
             adjacent = np.flatnonzero(np.diff(w.centers) == m)
-            products.append(of_recording[adjacent] * of_recording[adjacent + 1] - w.shared_noise(inertia))
+            share = min(1.0, float(np.sum(of_recording**2)) / max(count * w.noise(inertia) ** 2, 1e-300))
+            products.append(of_recording[adjacent] * of_recording[adjacent + 1] - share * w.shared_noise(inertia))
             squares.append(0.5 * (of_recording[adjacent] ** 2 + of_recording[adjacent + 1] ** 2))
             owners.append(block[start + adjacent])
             start += count

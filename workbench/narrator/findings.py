@@ -362,6 +362,8 @@ def _describe_gate(found: Finding) -> str:
         return f"explains {share}, less than {100 * limit.value:.3g} %"
     if name == "known_parameters":
         return f"predicts no better than other values of the parameters that were given: {format_p_value(value.value)}"
+    if name == "coefficients":
+        return f"not determined: its coefficients may be zero, {format_p_value(value.value)}, limit {limit.value:.2g}"
     if name == "residual_in_loop":
         return f"leaves {value.value:.2g} times the noise floor: in a closed loop, it may fit the controller's answer"
     if name == "frequencies":

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from estimators.findings import Finding, Kind
+from estimators.regression.least_squares import Fit
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Errors, Step, explain_rejection
 from estimators.selection.physical import (
     find_driving_friction,
     find_violations,
     make_base_gates,
+    make_coefficient_gate,
     make_confirmation_gates,
 )
 from pendulum_env.arms.joints import get_coupling, place_term
@@ -134,6 +136,24 @@ def test_a_torque_error_may_rise_by_its_margin_if_the_position_error_falls(torqu
     )
     assert all(gate.passed for gate in make_confirmation_gates(after, before, {"": X}, torque_margin=0.05)) == passed
     assert not all(gate.passed for gate in make_confirmation_gates(after, before, {"": X}))
+
+
+@pytest.mark.parametrize(
+    ("id", "coefficients", "std", "p_value"),
+    [
+        ("torque_offset", [1.0], 1.0, 0.3173),
+        ("torque_offset", [-2.5], 1.0, 0.01242),
+        ("cogging", [1.5, 1.5], 1.0, 0.1054),  # exp(-z^2 / 2) of both together
+        ("cogging", [2.0, 2.0], 1.0, 0.01832),
+        ("torque_offset", [0.2], 0.0, 0.0),  # given
+    ],
+)
+def test_coefficients_that_may_all_be_zero_fail_the_gate_of_their_effect(id, coefficients, std, p_value):
+    terms, count = [*BASE, effect(id)()], len(coefficients)
+    covariance = np.diag([1.0] * 4 + [std**2] * count)
+    fit = Fit(np.array([0.1, 2.0, 0.1, 0.1, *coefficients]), covariance, np.empty(0), np.empty(0), 1.0)
+    gate = make_coefficient_gate(terms, fit, frozenset(term.id for term in BASE), 0.05)
+    assert gate.value == pytest.approx(p_value, rel=1e-3) and gate.passed == (p_value < 0.05)
 
 
 LEAST = Criterion().kept_inertia

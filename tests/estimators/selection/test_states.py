@@ -90,6 +90,8 @@ class ScoredEvaluator(ModelEvaluator):
     def base_gates(self, after: tuple[Term, ...], before: tuple[Term, ...]) -> list:
         return []
 
+    coefficient_gates = base_gates
+
     def lowers_errors(self, after: tuple[Term, ...], before: tuple[Term, ...]) -> bool:
         return self.total(after) > self.total(before)
 
