@@ -196,6 +196,15 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
     assert np.abs(np.mean(shared)) < 2 and np.max(np.abs(shared)) < 4.5
 
 
+def test_a_residual_smaller_than_the_noise_of_its_windows_has_no_structure():
+    """Encoder noise turns the sign from window to window: where there is less of it, less is to be taken away."""
+    (run,) = recorded(Plant(coulomb=0.1), Experiment(rate=500, seconds=10, position_noise=2e-4, counts=None))
+    prepared = RegressionData.from_recordings([run])
+    model, fit = fit_terms(prepared, BASE)
+    small = prepared.data.structure(0.1 * fit.residual, model.estimates["inertia"].value)
+    assert abs(small.z_score) < 4.5
+
+
 def knocked(prepared: RegressionData, terms: Sequence[Term] = BASE) -> TorqueWindows:
     return with_contacts((prepared, prepared), terms)[0].data
 
