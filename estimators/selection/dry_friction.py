@@ -4,6 +4,8 @@ Friction that differs at rest decides when a joint sticks and breaks away. A fit
 best of several variants and sizes of an effect, since the windows determine neither.
 """
 
+from itertools import groupby
+
 import numpy as np
 
 from estimators.search_hints import is_possible, make_grid
@@ -59,8 +61,13 @@ def list_starts(evaluator: ModelEvaluator, terms: Terms, variants: list[Term], x
 
 
 def choose_start(evaluator: ModelEvaluator, starts: list[Point]) -> Point:
-    """Return the point with the least errors of free motion, by the mean logarithm over training segments."""
-    errors, which = output_error.compute_errors(evaluator.train.segments, starts)
-    counts = np.bincount(which)
-    squares: list[Array] = [np.bincount(which, series**2) / counts for series in errors.T]
-    return starts[int(np.argmin([np.mean(np.log(own + 1e-24)) for own in squares]))]
+    """Return the point with the least errors of free motion, by the mean logarithm over training segments.
+
+    Variants of a table differ in the number of parameters; those with the same number are simulated as one batch.
+    """
+    sizes = list[float]()
+    for _, batch in groupby(starts, key=lambda start: len(start.theta)):
+        errors, which = output_error.compute_errors(evaluator.train.segments, list(batch))
+        squares: list[Array] = [np.bincount(which, series**2) / np.bincount(which) for series in errors.T]
+        sizes += [float(np.mean(np.log(own + 1e-24))) for own in squares]
+    return starts[int(np.argmin(sizes))]

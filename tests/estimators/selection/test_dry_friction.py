@@ -9,7 +9,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.selection.dry_friction import screen_dry_friction
 from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import BASE, effects, is_dry
-from pendulum_env.recording import Recording
+from pendulum_env.recording import MovedTorque, Recording
 from tests.cases import plain, recorded
 from tests.slow import but_first
 
@@ -79,7 +79,7 @@ def stepped_and_slow(size: float, seed: int) -> Recording:
     experiment = Experiment(1000.0, 14.0, seed=seed, torque_noise=0.02, counts=65_536)
     (run,) = recorded(plant, experiment, commands=[command])
     between = 0.5 * (run.torque[:-5:5] + run.torque[5::5])
-    return Recording(run.time[:-5:5], run.position[:-5:5], between, is_moved=True)
+    return Recording(run.time[:-5:5], run.position[:-5:5], between, moved=MovedTorque(0.02, np.array([0.5, 0.5])))
 
 
 @pytest.mark.parametrize(("size", "is_seen"), [(0.0, False), (0.2, True)])
