@@ -109,10 +109,10 @@ class TorqueRows:
         columns, effect, torque = self.data.columns(variants), variants[0], self.data.torque()
         if not is_torque_dependent(effect):
             return [Columns(linear, fixed, np.zeros_like(linear)) for linear, fixed in columns]
-        step = PERTURBATION * self._largest_torque
+        step = PERTURBATION * self._largest_torque * self.data.scale
         pairs = zip(columns, self._perturbed.columns(variants), strict=True)
         parts = [
-            Columns(linear, fixed, (moved_linear - linear) / step, (moved_fixed - fixed) / step)
+            Columns(linear, fixed, (moved_linear - linear) / step[:, None], (moved_fixed - fixed) / step)
             for (linear, fixed), (moved_linear, moved_fixed) in pairs
         ]
         if not (effect.fixed and effect.has_state()):
@@ -132,10 +132,10 @@ class TorqueRows:
             return part
         fixed = self.data.averages.fixed_under(term, self._perturbations)
         fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
-        slopes = 1.0 - np.diff(fixed, axis=1) / np.diff(self._perturbations)
+        slopes = 1.0 - np.diff(fixed, axis=1) / np.diff(self.perturbations, axis=1)
         torque = self.data.torque()
         kept = float(np.linalg.norm(torque - part.fixed)) / max(float(np.linalg.norm(torque)), 1e-300)
-        return part._replace(fixed_change=self._perturbations - self._respond(slopes, min(kept, 1.0)))
+        return part._replace(fixed_change=self.perturbations - self._respond(slopes, min(kept, 1.0)))
 
     def _respond(self, slopes: Array, kept: float) -> Array:
         """Return the responses (R, J) [N m] of equations to perturbations, from slopes s between these (R, J - 1).
@@ -146,7 +146,7 @@ class TorqueRows:
         beyond a saturation. A law that makes all torques smaller explains nothing.
         """
         share = self._motion_share[:, None]
-        steps = np.sqrt((1.0 - share) * slopes**2 + share * kept**2) * np.diff(self._perturbations)
+        steps = np.sqrt((1.0 - share) * slopes**2 + share * kept**2) * np.diff(self.perturbations, axis=1)
         response = np.cumsum(np.column_stack([np.zeros(len(steps)), steps]), axis=1)
         return response - response[:, [len(PERTURBATIONS)]]
 
@@ -184,9 +184,9 @@ class TorqueRows:
 
     @cached_property
     def perturbations(self) -> Array:
-        """Perturbations of the torque in each row of all joints (R, J) [N m]."""
+        """Perturbations of the torque in each row of all joints (R, J) [N m], scaled as the row is."""
         joints = [self.select_joint(at) for at in self.data.joints]
-        return np.concatenate([np.tile(rows._perturbations, (len(rows.data.weights), 1)) for rows in joints])
+        return np.concatenate([np.outer(rows.data.scale, rows._perturbations) for rows in joints])
 
     @memoized
     def _rates(self, term: Term) -> Array:

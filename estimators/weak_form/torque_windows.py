@@ -332,6 +332,11 @@ class TorqueWindows:
         """Windows without contacts."""
         return join_windows([replace(w, centers=w.centers[~np.isin(w.centers, w.unclear)]) for w in self.windows])
 
+    @cached_property
+    def scale(self) -> Array:
+        """Factor on each equation (R,), below one where its torque is less certain."""
+        return np.concatenate([w.row_scale for w in self.windows])
+
     def torque(self) -> Array:
         """Return the windowed measured torque (R,) [N m]."""
         return np.concatenate([w.torque() for w in self.windows])

@@ -243,6 +243,11 @@ class Windows:
         narrow, wider = self._averages(kernel), self._averages(np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12]))
         return WindowAverages(self.samples, self.moving, self.acceleration, narrow, wider)
 
+    @property
+    def row_scale(self) -> Array:
+        """Factor on each equation (R,)."""
+        return np.ones(len(self.centers)) if self.scale is None else self.scale[self.centers]
+
     def at_every_sample(self) -> Windows:
         """Return windows about every sample that is clear of stick."""
         return replace(self, centers=np.flatnonzero(self.is_clear), scale=None)
@@ -250,8 +255,7 @@ class Windows:
     def _averages(self, kernel: Array) -> Averages:
         """Return the sparse matrix (R, N) of averages with a kernel, or an operator if it would be dense."""
         count, length = len(self.centers), len(kernel)
-        first = self.centers - length // 2
-        scale = np.ones(count) if self.scale is None else self.scale[self.centers]
+        first, scale = self.centers - length // 2, self.row_scale
         if count * length > DENSEST * len(self.moving):
             return scipy.sparse.linalg.LinearOperator(
                 (count, len(self.moving)),
