@@ -318,7 +318,7 @@ class ModelEvaluator:
         if not (new.has_known_inertia and old.has_known_inertia):
             return Gain(0.0, 0.0, 1.0), (0.0, 0.0)
         parts = self.train.segments, self.holdout.segments
-        return compute_motion_gain(parts, new, old, self.criterion.accuracy, penalty)
+        return compute_motion_gain(parts, new, old, penalty)
 
     def without_known(self, terms: Terms) -> Terms:
         """Return the terms with known parameters free; unchanged for free swings, whose inertia has to be known."""

@@ -264,18 +264,17 @@ def compute_motion_gain(
     parts: tuple[Sequence[Segments], Sequence[Segments]],
     after: Model,
     before: Model,
-    accuracy: float,
     penalty: float = 0.0,
 ) -> tuple[Gain, tuple[float, float]]:
     """Return the gain of one model over another on all segments, and the removed share of squared errors of each part.
 
     Errors within a segment are fully correlated: its mean square counts as one squared error, over its known noise. The
-    gain is that of Student's t, whose scale in each part is at least the noise. Noise is subtracted from the shares.
-    `accuracy` is that of `compute_floor`, `penalty` that of `Bootstrap.gain`.
+    gain is that of Student's t, whose scale in each part is at least the noise. Noise is subtracted from the shares. It
+    has no error of the simulation, which is that of both models. `penalty` is that of `Bootstrap.gain`.
     """
     points = [output_error.Point.from_model(model) for model in (after, before)]
     owner = np.repeat(np.arange(2), [sum(len(segment.first) for segment in part) for part in parts])
-    noise = np.concatenate([compute_motion_noise(part, points[1], accuracy) for part in parts])
+    noise = np.concatenate([compute_motion_noise(part, points[1], 0.0) for part in parts])
     new, old = (
         np.concatenate([output_error.compute_segment_rms(part, one) ** 2 for part in parts]) / noise for one in points
     )
