@@ -37,6 +37,8 @@ class BarrierSettings:
     """Numbers of the barrier method for a link that exists."""
 
     thinnest: float = 1e-3  # least eigenvalue of the start, relative to the sum of all
+    ridge: float = 1e-6  # cost of a change of the start by its own size, relative to the start's cost
+    thick: float = 0.1  # least eigenvalue of this size, relative to the sum of all
     shrinking: float = 0.1  # factor on the weight of the barrier from one minimum to the next
     excess: float = 1e-3  # cost of the result above the least one, relative to it
     stages: int = 40  # largest number of weights
@@ -113,6 +115,7 @@ def nearest_link(standard: Array, columns: Array) -> Array:
     """Return the parameters (10,) of the possible body that fits best; a possible free fit is returned as it is.
 
     The problem is convex: the pseudo-inertia is linear in the parameters. A barrier -w log det of it keeps it positive.
+    A small cost of the distance from a start keeps directions that the columns do not show.
     Source: Boyd and Vandenberghe, Convex Optimization, 2004, chapter 11.
 
     Args:
@@ -125,19 +128,26 @@ def nearest_link(standard: Array, columns: Array) -> Array:
         return standard
     units = np.array([pseudo_inertia(unit) for unit in np.eye(len(standard))])  # (10, 4, 4)
     hessian = columns.T @ columns
-    best = _extract_parameters((axes * np.maximum(eigenvalues, BARRIER.thinnest * size)) @ axes.T)
+    best = start = _extract_parameters((axes * np.maximum(eigenvalues, BARRIER.thinnest * size)) @ axes.T)
+    weight = 0.5 * float((start - standard) @ hessian @ (start - standard))
+    if weight == 0:
+        return start
+    thick = (axes * np.maximum(eigenvalues, BARRIER.thick * size)) @ axes.T
+    relative = np.linalg.solve(thick, units)
+    ridge = BARRIER.ridge * weight * np.einsum("iab,jba->ij", relative, relative)
 
     def compute_cost(values: Array, weight: float) -> float:
         least = np.linalg.eigvalsh(pseudo_inertia(values))
-        distance = values - standard
-        return float(0.5 * distance @ hessian @ distance - weight * np.log(least).sum()) if least[0] > 0 else np.inf
+        if least[0] <= 0:
+            return np.inf
+        distance, moved = values - standard, values - start
+        return float(0.5 * (distance @ hessian @ distance + moved @ ridge @ moved) - weight * np.log(least).sum())
 
-    weight = compute_cost(best, 0.0)
     for _ in range(BARRIER.stages):
         for _ in range(BARRIER.steps):
             shares = np.linalg.solve(pseudo_inertia(best), units)
-            slope = hessian @ (best - standard) - weight * np.trace(shares, axis1=1, axis2=2)
-            curvature = hessian + weight * np.einsum("iab,jba->ij", shares, shares)
+            slope = hessian @ (best - standard) + ridge @ (best - start) - weight * np.trace(shares, axis1=1, axis2=2)
+            curvature = hessian + ridge + weight * np.einsum("iab,jba->ij", shares, shares)
             scale = 1.0 / np.sqrt(np.diag(curvature))
             step = -scale * np.linalg.solve(curvature * np.outer(scale, scale), scale * slope)
             tried = [best, *(best + step * length for length in BARRIER.lengths)]

@@ -161,7 +161,8 @@ class Alignment:
         if recording.torque.ndim == 1:
             reach = beyond + edge + int(np.ceil(5 * max(channel.lag, 0.0) / period))
             response = channel.hold_torque(np.eye(1, 2 * reach + 1, reach)[0], period)
-            own["moved"] = MovedTorque(estimate_white_noise(recording.torque), response)
+            is_sampled = self.channel.is_sampled or self.is_half_sample
+            own["moved"] = MovedTorque(estimate_white_noise(recording.torque), response, is_sampled)
         starts = tuple(np.cumsum([0, *map(len, kept[:-1])]).tolist())
         return replace(recording, **own, starts=starts, notes=(*recording.notes, self._note))
 

@@ -286,8 +286,8 @@ class ChannelFits(ChannelRows):
 
     def explains_more(self, fits: ChannelFits, law: Alignment) -> bool:
         """Return whether these columns leave significantly less of the torque than the fewer ones of `fits`: F-test."""
-        more, rows = self.span.shape[1] - fits.span.shape[1], len(self.rows)
-        freedom = rows - self.span.shape[1]
+        more, independent = self.span.shape[1] - fits.span.shape[1], len(self.rows) // 2  # windows overlap by half
+        freedom = independent - self.span.shape[1]
         if more < 1 or freedom < 1:
             return False
         large, small = (float(np.sum(one.residual(one.torque(law.channel)) ** 2)) for one in (fits, self))
@@ -402,8 +402,8 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
 
     All have the same drive and log, so a law that all show together, or one alone, holds for all, unless half of them
     contradict it. A recording that contradicts it keeps its own law. If by that law torque acts late, it is not the log
-    that is late, and the shared law holds there, too. In closed loops all share a law, or none, that all together
-    determine: with fewer motions, a delay fits a controller's answer more easily.
+    that is late, and the shared law holds there, too. In closed loops all share the law that all together
+    determine, if they do: with fewer motions, a delay fits a controller's answer more easily.
     """
     joint = align(recordings, beside)
     is_determined = np.isfinite(joint.delay_std) and all(find_feedback([recording]) for recording in recordings)

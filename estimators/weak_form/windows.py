@@ -296,7 +296,7 @@ class Windows:
     def absorbed(self, term: Term) -> float:
         """Return the variance of white torque noise that a term's fixed columns absorb [(N m)^2], by random noise.
 
-        It is 0 for a delay, which moves noise and absorbs none: random noise gives a small number of either sign.
+        It is at least 0. A delay absorbs none, for which random noise gives a small number.
         """
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
         noisier = self.with_torque(self.recording.torque + noise, self.samples.torque + average_held_torque(noise))
@@ -474,15 +474,15 @@ def _compute_torque_noise(recording: Recording, load: KnownLoad, window: Array) 
 def _scale_by_jumps(recording: Recording, window: Array, torque_noise: float) -> Array | None:
     """Return the factor on the equation about each sample (N,): its noise over that with jumps; None if all are one.
 
-    Torque that was moved in time has jumped at a time that is uniform between two samples, with an error of
+    Torque that was sampled while it changed has jumped at a time that is uniform between two samples, with an error of
     jump / sqrt(12). A jump is the difference of a change from the median of five, if it is more than noise.
     `torque_noise` is that of a window [N m].
     """
-    if recording.moved is None:
+    if recording.moved is None or not recording.moved.is_sampled or torque_noise == 0:
         return None
     changes = np.diff(recording.torque, prepend=recording.torque[0])
     changes[list(recording.starts)] = 0.0
     jumps = changes - scipy.signal.medfilt(changes, 5)
     jumps[np.abs(jumps) < 4 * np.sqrt(2) * recording.moved.noise] = 0.0
     variance = np.convolve(jumps**2 / 12, window**2, "same")
-    return np.asarray(1.0 / np.sqrt(1.0 + variance / max(torque_noise, 1e-300) ** 2))
+    return np.asarray(1.0 / np.sqrt(1.0 + variance / torque_noise**2))

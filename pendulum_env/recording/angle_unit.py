@@ -112,7 +112,7 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
 
     Turns are found where their misfit is a tenth of that of radians, with or without a spring. Smaller swings about an
     unknown zero bend gravity less: there the misfit of turns has to be the lower one, at the wave number of turns.
-    Cogging of an order near 2 pi must not explain the motion better.
+    Cogging of an order near 2 pi must not explain the motion better by more than 5 %.
     Degrees that cover more than 2 pi are found by a smaller difference. Below 30 degrees the sine is straight, as is a
     spring over radians: the unit is uncertain. So it is in a motion of one frequency, whose position is proportional to
     its acceleration, if a torque drives it: gravity on degrees may imitate an error of the torque.

@@ -33,10 +33,12 @@ class MovedTorque(NamedTuple):
     Attributes:
         noise: standard deviation before [N m].
         response: filter that moved it, its response to one sample (L,).
+        is_sampled: whether it was sampled while it changed, so that a jump lies anywhere between two samples.
     """
 
     noise: float
     response: Array
+    is_sampled: bool = True
 
 
 @dataclass(frozen=True, eq=False, repr=False)

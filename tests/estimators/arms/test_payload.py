@@ -68,6 +68,16 @@ def test_a_joint_that_is_not_there_and_an_arm_at_rest_are_refused(model, body):
         find_payload(model, [still])
 
 
+@pytest.mark.parametrize("shown", [np.arange(1, 10), np.arange(4, 10), []], ids=["no mass", "inertia alone", "nothing"])
+def test_what_the_motion_does_not_show_of_a_body_stays_of_its_size(shown):
+    free = np.array([2.0, 0.2, 0.0, -0.1, 0.004, 0.0, 0.023, 0.01, 0.0, 0.019])  # less inertia than a point has
+    columns = np.zeros((50, 10))
+    columns[:, shown] = np.random.default_rng(0).normal(size=(50, len(shown)))
+    found = nearest_link(free, columns)
+    assert np.linalg.eigvalsh(pseudo_inertia(found)).min() > 0
+    assert found[0] < 20.0
+
+
 def test_moments_that_no_body_has_give_way_to_the_best_of_a_body():
     point = np.array([2.0, 0.2, 0.0, -0.1, 0.005, 0.0, 0.025, 0.01, 0.0, 0.02])  # of 2 kg at (0.1, 0, -0.05) m
     free = point - [0, 0, 0, 0, 0.001, 0, 0.002, 0, 0, 0.001]  # less inertia than a point has
