@@ -59,8 +59,12 @@ def find_speed_rate(model: Model, recordings: Sequence[Recording]) -> Finding | 
 
 
 def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
-    """Return a finding if the logged torque is that requested by the drive times a factor off 1 by `LOOP.scale`."""
-    recorded = [r for r in recordings if r.has_logged_torque and r.drive and r.torque_unit == r.drive.unit]
+    """Return a finding if the logged torque is that requested by the drive times a factor off 1 by `LOOP.scale`.
+
+    Drives with an integral part are not tested: the requested torque is that without it.
+    """
+    tested = [r for r in recordings if r.drive and not r.drive.ki and r.torque_unit == r.drive.unit]
+    recorded = [r for r in tested if r.has_logged_torque]
     if not recorded:
         return None
     logged, requested = (

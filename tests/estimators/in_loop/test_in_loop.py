@@ -17,6 +17,7 @@ from estimators.diagnosis.case import Trial
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.case import SERVO
+from estimators.in_loop.conclusion import find_torque_scale
 from estimators.in_loop.fit import compute_likelihood, fit, linearise_errors
 from estimators.in_loop.goal_reading import reread_goals
 from estimators.in_loop.goals import read_goals, with_goals
@@ -357,6 +358,8 @@ def test_logged_torque_tells_the_scale_of_a_wrong_gain(plain, tmp_path):
     wrong = diagnose(logs[:2], logs[2:], only=["stribeck"]).findings
     (scaled,) = (own for own in wrong if own.kind is Kind.TORQUE_SCALED)
     assert scaled.numbers["factor"].value == pytest.approx(1 / 0.75, rel=0.01)
+    with_integral = [replace(own, drive=replace(own.drive, ki=0.5)) for own in logs]
+    assert find_torque_scale(logs) is not None and find_torque_scale(with_integral) is None
 
 
 def test_a_drive_that_acts_on_the_speed_is_asked_how_often_it_looks(plain):
