@@ -27,7 +27,7 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     terms, theta = data.maker.fit(terms, exactly=True)
     balance = _open_to_noise(data, terms, theta)
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
-    edges = _find_edges(data, terms)
+    edges = find_term_edges(data, terms)
     is_smooth = _are_smooth(names, edges)
     payload = data.data.payload  # its parameters are estimated from the same rows
     extra = [jacobian[:, is_smooth], *([] if payload is None or not payload.columns.any() else [payload.columns])]
@@ -49,7 +49,7 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     return mark_bounds(model).with_covariance([*columns, *names], fit.covariance), fit
 
 
-def _find_edges(data: RegressionData, terms: Terms) -> dict[Term, list[NonlinearParameter]]:
+def find_term_edges(data: RegressionData, terms: Terms) -> dict[Term, list[NonlinearParameter]]:
     """Return the parameters of each term by which its torque has no derivative."""
     is_torque = data.layout.predicts_torque
     return {term: find_edges(term, data.data.part(term.at).samples) if is_torque else [] for term in terms}
@@ -69,7 +69,8 @@ def compute_parameter_changes(data: RegressionData, model: Model, changed: Regre
     terms, theta = model.terms, model.theta
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
     names = [*(column.name for column in model.columns), *names]
-    is_free = np.array([model.estimates[name].std > 0 for name in names]) & _are_smooth(names, _find_edges(data, terms))
+    is_smooth = _are_smooth(names, find_term_edges(data, terms))
+    is_free = np.array([model.estimates[name].std > 0 for name in names]) & is_smooth
     balance = data.equations(terms)
     slopes = balance.slopes(theta, jacobian)[:, is_free]
     change = changed.residual(terms, theta) - data.residual(terms, theta)

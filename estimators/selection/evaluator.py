@@ -277,6 +277,7 @@ class ModelEvaluator:
             return gates
         return [*gates, *self.coefficient_gates(after, before), *self.base_gates(after, before)]
 
+    @memoized
     def coefficient_gates(self, after: Terms, before: Terms) -> list[Gate]:
         """Return the gate of the coefficients of added effects, see `make_coefficient_gate`.
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.data.fits import find_term_edges
 from estimators.selection.errors import Step, compute_held_out_cost
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import choose_segments
 from estimators.simulation.output_error import Point
-from estimators.weak_form.nonlinear import find_edges
 from pendulum_env.physics import Model, has_link
 from pendulum_env.physics.terms import has_bristles
 
@@ -64,8 +64,9 @@ def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> 
 
 
 def _has_edges(evaluator: ModelEvaluator, model: Model) -> bool:
-    """Return whether a law of the model jumps at a parameter other than an instant, see `find_edges`."""
-    return any(not own.instant for term in model.terms for own in find_edges(term, evaluator.train.samples))
+    """Return whether a law of the model jumps at a parameter other than an instant, see `find_term_edges`."""
+    edges = find_term_edges(evaluator.train, model.terms).values()
+    return any(not own.instant for of_term in edges for own in of_term)
 
 
 def _refit_by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:

@@ -261,10 +261,7 @@ def compute_motion_noise(segments: Sequence[Segments], point: output_error.Point
 
 
 def compute_motion_gain(
-    parts: tuple[Sequence[Segments], Sequence[Segments]],
-    after: Model,
-    before: Model,
-    penalty: float = 0.0,
+    parts: tuple[Sequence[Segments], Sequence[Segments]], after: Model, before: Model, penalty: float = 0.0
 ) -> tuple[Gain, tuple[float, float]]:
     """Return the gain of one model over another on all segments, and the removed share of squared errors of each part.
 

@@ -78,7 +78,7 @@ class Recording:
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did
     known_inertia: float = 0.0  # [kg m^2], scale of a free swing; 1 if torque is relative to it, 0 if it is unknown
     drive: ServoDrive | None = None  # the controller that followed the reference, if it is known
-    moved: MovedTorque | None = None  # how its torque was moved in time, so that when it changed is known to a sample
+    moved: MovedTorque | None = None  # how its torque was moved in time, if it was
     origin: Origin | None = None  # the columns of its file, if it was read from one
     start_date: datetime | None = None  # of the first sample of its file, if the log has a date
     log_format: Mapping[str, Any] = field(default_factory=dict)  # how it was read, in the words of a study

@@ -71,7 +71,7 @@ class Looks:
 
     @cached_property
     def due(self) -> Array:
-        """Return 1 for steps with a look, 0 for others (N,)."""
+        """1 for steps with a look, 0 for others (N,)."""
         return (self.share > 0).astype(float)
 
     @cached_property
