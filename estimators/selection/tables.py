@@ -134,14 +134,17 @@ def get_table(state: SearchState, terms: Terms) -> Table:
 def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
     """Return the id of the law with the highest held-out density beside the terms.
 
-    Candidates are laws that are supported and lower the held-out errors of the terms. Return None without candidates.
+    Candidates are laws that are supported, explain residual torque, and lower the held-out errors of the terms. Return
+    None without candidates.
     """
+    residuals, least_share = evaluator.residuals, evaluator.criterion.explained_share
     trials = [find_best_variant(evaluator, terms, law) for law in laws if law.id not in list_ids(terms)]
     found = [
         trial.terms
         for trial in trials
         if trial is not None
         and evaluator.is_supported(trial.terms, terms)
+        and residuals.explained_share(trial.terms, terms) > least_share
         and evaluator.lowers_errors(trial.terms, terms)
     ]
     best = max(found, key=lambda longer: float(np.sum(evaluator.density(longer)[evaluator.held_out])), default=None)
