@@ -232,7 +232,7 @@ class Balance:
         for k, gram in enumerate(sum_without_each(grams)):
             step = solve_gram(gram, self.least - tangent.theta, self.most - tangent.theta)
             if step is not None:
-                found[k] = tangent.theta + step
+                found[k] = np.clip(tangent.theta + step, self.least, self.most)
                 combination = np.append(1.0, -step)
                 if self.is_linear or self.fits_tangent(found[k], fold != k, float(combination @ gram @ combination)):
                     continue

@@ -338,7 +338,8 @@ class TorqueRows:
         grams, start, *bounds = linearise(False)
         if (steps := solve_each_fold(grams, weights, *bounds)) is None:
             return None
-        fits = FoldFits(tuple(terms), start + steps[0], start + steps[1:])
+        theta = np.clip(start + steps, *list_bounds(terms))  # sums may miss a bound by rounding
+        fits = FoldFits(tuple(terms), theta[0], theta[1:])
         if is_torque_dependent(*others):
             square = float(weights**2 @ compute_entry_squares(grams, steps[0]))
             balance = replace(self.equations(terms, by_noise=True), weights=weights[owner])
