@@ -20,7 +20,7 @@ from estimators.selection.physical import (
     make_coefficient_gate,
     make_confirmation_gates,
 )
-from estimators.selection.residuals import Residuals, set_time_grid
+from estimators.selection.residuals import Residuals, set_grid
 from estimators.selection.score import (
     Bootstrap,
     Gain,
@@ -37,7 +37,6 @@ from pendulum_env.arms.model import make_arm_model
 from pendulum_env.physics import (
     BASE,
     COMPETING,
-    ByTime,
     Model,
     Term,
     effects,
@@ -110,11 +109,12 @@ class ModelEvaluator:
     def density(self, terms: Terms) -> Array:
         """Return the log predictive density of each block, those of the training data first, (S,) [nat].
 
-        Functions of time are refitted to each part of the data. A model with lags has the density of the recorded
-        torque, unless that is significantly better than the acting torque without any one lag: then that of the acting
-        torque. So a filter that only makes the torque smaller gains nothing.
+        Tables that do not cover the held-out data, as functions of time, are refitted to each part of the data. A model
+        with lags has the density of the recorded torque, unless that is significantly better than the acting torque
+        without any one lag: then that of the acting torque. So a filter that only makes the torque smaller gains
+        nothing.
         """
-        if any(isinstance(term, ByTime) for term in terms):
+        if self.residuals.are_refitted(terms):
             return self.refitted_density(terms)
         of_torque, (first, second) = self._density_of_torque(terms), self._blocks
         train, holdout = (part.equations(terms, by_noise=True).unfiltered for part in self.parts)
@@ -157,12 +157,13 @@ class ModelEvaluator:
     def refitted_density(self, terms: Terms) -> Array:
         """Return the cross-validated log density of each block, those of the training data first, (S,) [nat].
 
-        Training and held-out data are fitted separately, since drift differs between them; functions of time get a
-        grid over each. Folds are pieces of `criterion.drift_piece` seconds, from which a drift can be predicted.
+        Training and held-out data are fitted separately, since drift differs between them; tables that do not cover the
+        held-out data get a grid over each. Folds are pieces of `criterion.drift_piece` seconds, from which a drift can
+        be predicted.
         """
         parts = []
         for part, pieces in zip(self.parts, self._blocks_with_short_folds, strict=True):
-            terms_on_grid = set_time_grid(part, terms)
+            terms_on_grid = set_grid(part, terms)
             parts.append(cross_validated(part.equations(terms_on_grid), pieces, part.absorbed_noise(terms_on_grid)))
         return np.concatenate(parts)
 

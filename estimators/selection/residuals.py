@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from estimators.search_hints import make_grid
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Terms
 from pendulum_env._typing import Array
-from pendulum_env.physics import ByTime, Term, list_ids
+from pendulum_env.physics import ByTime, Samples, Table, Term, list_ids
+from pendulum_env.physics.table import ByAngle
 from pendulum_env.recording import Recording
 
 
@@ -162,16 +163,21 @@ class Residuals:
             targets.append(error * weights)
         return np.asarray(error - slopes @ solve_least_squares(np.concatenate(rows), np.concatenate(targets)))
 
+    def are_refitted(self, terms: Terms) -> bool:
+        """Return whether terms have a table that says nothing of the held-out data: see `covers`."""
+        tables = [term for term in terms if isinstance(term, (ByTime, ByAngle))]
+        return not all(covers(table, self.holdout.data.part(table.at).samples) for table in tables)
+
     @memoized
     def power(self, terms: Terms) -> list[dict[str, Power]]:
         """Return the power of a fit's residual at each joint, on training and on held-out data.
 
-        Functions of time are refitted to each.
+        Tables that do not cover the held-out data are refitted to each.
         """
         powers_by_part = []
         for part in self.parts:
-            if any(isinstance(term, ByTime) for term in terms):
-                residual = part.residual(set_time_grid(part, terms))
+            if self.are_refitted(terms):
+                residual = part.residual(set_grid(part, terms))
             else:
                 residual = part.equations(terms, by_noise=True).error(self.train.solve(terms))
             structures, powers = self._structures_in(part, residual), {}
@@ -222,6 +228,24 @@ class Residuals:
         return min(shares)
 
 
-def set_time_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:
-    """Return the terms with functions of time on a grid that covers the time of some data."""
-    return tuple(make_grid(type(t), part.samples, np.empty(0))[0] if isinstance(t, ByTime) else t for t in terms)
+def covers(table: ByTime | ByAngle, x: Samples) -> bool:
+    """Return whether a table reaches over some samples; a function of time never does.
+
+    Fewer samples than a piece has on average lie beyond the ends of a table of the angle.
+    """
+    if isinstance(table, ByTime) or table.extent.is_turn:
+        return isinstance(table, ByAngle)
+    low, high, pieces, _ = table.extent
+    return bool(np.mean((np.asarray(x.position) < low) | (np.asarray(x.position) > high)) < 1.0 / pieces)
+
+
+def set_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:
+    """Return the terms with tables of time or angle on a grid that covers some data."""
+    found = list[Term]()
+    for term in terms:
+        if isinstance(term, (ByTime, ByAngle)) and not covers(term, x := part.data.part(term.at).samples):
+            grid = [cast(Table, table) for table in make_grid(type(term), x, np.empty(0))]
+            alike = [table for table in grid if table.extent.pieces == term.extent.pieces]
+            term = (alike or grid)[-1].without_known_functions([other for other in terms if other is not term])
+        found.append(term)
+    return tuple(found)

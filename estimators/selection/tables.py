@@ -11,7 +11,7 @@ from estimators.selection.candidates import find_best_variant, refit_nonlinear, 
 from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, remove_term, sort_by_score
-from pendulum_env.physics import ByTime, Table, Term, count_term_parameters, list_ids, list_loads
+from pendulum_env.physics import TABLES, Table, Term, count_term_parameters, list_ids, list_loads
 from pendulum_env.physics.terms import count_parameters
 
 
@@ -37,8 +37,7 @@ def replace_by_table(state: SearchState) -> SearchState:
 def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
     """Return the gain of terms with a table on held-out data [nat]; None if they do not replace those of the state."""
     evaluator = state.evaluator
-    is_of_time = isinstance(get_table(state, terms), ByTime)
-    density = evaluator.refitted_density if is_of_time else evaluator.density
+    density = evaluator.refitted_density if evaluator.residuals.are_refitted(terms) else evaluator.density
     gain = evaluator.bootstrap.gain(density(terms), density(state.terms), evaluator.penalty(terms, state.terms))
     probability = evaluator.bootstrap.probabilities([density(terms), density(state.terms)])[0]
     is_likely = probability > evaluator.criterion.tie_probability
@@ -96,10 +95,12 @@ def add_beside_table(state: SearchState) -> SearchState:
 
 
 def list_table_forms(state: SearchState) -> list[Terms]:
-    """Return the terms of a state with each other form of their table: other numbers of pieces."""
+    """Return the terms of a state with each other form of their table: other numbers of pieces, or another range."""
     table = get_table(state, state.terms)
     kind = next(kind for kind in state.evaluator.tables if kind.id == table.id)
-    trials = refine_variants(state.evaluator.train, remove_term(state.terms, table), kind)
+    kinds = dict.fromkeys((kind, TABLES.get(kind.id, kind)))
+    others = remove_term(state.terms, table)
+    trials = [trial for kind in kinds for trial in refine_variants(state.evaluator.train, others, kind)]
     return [trial.terms for trial in trials if trial.terms[-1] != table]
 
 

@@ -65,6 +65,7 @@ class ScoredEvaluator(ModelEvaluator):
         self.residuals = SimpleNamespace(
             joints=("",),
             is_noise=lambda terms: self.total(terms) >= NOISE,
+            are_refitted=lambda terms: False,
             relative_rms=lambda terms: 1.0,
             is_noise_at=lambda at, terms: self.total(terms) >= NOISE,
             explained_share=lambda after, before: (
