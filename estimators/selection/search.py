@@ -16,7 +16,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, add_dry_friction, add_effect, remove_term, revise
 from estimators.selection.tables import drop_unneeded, replace_by_table
 from pendulum_env.physics import Table, Term, is_dry, list_ids
-from pendulum_env.physics.terms import list_forms
+from pendulum_env.physics.terms import count_parameters, list_forms
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ def find_effects(evaluator: ModelEvaluator) -> SearchState:
     """Search for the effects that a base model lacks, or for a table in their place.
 
     If the result leaves structure, the search is repeated from each of the best `criterion.beam` first effects that
-    tie with the found ones; a significantly better result is kept. Finally, unneeded effects are dropped, and effects
-    that imitate a table are replaced by it.
+    tie with the found ones; a significantly better result is kept. Finally, unneeded effects and those that
+    imitate known parameters are dropped, and effects that imitate a table are replaced by it.
     """
     start = refit_nonlinear(evaluator, evaluator.base)
     state = grow(SearchState(evaluator, start, start))
@@ -75,7 +75,28 @@ def find_effects(evaluator: ModelEvaluator) -> SearchState:
                 other = grow(state.refit(first))
                 if _is_better(other, state) and are_confirmed(other.evaluator, find_model_path(other)):
                     state = other
-    return replace_by_table(drop_unneeded(state))
+    return replace_by_table(drop_imitations(drop_unneeded(state)))
+
+
+def drop_imitations(state: SearchState) -> SearchState:
+    """Return the state without its effects if they imitate other values of known parameters, else the state.
+
+    They do if a simpler model with these parameters free leaves only noise in torque and motion, and predicts as well.
+    Tried are models without one of the effects, and models with one of the best other effects.
+    """
+    evaluator, freed = state.evaluator, state.evaluator.without_known(state.start)
+    if freed == state.start or not state.effects:
+        return state
+    smaller = [evaluator.without_known(remove_term(state.terms, effect)) for effect in state.effects]
+    others = screen_effects(evaluator, freed)[: evaluator.criterion.beam]
+    is_imitated = any(
+        count_parameters(terms) < count_parameters(state.terms)
+        and evaluator.residuals.is_noise(terms)
+        and evaluator.is_tied(terms, state.terms)
+        and not evaluator.has_misfit(terms)
+        for terms in (*smaller, *others)
+    )
+    return state.with_terms(state.start) if is_imitated else state
 
 
 def _is_better(one: SearchState, other: SearchState) -> bool:

@@ -89,10 +89,10 @@ def find_untested_ends(term: Term, low: float, high: float, units: JointUnits = 
 
 
 def count_term_parameters(term: Term) -> int:
-    """Count the parameters of a term."""
-    return len(term.columns) + sum(not parameter.follows for parameter in term.free)
+    """Count the parameters of a term without those that are known."""
+    return sum(not column.is_known for column in term.columns) + sum(not parameter.follows for parameter in term.free)
 
 
 def count_parameters(terms: Sequence[Term]) -> int:
-    """Count the parameters of terms."""
+    """Count the parameters of terms without those that are known."""
     return sum(count_term_parameters(term) for term in terms)
