@@ -19,8 +19,7 @@ from estimators.search_hints import make_grid
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Terms
 from pendulum_env._typing import Array
-from pendulum_env.physics import ByTime, Samples, Table, Term, list_ids
-from pendulum_env.physics.table import ByAngle
+from pendulum_env.physics import Table, Term, list_ids
 from pendulum_env.recording import Recording
 
 
@@ -164,9 +163,9 @@ class Residuals:
         return np.asarray(error - slopes @ solve_least_squares(np.concatenate(rows), np.concatenate(targets)))
 
     def are_refitted(self, terms: Terms) -> bool:
-        """Return whether terms have a table that says nothing of the held-out data: see `covers`."""
-        tables = [term for term in terms if isinstance(term, (ByTime, ByAngle))]
-        return not all(covers(table, self.holdout.data.part(table.at).samples) for table in tables)
+        """Return whether terms have a table that does not cover the held-out data."""
+        tables = [term for term in terms if isinstance(term, Table)]
+        return not all(table.covers(self.holdout.data.part(table.at).samples) for table in tables)
 
     @memoized
     def power(self, terms: Terms) -> list[dict[str, Power]]:
@@ -228,22 +227,11 @@ class Residuals:
         return min(shares)
 
 
-def covers(table: ByTime | ByAngle, x: Samples) -> bool:
-    """Return whether a table reaches over some samples; a function of time never does.
-
-    Fewer samples than a piece has on average lie beyond the ends of a table of the angle.
-    """
-    if isinstance(table, ByTime) or table.extent.is_turn:
-        return isinstance(table, ByAngle)
-    low, high, pieces, _ = table.extent
-    return bool(np.mean((np.asarray(x.position) < low) | (np.asarray(x.position) > high)) < 1.0 / pieces)
-
-
 def set_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:
-    """Return the terms with tables of time or angle on a grid that covers some data."""
+    """Return the terms with each table that does not cover some data on a grid that does."""
     found = list[Term]()
     for term in terms:
-        if isinstance(term, (ByTime, ByAngle)) and not covers(term, x := part.data.part(term.at).samples):
+        if isinstance(term, Table) and not term.covers(x := part.data.part(term.at).samples):
             grid = [cast(Table, table) for table in make_grid(type(term), x, np.empty(0))]
             alike = [table for table in grid if table.extent.pieces == term.extent.pieces]
             term = (alike or grid)[-1].without_known_functions([other for other in terms if other is not term])

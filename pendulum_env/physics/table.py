@@ -100,6 +100,10 @@ class Table(Term):
         """Return the table without the functions of its argument that terms of a model contain."""
         return self
 
+    def covers(self, x: Samples) -> bool:
+        """Return whether the table reaches over samples (N,), so that it can predict their torque."""
+        return True
+
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
         """Return the argument of the function."""
@@ -213,6 +217,11 @@ class ByAngle(Table):
     axis = "position"
     outside: ClassVar[float] = 0.0  # times a piece's share of the samples, that lie beyond either end
 
+    def covers(self, x: Samples) -> bool:
+        low, high, pieces, _ = self.extent
+        outside = np.mean((np.asarray(x.position) < low) | (np.asarray(x.position) > high))
+        return self.extent.is_turn or bool(outside < 1.0 / pieces)
+
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
         return x.position
@@ -298,6 +307,9 @@ class ByTime(Table):
     axis = "time"
     most: ClassVar[float] = np.inf  # pieces
     length: ClassVar[float] = 0.5  # [s] of each, if they are no more than that
+
+    def covers(self, x: Samples) -> bool:
+        return False
 
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
