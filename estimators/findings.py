@@ -76,6 +76,7 @@ class Kind(StrEnum):
     FRICTION_NEGATIVE = "friction_negative"
     INCOMPLETE = "incomplete"  # residual in noise floors, disagreement of the schemes in standard errors
     TIED = "tied"
+    SCALE_UNKNOWN = "scale_unknown"  # share of the motion that the torque drives
     SMALL_EFFECT = "small_effect"  # share that it explains, least share, p_value
     UNTESTED_RANGE = "untested_range"  # low, high, where nothing was met so far
 
@@ -83,6 +84,7 @@ class Kind(StrEnum):
     IMPOSSIBLE = "impossible"  # violated bounds, by name of the gate or the parameter
     TABLE_EXPLAINS = "table_explains"  # nonlinear parameters of the table, by name
     NEAR_REVERSALS = "near_reversals"  # error
+    CONTACT = "contact"  # count, and of the largest torque, angle, time
     NOWHERE = "nowhere"  # residual, times
     SERVO_OFF = "servo_off"  # error, times, worst
 

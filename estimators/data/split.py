@@ -1,6 +1,6 @@
 """Split of recordings into fitted and held-out data, as windows and segments."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -87,15 +87,7 @@ def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) 
     """
     if has_link(terms):
         return data
-    fit = fit_terms(data[0], terms)[1]
-    count = len(fit.theta)
-    fit_arguments = terms, fit.theta, fit.covariance[:count, :count], data[0].torque.base_inertia
-    lows, highs = zip(*(part.data.free_range(*fit_arguments) for part in data), strict=True)
-    free = min(lows), max(highs)
-
-    def add(part: RegressionData) -> RegressionData:
-        return replace(part, data=part.data.with_contacts(*fit_arguments, free))
-
+    add = make_contact_finder(data, terms)
     found = add(data[0]), add(data[1])
     counts = [part.data.contacts for part in found]
     is_uneven = counts[0] < MOTION * sum(counts) or counts[1] == 0
@@ -112,6 +104,16 @@ def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) 
             found = add(_cut_again(data[0], split[0])), add(_cut_again(data[1], split[1]))
             counts = [part.data.contacts for part in found]
     return found if counts[0] >= 1 and sum(counts) >= repeated else data
+
+
+def make_contact_finder(data: Parts, terms: Sequence[Term]) -> Callable[[RegressionData], RegressionData]:
+    """Return a function that adds windows in contact with a stop to data, by a fit of terms without a link."""
+    fit = fit_terms(data[0], terms)[1]
+    count = len(fit.theta)
+    fit_arguments = terms, fit.theta, fit.covariance[:count, :count], data[0].torque.base_inertia
+    lows, highs = zip(*(part.data.free_range(*fit_arguments) for part in data), strict=True)
+    free = min(lows), max(highs)
+    return lambda part: replace(part, data=part.data.with_contacts(*fit_arguments, free))
 
 
 def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | None:

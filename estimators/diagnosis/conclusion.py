@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from estimators.checks.channel_rows import DRIVEN, compute_driven_share
 from estimators.checks.closed_loop import find_feedback
 from estimators.checks.remedies import find_remedies
 from estimators.checks.torque_constant import find_gain_doubts
@@ -9,12 +10,19 @@ from estimators.diagnosis.case import Trial
 from estimators.diagnosis.experiment import suggest_experiment
 from estimators.diagnosis.questions import find_detectable_effects, list_questions
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.unexplained import find_contradiction, find_holdout_structure, find_joint_residuals
+from estimators.diagnosis.unexplained import (
+    find_contacts,
+    find_contradiction,
+    find_holdout_structure,
+    find_joint_residuals,
+)
 from estimators.findings import Finding, Kind, Quantity
+from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import find_driving_friction, find_violations
 from estimators.selection.tables import find_explaining_law
-from pendulum_env.physics import TABLES, Model
+from pendulum_env.physics import TABLES, Model, list_ids
+from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.terms import find_untested_ends
 
 ENOUGH = 40  # number of windows below which a finding warns
@@ -49,15 +57,22 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         forbidden = Finding(Kind.INERTIA_UNKNOWN)
     elif regions and not questions:
         forbidden = find_holdout_structure(evaluator, trial.terms) or table_finding or Finding(Kind.NO_EFFECT_OPEN)
+    contacts = find_contacts(evaluator, trial.terms, model)
     return replace(
         found,
+        candidates=tuple(
+            replace(own, reason=contacts[0]) if contacts and own.reason.kind is Kind.NOT_TESTED else own
+            for own in found.candidates
+        ),
         findings=(
             *remedies,
             *channel,
+            *contacts,
             *(Finding(Kind.TIED, effects=group) for group in found.ambiguous),
             *_find_few_clusters(evaluator),
             *doubts,
             *_find_untested_ranges(model, *evaluator.train.get_range()),
+            *_find_unknown_scale(evaluator, trial.terms),
             *([table_finding] if table_finding and table_finding != forbidden else []),
         ),
         detectable=detectable,
@@ -112,6 +127,16 @@ def _find_few_clusters(evaluator: ModelEvaluator) -> list[Finding]:
     """Return a finding if there are fewer than `ENOUGH` windows, else nothing."""
     count = len(evaluator.train.layout.clusters)
     return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < ENOUGH else []
+
+
+def _find_unknown_scale(evaluator: ModelEvaluator, terms: Terms) -> list[Finding]:
+    """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it."""
+    share, id = compute_driven_share(evaluator.train.data, evaluator.train.data.torque()), LoadDependentFriction.id
+    if share <= DRIVEN or id in list_ids(terms) or id not in evaluator.library:
+        return []
+    hidden = find_detectable_effects(evaluator, terms, {id: evaluator.library[id]})
+    is_excited = any(own.is_excited for own in hidden if own.effect == id)
+    return [] if is_excited else [Finding(Kind.SCALE_UNKNOWN, {"share": Quantity(share)})]
 
 
 def _find_untested_ranges(model: Model, low: float, high: float) -> list[Finding]:

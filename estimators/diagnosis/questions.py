@@ -142,14 +142,15 @@ def find_detectable_effects(
 ) -> tuple[Detectable, ...]:
     """Return the smallest detectable size of each effect in `TOLD`, and the recorded range without a hard stop.
 
-    A size whose torque exceeds the applied torque is impossible and left out: the data do not excite the effect. A
-    joint that makes whole turns has no range.
+    A size beyond the bounds of the law, or whose torque exceeds the applied torque, is impossible and left out: the
+    data do not excite the effect. A joint that makes whole turns has no range.
     """
     found, data, units = list[Detectable](), evaluator.train.data, evaluator.train.units()
     for kind in (library[id] for id in TOLD if id in library):
         size, (term, _) = find_detectable_size(evaluator, terms, kind), make_typical_effect(kind)
         if size is not None:
-            above = size if size <= data.find_largest_sizes(term)[0] else None
-            found.append(Detectable(kind.id, above, units.unit(term.columns[0].unit)))
+            column = term.columns[0]
+            is_possible = size <= data.find_largest_sizes(term)[0] and column.is_allowed(size)
+            found.append(Detectable(kind.id, size if is_possible else None, units.unit(column.unit)))
     stop = Detectable("hard_stop", unit=units.unit("rad"), between=evaluator.train.get_range())
     return tuple(found) if makes_whole_turns(evaluator.train.samples.position) else (*found, stop)

@@ -42,6 +42,7 @@ NUMBERS = {
     "residual": Quantity(11.0),
     "disagreement": Quantity(8.5),
     "share": Quantity(0.95),
+    "time": Quantity(17.7, unit="s"),
     "times": Quantity(5.0),
     "torque": Quantity(0.1, unit="N m"),
     "viscous": Quantity(1.12, 0.01, "N m s/rad"),

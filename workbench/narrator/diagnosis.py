@@ -104,6 +104,8 @@ def describe_result(found: Diagnosis) -> str:
     if groups:
         rest = f", and more{place} that no known effect explains" if found.unexplained else ""
         return f"{capitalise(join_words(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
+    if not found.unexplained and any(own.kind is Kind.CONTACT for own in found.findings):
+        return "Nothing is missing between contacts, which no effect explains"
     if not found.unexplained:
         return "Nothing is missing" if found.searched else "The model explains what was measured"
     return (
@@ -168,6 +170,8 @@ def describe_detectable(found: Detectable) -> str:
 
 def describe_next_step(found: Diagnosis) -> str:
     """Name the experiment worth doing, or why there is none."""
+    if contacts := [describe(own) for own in found.findings if own.kind is Kind.CONTACT]:
+        return contacts[0]
     if found.suggestion is not None:
         return describe_suggestion(found.suggestion, found.model.units())
     if found.forbidden is not None:

@@ -449,6 +449,10 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.GOALS_RUN_ON: lambda found: _compare_goals(
         found, "running on between rows", "that are held from row to row", "held"
     ),
+    Kind.SCALE_UNKNOWN: (
+        "The torque drives {share.value:.0%} of the motion. Friction of mu times the torque, as in gears, would not "
+        "show: all parameters would be 1 / (1 - mu) times too large. To see it, let gravity or a load turn the motor."
+    ),
     Kind.SMALL_EFFECT: lambda found: (
         f"{capitalise(name_effect(found.effects[0]))} may be missing: it predicts better "
         f"({format_p_value(found.numbers['p_value'].value)}), but explains only "
@@ -510,6 +514,11 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.NEAR_REVERSALS: (
         "The torque fits where the joint moves freely, but free-running simulation errs by {error:2}: something acts "
         "near reversals or at rest."
+    ),
+    Kind.CONTACT: (
+        "No effect explains the contacts ({count.value:g}). The largest is at {angle:3} ({recordings}, {time:3}): "
+        "{torque:2} more than the model and dry friction. The joint met a stop or a blow: record more motion to this "
+        "angle."
     ),
     Kind.NOWHERE: (
         "The residual is {residual:2}, {times.value:.2g} times the noise floor, at no one speed, angle or time. "

@@ -7,6 +7,7 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators import IdentificationError, add, diagnose
 from estimators.data.split import split_recordings
 from estimators.diagnosis.questions import find_detectable_effects, find_detectable_size
+from estimators.findings import Kind
 from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
@@ -63,3 +64,22 @@ def test_an_added_effect_that_the_data_do_not_determine_is_refused_with_the_reas
         add(model, "stribeck", fitted, held_out)
     assert refused.value.effect == "stribeck"
     assert add(model, "quadratic_drag", fitted, held_out).after.model.estimates["quadratic_drag"].std < 0.05
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_friction_by_load_may_scale_all_parameters_where_torque_drives_all_motion(share):
+    """Strong friction stops the joint at once, so that a friction of mu |tau| is a smaller torque."""
+    friction = {"load_dependent_friction": {"load_mu": share}} if share else {}
+    experiment = Experiment(rate=500.0, seconds=20.0, seed=6, counts=16_384)
+    time = np.arange(experiment.samples) / experiment.rate
+    torque = 8.0 * np.sin(2 * np.pi * 0.2 * time) + 3.0 * np.sin(2 * np.pi * 0.47 * time + 1)
+    runs = recorded(Plant(0.1, 0.0, 3.0, 0.5, friction), experiment, commands=[torque])
+    found = diagnosed(runs, only=["load_dependent_friction", "cogging"])
+    assert found.model.estimates["viscous"].value == pytest.approx(3.0 / (1 - share), rel=0.01)
+    assert found.model.estimates["inertia"].value == pytest.approx(0.1 / (1 - share), rel=0.01)
+    assert Kind.SCALE_UNKNOWN in {own.kind for own in found.findings}
+
+
+def test_friction_by_load_does_not_scale_a_pendulum_that_gravity_turns(evaluator):
+    found = diagnosed(evaluator.train.recordings)
+    assert Kind.SCALE_UNKNOWN not in {own.kind for own in found.findings}

@@ -7,6 +7,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import split_at_contacts, with_contacts
+from estimators.findings import Kind
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from tests.cases import diagnosed, recorded
@@ -97,6 +98,20 @@ def test_limits_that_are_met_twice_within_two_radians_are_found(lower, upper, se
     assert found.selected == ("hard_stop",)
     end = found.model.estimates["hard_stop.upper"]
     assert abs(end.value - upper) < 3 * end.std < 0.2
+
+
+@pytest.mark.parametrize(("upper", "seed"), [(0.892, 28), (1.717, 34)], ids=["fitted", "held out"])
+def test_a_limit_that_is_met_once_is_a_contact_and_no_effect(upper, seed):
+    """A single contact may be a blow; without the limit, the same torque shows no contact."""
+    run, free = limited(-9.0, upper, seed), limited(-9.0, 9.0, seed)
+    (met,) = np.flatnonzero(np.diff((run.position > upper).astype(int)) == 1)
+    found = diagnosed([run], only=FEW)
+    assert found.selected == () and found.model.estimates["inertia"].value == pytest.approx(INERTIA, rel=0.01)
+    (contact,) = [own for own in found.findings if own.kind is Kind.CONTACT]
+    assert contact.numbers["angle"].value == pytest.approx(upper, abs=0.05) and contact.numbers["count"].value == 1
+    assert contact.numbers["time"].value == pytest.approx(run.time[met], abs=0.2)
+    without = diagnosed([free], only=FEW)
+    assert without.selected == () and Kind.CONTACT not in {own.kind for own in without.findings}
 
 
 def test_fitted_and_held_out_parts_both_have_contacts():
