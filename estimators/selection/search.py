@@ -57,8 +57,8 @@ def find_effects(evaluator: ModelEvaluator) -> SearchState:
     """Search for the effects that a base model lacks, or for a table in their place.
 
     If the result leaves structure, the search is repeated from each of the best `criterion.beam` first effects that
-    tie with the found ones; a significantly better result is kept. Finally, unneeded effects and those that
-    imitate known parameters are dropped, and effects that imitate a table are replaced by it.
+    tie with the found ones and keep the base parameters; a significantly better result is kept. Finally, unneeded
+    effects and those that imitate known parameters are dropped, and effects that imitate a table are replaced by it.
     """
     start = refit_nonlinear(evaluator, evaluator.base)
     state = grow(SearchState(evaluator, start, start))
@@ -71,8 +71,9 @@ def find_effects(evaluator: ModelEvaluator) -> SearchState:
                 first[-1].id not in ids
                 and state.evaluator.is_significant(first, freed)
                 and all(state.evaluator.is_tied(first, rival) for rival in rivals)
+                and state.evaluator.keeps_base((refitted := state.refit(first)).terms, start)
             ):
-                other = grow(state.refit(first))
+                other = grow(refitted)
                 if _is_better(other, state) and are_confirmed(other.evaluator, find_model_path(other)):
                     state = other
     return replace_by_table(drop_imitations(drop_unneeded(state)))

@@ -5,12 +5,14 @@ from math import copysign, sin
 import numpy as np
 import pytest
 
+from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align, align_each
 from estimators.checks.closed_loop import find_feedback, have_one_frequency
 from estimators.data.split import split_recordings
 from estimators.selection.candidates import find_best_variant
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
+from estimators.signals.channel import Channel
 from pendulum_env.physics import BASE, effect
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
@@ -104,3 +106,16 @@ def test_motion_of_one_frequency_determines_no_lag():
     (gate,) = evaluator.residuals.loop_gates((*BASE, effect("actuator_lag")(0.02)), BASE)
     assert gate.name == "frequencies" and not gate.passed
     assert [step.added for step in search(evaluator).steps] == [None]
+
+
+@pytest.mark.parametrize(("lag", "seed"), [(0.012, 3), (0.025, 5)])
+def test_an_effect_that_takes_the_place_of_the_inertia_is_no_first_effect(lag, seed):
+    """Torque that is timed wrongly leaves a residual, of which a saturation explains more by a fraction of the inertia.
+
+    The correction of a lag that one of two logs does not have turns steps of the torque into spikes.
+    """
+    wrong, right = (record(own, 0.0, 0.0, 60.0, "square", 4096) for own in (seed, seed + 1))
+    moved = Alignment(Channel(0.0, lag, False), 1e-4, 1e-4).apply(wrong)
+    library = {"torque_saturation": effect("torque_saturation")}
+    found = search(ModelEvaluator(*split_recordings([moved, right]), library=library))
+    assert found.steps[-1].added is None and not found.evaluator.residuals.is_noise(found.terms)
