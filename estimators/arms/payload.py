@@ -117,7 +117,7 @@ def find_payload(
     joint = find("joint", joint or joints[-1], {name: name for name in joints})
     parts = [prepare_arm(recordings, model.terms) for recordings in (without, carrying) if recordings]
     group = [0] * len(without) + [1] * len(carrying)
-    return PayloadRows.from_parts(parts, model.terms, joint).fit(group, None if without else model)[0]
+    return PayloadRows.from_parts(parts, model.terms, joint).fit(group, None if without else model)[0][0]
 
 
 def find_carried(
@@ -126,8 +126,9 @@ def find_carried(
     """Identify the payloads that an arm carries in some of its recordings and not in others.
 
     Each recording is first fitted with a payload of its own, relative to the first recording. Sorted masses are split
-    into groups at differences above `GAP`. The lightest group has no payload. If then none stands out, the heaviest has
-    none, since motion may hardly show the mass: only a possible body explains the torque.
+    into groups at differences above `GAP`. The lightest or the heaviest group has no payload, since motion may hardly
+    show the mass. Of the two groupings in which a payload stands out, that with the lower residual counts, else the
+    first: only possible bodies explain the torque.
 
     Returns:
         The payloads that stand out, with the numbers of the recordings that carry each; none if the motion does not
@@ -140,17 +141,18 @@ def find_carried(
     mass = np.append(0.0, rows.masses(count))
     order = np.argsort(mass)
     groups = np.append(0, np.cumsum(np.diff(mass[order]) > GAP * np.ptp(mass)))
-    for ascending in (groups, groups[-1] - groups):
-        group_of_recording = np.empty(count, dtype=np.intp)
-        group_of_recording[order] = ascending
+    group_of_recording = np.empty((2, count), dtype=np.intp)
+    group_of_recording[:, order] = groups, groups[-1] - groups
+    fits = [(rows.fit(grouping.tolist()), grouping) for grouping in group_of_recording]
+    found = []
+    for (payloads, residual), grouping in fits:
         carried = [
-            (payload, tuple(np.flatnonzero(group_of_recording == k + 1).tolist()))
-            for k, payload in enumerate(rows.fit(group_of_recording.tolist()))
+            (payload, tuple(np.flatnonzero(grouping == k + 1).tolist()))
+            for k, payload in enumerate(payloads)
             if payload.stands_out
         ]
-        if carried:
-            return carried
-    return []
+        found.append((not carried, round(residual, 6), carried))  # equal but for rounding, if any body is possible
+    return min(found, key=lambda candidate: candidate[:2])[2]
 
 
 class PayloadRows(NamedTuple):
@@ -233,10 +235,13 @@ class PayloadRows(NamedTuple):
         theta = solve_least_squares(phi * w[:, None], y * w)[known.shape[1] :]
         return np.asarray(theta.reshape(count - 1, -1) @ self.basis[STANDARD.index("m")])
 
-    def fit(self, group: Sequence[int], model: Model | None = None) -> list[Payload]:
+    def fit(self, group: Sequence[int], model: Model | None = None) -> tuple[list[Payload], float]:
         """Fit the payload of each group of recordings from 1, beside those of group 0.
 
         Without a model of the empty arm, its parameters are fitted, too.
+
+        Returns:
+            The payloads, and the RMS residual torque with them, relative to that of each joint without their limits.
         """
         known, carried, y = self._build_columns(group, model)
         if not all(columns.any() for columns in carried):
@@ -264,7 +269,7 @@ class PayloadRows(NamedTuple):
             payloads.append(
                 self._make_payload(self.basis @ values[k], self.basis @ free.theta[place], covariance, torque_rms)
             )
-        return payloads
+        return payloads, float(np.sqrt(np.mean((fit.residual * weights[1]) ** 2)))
 
     def _make_payload(
         self, physical: Array, free: Array, covariance: Array, torque_rms: Mapping[str, tuple[float, float]]

@@ -13,13 +13,14 @@ from estimators.regression.gauss_newton import Near, Rule, gauss_newton
 from estimators.regression.least_squares import (
     SOLVER,
     Fit,
-    compute_robust_covariance,
+    compute_jackknife,
     find_worst_direction,
     solve_gram,
     solve_least_squares,
     solve_within_bounds,
     sum_without_each,
     triangle_of,
+    widen,
 )
 from pendulum_env._typing import Array, Index, Mask
 
@@ -261,10 +262,11 @@ class Balance:
         condition, worst = find_worst_direction(weighted[:, : linear.shape[1]])
         with_error = np.flatnonzero(np.append(free, np.ones(nonlinear.shape[1], dtype=bool)))
         covariance = np.zeros((len(theta) + nonlinear.shape[1],) * 2)
-        covariance[np.ix_(with_error, with_error)] = compute_robust_covariance(weighted, error * self.weights, clusters)
-        direction = np.zeros(len(theta))
-        direction[free] = worst
-        return Fit(theta, covariance, error, direction, condition)
+        variances, freedom_of_free = compute_jackknife(weighted, error * self.weights, clusters)
+        covariance[np.ix_(with_error, with_error)] = widen(variances, freedom_of_free)
+        direction, freedom = np.zeros((2, len(theta)))
+        direction[free], freedom[free] = worst, freedom_of_free[: linear.shape[1]]
+        return Fit(theta, covariance, error, direction, condition, freedom)
 
     def slopes(self, theta: Array, jacobian: Array | None = None) -> Array:
         """Return derivatives of the predicted torque by the parameters (R, P), at parameters (P,).

@@ -61,6 +61,7 @@ class Fit:
         residual: y - phi theta (R,) [N m].
         worst_direction: least determined unit vector (P,) of the parameters, each times its column's length.
         condition: condition number of the regressor with columns scaled to equal length.
+        freedom: degrees of freedom of each standard error (P,).
     """
 
     theta: Array
@@ -68,6 +69,7 @@ class Fit:
     residual: Array
     worst_direction: Array
     condition: float
+    freedom: Array
 
     @property
     def std(self) -> Array:
@@ -95,8 +97,8 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
     residual = equations.y - equations.phi @ theta
     condition, direction = find_worst_direction(phi)
     full = phi if jacobian is None else np.column_stack([phi, jacobian * weights[:, None]])
-    covariance = compute_robust_covariance(full, residual * weights, clusters)
-    return Fit(theta, covariance, residual, direction, condition)
+    covariance, freedom = compute_jackknife(full, residual * weights, clusters)
+    return Fit(theta, widen(covariance, freedom), residual, direction, condition, freedom[: len(theta)])
 
 
 def find_worst_direction(phi: Array) -> tuple[float, Array]:
@@ -124,27 +126,42 @@ def is_converged(residual: Array, change: Array) -> bool:
 
 
 def compute_robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
-    """Return the covariance (P, P) of least squares with columns (R, P) and residuals (R,) correlated within clusters.
+    """Return the widened covariance (P, P) of least squares, see `compute_jackknife` and `widen`."""
+    return widen(*compute_jackknife(phi, residual, clusters))
 
-    `clusters` (R,) has the cluster of each row. If it is one cluster, each row counts as a cluster. The covariance by
-    the jackknife is widened, since few clusters scatter as Student's t, until 1.96 standard errors cover 95 %.
+
+def widen(covariance: Array, freedom: Array) -> Array:
+    """Widen a covariance (P, P) with degrees of freedom (P,) until 1.96 standard errors cover 95 %.
+
+    Standard errors from few clusters scatter as Student's t.
+    """
+    widening = compute_widening(freedom)
+    return np.asarray(covariance * np.outer(widening, widening))
+
+
+def compute_widening(freedom: Array) -> Array:
+    """Return the factor on standard errors with some degrees of freedom, see `widen`."""
+    return np.asarray(scipy.special.stdtrit(np.maximum(freedom, 2.0), 0.975) / scipy.special.ndtri(0.975))
+
+
+def compute_jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Array]:
+    """Return the covariance of least squares by leaving out each of C clusters, and its degrees of freedom.
+
+    The score of a cluster with columns X is (I - X'X B)^-1 X'e, B = (phi' phi)^-1, which removes the cluster's own
+    influence on its residuals e.
+
+    Args:
+        phi: columns (R, P).
+        residual: correlated within clusters (R,).
+        clusters: cluster of each row (R,). If it is one cluster, each row counts as a cluster.
+
+    Returns:
+        The covariance (P, P), and the degrees of freedom of each variance (P,).
 
     Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (CR3, and degrees of freedom after Satterthwaite).
     """
     if len(clusters) and not clusters.any():
         clusters = np.arange(len(clusters))
-    covariance, shares = compute_jackknife(phi, residual, clusters)
-    freedom = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)
-    widening = scipy.special.stdtrit(np.maximum(freedom, 2.0), 0.975) / scipy.special.ndtri(0.975)
-    return np.asarray(covariance * np.outer(widening, widening))
-
-
-def compute_jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Array]:
-    """Return the covariance (P, P) by leaving out each of C clusters, and the share of each in every parameter (C, P).
-
-    `phi` (R, P), `residual` and `clusters` (R,) as in `compute_robust_covariance`. The score of a cluster with columns
-    X is (I - X'X B)^-1 X'e, B = (phi' phi)^-1, which removes the cluster's own influence on its residuals e.
-    """
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = 1.0
     phi = phi / scale
@@ -161,7 +178,8 @@ def compute_jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Arr
     shares = np.einsum("ij,kji->ki", inverse, grams @ inverse)
     score_products = scores_without.T @ scores_without
     covariance = (count - 1) / count * inverse @ score_products @ inverse
-    return np.asarray(covariance / np.outer(scale, scale)), shares
+    freedom = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)
+    return np.asarray(covariance / np.outer(scale, scale)), freedom
 
 
 def _invert_matrices(matrices: Array) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from estimators.findings import Finding, Kind
-from estimators.regression.least_squares import Fit, invert_covariance
+from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
 from estimators.selection.errors import Gate, Step
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
@@ -159,16 +159,24 @@ def compute_significant_sign(model: Model, name: str) -> int:
 
 
 def make_coefficient_gate(terms: Sequence[Term], fit: Fit, known: frozenset[str], p_value: float) -> Gate:
-    """Return the gate of the terms whose ids are not `known`: the p-value of the Wald test of their coefficients.
+    """Return the gate of the terms whose ids are not `known`: the p-value of Hotelling's test of their coefficients.
 
     The test is that all coefficients of a term are zero, given its nonlinear parameters; the largest p-value counts.
-    Few blocks may be predicted better by chance with an effect that the data do not determine.
+    Few blocks may be predicted better by chance with an effect that the data do not determine. The degrees of freedom
+    are the mean of those of the coefficients.
+
+    Source: Pustejovsky and Tipton, Journal of Business and Economic Statistics 36(4), 2018.
     """
     owner, chance = np.array([term.id for term in terms for _ in term.columns]), 0.0
     for id in set(owner.tolist()) - known:
         own = (owner == id) & (fit.std > 0)  # others are known, or at their bounds
-        wald = fit.theta[own] @ invert_covariance(fit.covariance[np.ix_(own, own)]) @ fit.theta[own]
-        chance = max(chance, float(scipy.stats.chi2.sf(wald, np.count_nonzero(own))) if own.any() else 0.0)
+        if not own.any():
+            continue
+        count, freedom = np.count_nonzero(own), float(np.mean(fit.freedom[own]))
+        scaled = fit.theta[own] * compute_widening(fit.freedom[own])  # the covariance without its widening
+        square = scaled @ invert_covariance(fit.covariance[np.ix_(own, own)]) @ scaled
+        second = max(1.0, freedom - count + 1)
+        chance = max(chance, float(scipy.special.fdtrc(count, second, square * second / (freedom * count))))
     return Gate("coefficients", chance, p_value, chance <= p_value)
 
 

@@ -23,8 +23,11 @@ from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
 from estimators.weak_form.columns import list_bounds, mark_bounds
 from estimators.weak_form.nonlinear import list_continuous_parameters, set_values
+from estimators.weak_form.windows import compute_jump_errors
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model, Term
+
+DRAWS = 16  # of noise; the mean of ratios to a mean of few draws would be biased
 
 
 @dataclass(frozen=True)
@@ -244,7 +247,7 @@ def compute_rms(
     return float(np.sqrt(np.average(error[:, 0] ** 2, weights=row_weights)))
 
 
-def compute_torque_noise(segments: Sequence[Segments], point: Point, draws: int = 4) -> Array:
+def compute_torque_noise(segments: Sequence[Segments], point: Point) -> Array:
     """Return the mean square error of each segment due to torque noise alone, with free initial states (B,) [rad^2].
 
     The simulated motion takes the place of the measured one. Noise differs by segment: torque that was moved in time is
@@ -254,14 +257,14 @@ def compute_torque_noise(segments: Sequence[Segments], point: Point, draws: int 
     paths = simulate_all(segments, [(point.terms, point.theta)])
     perturbed = [
         replace(segment, torque=redraw_torque(segment, rng), position=path[:, 0])
-        for _ in range(draws)
+        for _ in range(DRAWS)
         for segment, path in zip(segments, paths, strict=True)
     ]
     squares = compute_segment_rms(perturbed, point) ** 2
-    return np.asarray(np.mean(squares.reshape(draws, -1), axis=0))
+    return np.asarray(np.mean(squares.reshape(DRAWS, -1), axis=0))
 
 
-def compute_noise(segments: Sequence[Segments], point: Point, draws: int = 4) -> Array:
+def compute_noise(segments: Sequence[Segments], point: Point) -> Array:
     """Return the mean square change of the positions of each segment by noise of torque and initial velocity (B,)."""
     rng = np.random.default_rng(0)
     perturbed = [
@@ -270,26 +273,23 @@ def compute_noise(segments: Sequence[Segments], point: Point, draws: int = 4) ->
             torque=redraw_torque(segment, rng),
             velocity=segment.velocity + segment.windows.velocity_noise * rng.standard_normal(segment.velocity.shape),
         )
-        for _ in range(draws)
+        for _ in range(DRAWS)
         for segment in segments
     ]
     model = [(point.terms, point.theta)]
-    exact = simulate_all(segments, model) * draws
+    exact = simulate_all(segments, model) * DRAWS
     pairs = zip(simulate_all(perturbed, model), exact, strict=True)
     squares = np.concatenate([np.mean((noisy - exact)[1:, 0] ** 2, axis=0) for noisy, exact in pairs])
-    return np.asarray(np.mean(squares.reshape(draws, -1), axis=0))
+    return np.asarray(np.mean(squares.reshape(DRAWS, -1), axis=0))
 
 
 def redraw_torque(segment: Segments, rng: np.random.Generator) -> Array:
     """Draw the held torque of another log of the same motion (N, B) [N m].
 
-    White noise is added. If torque was moved in time by parts of a sample, the noise of each sample includes that of a
-    change at a random time within it.
+    White noise is added, and the errors of jumps.
     """
-    std: float | Array = segment.windows.raw_torque_noise
-    if segment.windows.recording.moved is not None:
-        changes = np.diff(segment.torque, axis=0, prepend=segment.torque[:1])
-        std = np.hypot(std, changes / np.sqrt(12))  # of a time that is uniform over the sample
+    index = segment.first + np.arange(len(segment.torque))[:, None]
+    std = np.hypot(segment.windows.raw_torque_noise, compute_jump_errors(segment.windows.recording)[index])
     return np.asarray(segment.torque + std * rng.standard_normal(segment.torque.shape))
 
 

@@ -474,15 +474,25 @@ def _compute_torque_noise(recording: Recording, load: KnownLoad, window: Array) 
 def _scale_by_jumps(recording: Recording, window: Array, torque_noise: float) -> Array | None:
     """Return the factor on the equation about each sample (N,): its noise over that with jumps; None if all are one.
 
-    Torque that was sampled while it changed has jumped at a time that is uniform between two samples, with an error of
-    jump / sqrt(12). A jump is the difference of a change from the median of five, if it is more than noise.
     `torque_noise` is that of a window [N m].
     """
-    if recording.moved is None or not recording.moved.is_sampled or torque_noise == 0:
+    errors = compute_jump_errors(recording)
+    if torque_noise == 0 or not errors.any():
         return None
+    variance = np.convolve(errors**2, window**2, "same")
+    return np.asarray(1.0 / np.sqrt(1.0 + variance / torque_noise**2))
+
+
+def compute_jump_errors(recording: Recording) -> Array:
+    """Return the standard error of each sample of the torque by a jump at an unknown time (N,) [N m].
+
+    Torque that was sampled while it changed has jumped at a time that is uniform between two samples, with an error of
+    jump / sqrt(12). A jump is the difference of a change from the median of five, if it is more than noise.
+    """
+    if recording.moved is None or not recording.moved.is_sampled:
+        return np.zeros(len(recording))
     changes = np.diff(recording.torque, prepend=recording.torque[0])
     changes[list(recording.starts)] = 0.0
     jumps = changes - scipy.signal.medfilt(changes, 5)
     jumps[np.abs(jumps) < 4 * np.sqrt(2) * recording.moved.noise] = 0.0
-    variance = np.convolve(jumps**2 / 12, window**2, "same")
-    return np.asarray(1.0 / np.sqrt(1.0 + variance / torque_noise**2))
+    return np.asarray(np.abs(jumps) / np.sqrt(12))

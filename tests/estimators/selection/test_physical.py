@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from estimators.findings import Finding, Kind
-from estimators.regression.least_squares import Fit
+from estimators.regression.least_squares import Equations, Fit, solve
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Errors, Step, explain_rejection
 from estimators.selection.physical import (
@@ -151,9 +152,30 @@ def test_a_torque_error_may_rise_by_its_margin_if_the_position_error_falls(torqu
 def test_coefficients_that_may_all_be_zero_fail_the_gate_of_their_effect(id, coefficients, std, p_value):
     terms, count = [*BASE, effect(id)()], len(coefficients)
     covariance = np.diag([1.0] * 4 + [std**2] * count)
-    fit = Fit(np.array([0.1, 2.0, 0.1, 0.1, *coefficients]), covariance, np.empty(0), np.empty(0), 1.0)
+    fit = Fit(
+        np.array([0.1, 2.0, 0.1, 0.1, *coefficients]),
+        covariance,
+        np.empty(0),
+        np.empty(0),
+        1.0,
+        np.full(len(covariance), 1e9),
+    )
     gate = make_coefficient_gate(terms, fit, frozenset(term.id for term in BASE), 0.05)
     assert gate.value == pytest.approx(p_value, rel=1e-3) and gate.passed == (p_value < 0.05)
+
+
+def test_coefficients_of_an_effect_that_is_not_there_pass_in_one_of_twenty_though_blocks_are_few():
+    """Eight blocks of correlated noise, and the four coefficients of cogging and its harmonic."""
+    rng, n_passed = np.random.default_rng(0), 0
+    terms, clusters = [*BASE, effect("cogging")(), effect("cogging")()], np.repeat(np.arange(8), 25)
+    for _ in range(300):
+        q = 0.1 * np.cumsum(rng.normal(size=200))
+        own = [law(3 * k * q) for k in (1, 2) for law in (np.cos, np.sin)]
+        phi = np.column_stack([rng.normal(size=(200, 2)), np.sin(q), np.ones(200), *own])
+        noise = scipy.signal.lfilter([1], [1, -0.8], rng.normal(size=200))
+        fit = solve(Equations(phi, noise), np.ones(200), clusters)
+        n_passed += make_coefficient_gate(terms, fit, frozenset(term.id for term in BASE), 0.05).passed
+    assert n_passed / 300 < 0.08
 
 
 LEAST = Criterion().kept_inertia

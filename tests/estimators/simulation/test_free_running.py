@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.regression_data import RegressionData
-from estimators.simulation.free_running import simulate_all
+from estimators.simulation.free_running import cut_segments, simulate_all
 from estimators.simulation.output_error import redraw_torque
 from estimators.weak_form.windows import trace_all
 from pendulum_env.physics import BASE, effect
@@ -33,14 +33,12 @@ def test_recordings_fly_together_as_they_fly_alone():
 def test_torque_that_was_moved_in_time_changed_somewhere_within_a_sample():
     """The mean over a sample of a step at a time that is uniform over it has a twelfth of its square as variance."""
     (segment,) = prepared(250.0).segments
-    known = replace(
-        segment, torque=np.where(np.arange(len(segment.torque))[:, None] < 50, 0.0, 2.0) + 0 * segment.torque
-    )
-    moved = replace(
-        known.windows,
-        recording=replace(known.windows.recording, moved=MovedTorque(known.windows.raw_torque_noise, np.ones(1))),
-    )
-    rng, noise = np.random.default_rng(0), known.windows.raw_torque_noise
+    recording, noise = segment.windows.recording, segment.windows.raw_torque_noise
+    torque = np.zeros(len(recording))
+    torque[segment.first + np.arange(50, 100)[:, None]] = 2.0
+    known = cut_segments(segment.windows.with_torque(torque, torque), segment.first, len(segment.torque))
+    moved = replace(known.windows, recording=replace(known.windows.recording, moved=MovedTorque(noise, np.ones(1))))
+    rng = np.random.default_rng(0)
     for windows, expected in ((known.windows, noise), (moved, np.hypot(noise, 2.0 / np.sqrt(12)))):
         again = np.stack([redraw_torque(replace(known, windows=windows), rng) for _ in range(1000)])
         assert again[:, 50].std() == pytest.approx(expected, rel=0.1)
