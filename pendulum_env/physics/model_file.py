@@ -11,6 +11,7 @@ from msgspec import Meta, Struct
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import write_whole
+from pendulum_env.lookup import UnknownName
 from pendulum_env.physics import library
 from pendulum_env.physics.estimate import Estimate
 from pendulum_env.physics.limits import collect_limits, limit_term, make_limits, write_limits
@@ -129,7 +130,10 @@ def write_model(path: str | Path, content: JSON) -> None:
 
 def _build_term(id: str, data: ModelFile) -> Term:
     """Build the term of an id in a model file, with its nonlinear parameters, or its extent."""
-    kind = library.find_term(id)
+    try:
+        kind = library.find_term(id)
+    except UnknownName as error:
+        raise ModelError(f"{error}. An effect of your own needs its file: --plugin FILE.py, or `load_plugin`") from None
     if issubclass(kind, Table):
         tables = data.tables or {}
         if id not in tables:

@@ -68,7 +68,7 @@ class Recording:
     velocity: Array | None = None  # (N,) [rad/s], as the sensor reports it; None if it was not recorded
     notes: tuple[Note, ...] = ()  # on what was changed or guessed at reading
     starts: tuple[int, ...] = (0,)  # index of the first sample of each segment
-    reference: Array | None = None  # (N,) [rad], what a position controller was asked to follow, if it was recorded
+    reference: Array | None = None  # (N,) goal of the controller [rad], of its speed [rad/s], if it was recorded
     supply: Array | None = None  # (N,) [V], voltage of the bus, if it was recorded
     enabled: Array | None = None  # (N,), 1 while the motor is powered and 0 while it is open, if it was recorded
     temperature: Array | None = None  # (N,) [deg C], of the joint, if it was recorded

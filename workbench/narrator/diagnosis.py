@@ -116,7 +116,7 @@ def describe_result(found: Diagnosis) -> str:
 
 
 def describe_errors(found: Diagnosis) -> str:
-    """State the held-out errors before and after, with the noise floors."""
+    """State the held-out errors before and after, with the noise floors, and what was held out if nobody said so."""
     first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
     what, source = ("in the loop", "encoder noise") if last.is_in_loop else ("torque", "noise floor")
 
@@ -131,7 +131,8 @@ def describe_errors(found: Diagnosis) -> str:
     if found.body.can_simulate and not last.is_in_loop:
         angle = found.model.units().unit("rad")
         falls.append(f"free-running position {fall(first.position_rms, last.position_rms, angle)}")
-    return f"held-out error: {', '.join(falls)}"
+    part = " (last 30 %)" if found.data is not None and not found.data.holdout else ""
+    return f"held-out error{part}: {', '.join(falls)}"
 
 
 def describe_refit(found: HorizonRefit) -> str:

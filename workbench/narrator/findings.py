@@ -319,9 +319,9 @@ def _compare_goals(found: Finding, reading: str, other: str, key: str) -> str:
     gain = found.numbers["gain"]
     sizes = [f"{own.value * 1000:.1f} ms" for id, own in found.numbers.items() if id != "gain"]
     late = f" with {name_effect(found.effects[0])} of {sizes[0]}" if sizes else ""
-    size = f"{abs(gain.value):.0f} ± {gain.std or 0.0:.0f} nat of log likelihood"
+    size = f"{format_estimate(abs(gain.value), gain.std)} nat of log likelihood"
     fit = f"Goals {other}{late} are less likely by {size}."
-    if gain.value < 2 * (gain.std or 0.0):
+    if gain.value < 2 * gain.std:
         fit = f"Goals {other}{late} fit about equally well ({size})."
     return f'Goals are read as {reading}. {fit} If they are so, give `goal = "{key}"` in `[drive]`.'
 
@@ -401,7 +401,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         "No torque is applied: every parameter is relative to the inertia"
         f"{' of the joint with its known load' if found.recordings else ''}, which is 1. A known value makes them "
         f"absolute ({format_setting('fixed', {'inertia': Blank('VALUE')})}). "
-        "A motor that drives the joint needs a torque column."
+        "If a motor drives the joint, name the column of its torque."
     ),
     Kind.LOADS_UNKNOWN: (
         "{unknown}. The log has {channel} for the torque, and known loads that differ are needed. " + OTHER_LOAD
