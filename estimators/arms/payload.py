@@ -120,10 +120,8 @@ def find_payload(
     return PayloadRows.from_parts(parts, model.terms, joint).fit(group, None if without else model)[0][0]
 
 
-def find_carried(
-    parts: Sequence[TorqueWindows], terms: Sequence[Term], joint: str | None = None
-) -> list[tuple[Payload, tuple[int, ...]]]:
-    """Identify the payloads that an arm carries in some of its recordings and not in others.
+def find_carried(parts: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[tuple[Payload, tuple[int, ...]]]:
+    """Identify the payloads that an arm carries at its last link in some of its recordings and not in others.
 
     Each recording is first fitted with a payload of its own, relative to the first recording. Sorted masses are split
     into groups at differences above `GAP`. The lightest or the heaviest group has no payload, since motion may hardly
@@ -135,7 +133,7 @@ def find_carried(
         show the mass.
     """
     count = sum(len({w.run for w in part.windows}) for part in parts)
-    rows = PayloadRows.from_parts(parts, terms, joint or find_links(terms).joints[-1])
+    rows = PayloadRows.from_parts(parts, terms, find_links(terms).joints[-1])
     if count < 2 or "m" not in rows.shown:
         return []
     mass = np.append(0.0, rows.masses(count))

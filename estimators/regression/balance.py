@@ -13,8 +13,8 @@ from estimators.regression.gauss_newton import Near, Rule, gauss_newton
 from estimators.regression.least_squares import (
     SOLVER,
     Fit,
+    compute_condition,
     compute_jackknife,
-    find_worst_direction,
     solve_gram,
     solve_least_squares,
     solve_within_bounds,
@@ -259,14 +259,14 @@ class Balance:
         free = (theta > self.least) & (theta < self.most)
         linear, nonlinear = slopes[:, : len(theta)][:, free], slopes[:, len(theta) :]
         weighted = np.column_stack([linear, nonlinear]) * self.weights[:, None]
-        condition, worst = find_worst_direction(weighted[:, : linear.shape[1]])
+        condition = compute_condition(weighted[:, : linear.shape[1]])
         with_error = np.flatnonzero(np.append(free, np.ones(nonlinear.shape[1], dtype=bool)))
         covariance = np.zeros((len(theta) + nonlinear.shape[1],) * 2)
         variances, freedom_of_free = compute_jackknife(weighted, error * self.weights, clusters)
         covariance[np.ix_(with_error, with_error)] = widen(variances, freedom_of_free)
-        direction, freedom = np.zeros((2, len(theta)))
-        direction[free], freedom[free] = worst, freedom_of_free[: linear.shape[1]]
-        return Fit(theta, covariance, error, direction, condition, freedom)
+        freedom = np.zeros(len(theta))
+        freedom[free] = freedom_of_free[: linear.shape[1]]
+        return Fit(theta, covariance, error, condition, freedom)
 
     def slopes(self, theta: Array, jacobian: Array | None = None) -> Array:
         """Return derivatives of the predicted torque by the parameters (R, P), at parameters (P,).

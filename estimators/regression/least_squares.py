@@ -59,7 +59,6 @@ class Fit:
         theta: parameters (P,).
         covariance: of theta (P, P), from clusters of residuals.
         residual: y - phi theta (R,) [N m].
-        worst_direction: least determined unit vector (P,) of the parameters, each times its column's length.
         condition: condition number of the regressor with columns scaled to equal length.
         freedom: degrees of freedom of each standard error (P,).
     """
@@ -67,7 +66,6 @@ class Fit:
     theta: Array
     covariance: Array
     residual: Array
-    worst_direction: Array
     condition: float
     freedom: Array
 
@@ -95,24 +93,20 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
     phi = equations.phi * weights[:, None]
     theta = solve_least_squares(phi, equations.y * weights)
     residual = equations.y - equations.phi @ theta
-    condition, direction = find_worst_direction(phi)
     full = phi if jacobian is None else np.column_stack([phi, jacobian * weights[:, None]])
     covariance, freedom = compute_jackknife(full, residual * weights, clusters)
-    return Fit(theta, widen(covariance, freedom), residual, direction, condition, freedom[: len(theta)])
+    return Fit(theta, widen(covariance, freedom), residual, compute_condition(phi), freedom[: len(theta)])
 
 
-def find_worst_direction(phi: Array) -> tuple[float, Array]:
-    """Return the condition number of columns (R, P) scaled to equal length, and their least determined direction (P,).
-
-    The direction is a unit vector of the scaled parameters.
-    """
+def compute_condition(phi: Array) -> float:
+    """Return the condition number of columns (R, P) scaled to equal length."""
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = 1.0
-    values, vectors = np.linalg.eigh((gram := phi.T @ phi) / np.outer(scale, scale))
-    if len(gram) and values[0] > SOLVER.distinct:
-        return float(np.sqrt(values[-1] / values[0])), vectors[:, 0]
-    singular, directions = np.linalg.svd(np.linalg.qr(phi / scale, mode="r"))[1:]
-    return float(singular[0] / max(singular[-1], 1e-300)) if len(singular) else 1.0, directions[-1]
+    values = np.linalg.eigvalsh(phi.T @ phi / np.outer(scale, scale))
+    if len(values) and values[0] > SOLVER.distinct:
+        return float(np.sqrt(values[-1] / values[0]))
+    singular = np.linalg.svd(np.linalg.qr(phi / scale, mode="r"), compute_uv=False)
+    return float(singular[0] / max(singular[-1], 1e-300)) if len(singular) else 1.0
 
 
 def is_converged(residual: Array, change: Array) -> bool:

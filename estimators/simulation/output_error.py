@@ -231,20 +231,10 @@ def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
     return make_model(segments, fit(segments, start, filters=filters), filters)
 
 
-def compute_rms(
-    segments: Sequence[Segments], point: Point, weights: Array | None = None, filters: Filters = ()
-) -> float:
-    """Return the root mean square error of the segments with free initial states [rad], or innovation.
-
-    Args:
-        segments: of each recording.
-        point: terms and parameters.
-        weights: of the segments (B,); equal by default.
-        filters: of their errors.
-    """
-    error, which = compute_errors(segments, [point], filters)
-    row_weights = None if weights is None else weights[which]
-    return float(np.sqrt(np.average(error[:, 0] ** 2, weights=row_weights)))
+def compute_rms(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> float:
+    """Return the root mean square error of the segments with free initial states [rad]; with filters, innovation."""
+    error, _ = compute_errors(segments, [point], filters)
+    return float(np.sqrt(np.mean(error**2)))
 
 
 def compute_torque_noise(segments: Sequence[Segments], point: Point) -> Array:

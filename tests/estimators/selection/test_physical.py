@@ -156,7 +156,6 @@ def test_coefficients_that_may_all_be_zero_fail_the_gate_of_their_effect(id, coe
         np.array([0.1, 2.0, 0.1, 0.1, *coefficients]),
         covariance,
         np.empty(0),
-        np.empty(0),
         1.0,
         np.full(len(covariance), 1e9),
     )
