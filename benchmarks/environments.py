@@ -1,4 +1,4 @@
-"""Steps per second of environments and online estimators, beside their peers, in one run.
+"""Steps per second of environments beside their peers, and times of imports, in one run.
 
 CPU time per step, the least of several repetitions, so that other work on the machine does not count.
 """
@@ -13,9 +13,6 @@ from collections.abc import Callable, Sequence
 import gymnasium as gym
 import numpy as np
 
-from benchmarks.recursion import start, step
-from estimators.online.recursion import SquareRootLeastSquares
-from estimators.wrappers import DiagnoseOnline, EstimateParameters
 from pendulum_env.registration import PENDULUM
 from workbench.terminal import Terminal
 
@@ -53,53 +50,9 @@ def environments() -> list[tuple[str, float, str]]:
     except gym.error.DependencyNotInstalled:
         rows.append(("MuJoCo's InvertedPendulum-v5", np.nan, "pip install mujoco to compare"))
     push = np.array([3.0], dtype=np.float32)
-    bare = cpu(stepping(gym.make(PENDULUM), push))
-    rows.append(("DirectDrivePendulum-v0", bare, "aim: as fast as Pendulum-v1, faster than MuJoCo"))
+    aim = "aim: as fast as Pendulum-v1, faster than MuJoCo"
+    rows.append(("DirectDrivePendulum-v0", cpu(stepping(gym.make(PENDULUM), push)), aim))
     rows.append(("the same, 2 substeps", cpu(stepping(gym.make(PENDULUM, substeps=2), push)), ""))
-    wrapped = cpu(stepping(EstimateParameters(gym.make(PENDULUM)), push))
-    rows.append(("six estimators add", wrapped - bare, "aim: below 40 us"))
-    rows.append(diagnosing(bare))
-    return rows
-
-
-def diagnosing(bare: float) -> tuple[str, float, str]:
-    """Measure the time that `DiagnoseOnline` adds per sample at 1 kHz over half a minute, and its longest sample."""
-    env = DiagnoseOnline(gym.make(PENDULUM, torque_noise=0.05))
-    _, info = env.reset(seed=0)
-    signal = 3 * np.sin(12.07 * np.arange(30_000) / 1000) + 3 * np.sin(2.25 * np.arange(30_000) / 1000)
-    times = []
-    for torque in signal.astype(np.float32)[:, None]:
-        begin = time.process_time()
-        *_, info = env.step(torque)
-        times.append(time.process_time() - begin)
-    usual, longest = np.percentile(times, 99) * 1e3, max(times) * 1e3
-    note = f"aim: below 400 us; 99 % of samples within {usual:.1f} ms, the longest {longest:.0f} ms"
-    effects = len(info["diagnosis"].ranking) + len(info["diagnosis"].not_run)
-    return f"DiagnoseOnline, {effects} effects, adds", float(np.mean(times)) * 1e6 - bare, note
-
-
-def recursions() -> list[tuple[str, float, str]]:
-    from filterpy.kalman import KalmanFilter
-
-    rng = np.random.default_rng(0)
-    row = rng.normal(size=4)
-    kalman = KalmanFilter(4, 1)
-    kalman.P, kalman.Q = 1e7 * np.eye(4), np.zeros((4, 4))
-    ours = SquareRootLeastSquares((1, 6), 4)
-    six = np.tile(row, (1, 6, 1)), np.ones((1, 6)), np.ones((1, 6), dtype=bool)
-    state = start(4)
-    rows = [
-        ("filterpy, one update", cpu(lambda: kalman.update(1.0, H=row[None])), ""),
-        ("ours, one update (readable form)", cpu(lambda: step(state, row, 1.0)), ""),
-        ("ours, six updates at once", cpu(lambda: ours.take(*six)), "in square-root form"),
-    ]
-    try:
-        from padasip.filters import FilterRLS
-    except ImportError:
-        rows.append(("padasip, one update", np.nan, "pip install padasip to compare"))
-    else:
-        peer = FilterRLS(n=4, mu=1.0)
-        rows.insert(1, ("padasip, one update", cpu(lambda: peer.adapt(1.0, row)), ""))
     return rows
 
 
@@ -130,7 +83,6 @@ def main(argv: Sequence[str] = ()) -> int:
     terminal = Terminal()
     for title, unit, rows in (
         ("One environment", "us per step", environments()),
-        ("Recursive least squares, four parameters", "us", recursions()),
         ("Batched environment", "million steps per s", batches()),
         ("Imports", "s", imports()),
     ):

@@ -1,8 +1,8 @@
 import numpy as np
 
-from benchmarks.recursion import State, start, step
 from estimators.regression.least_squares import Equations
 from estimators.regression.recursive import PRIOR, choose_indices, compute_history
+from tests.paper_recursion import State, start, step
 
 
 def test_history_equals_the_recursion():

@@ -1,4 +1,4 @@
-"""The paper's recursion as it is printed: a peer of those that are used, and what their tests compare with."""
+"""The paper's recursion as it is printed, with which the recursions are compared."""
 
 from __future__ import annotations
 
