@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from estimators.data.rows import ResidualStructure
 from estimators.in_loop.errors import Errors, LoopErrors
@@ -24,7 +25,8 @@ from pendulum_env.servo.torque import get_bus_voltage
 
 GRAIN = 0.02  # [s] between compared positions, about
 STEPS, FINE = 11, 20  # of the integrator in this time, during a search and for the final fit
-ALIKE = 0.01  # relative difference of the rates of logs that are compared at their samples
+SAME_RATE = 0.01  # relative difference of the rates of logs that are compared at their samples
+SLACK = 0.01  # of a step of the integrator, by which it may be longer than asked for
 CONTACT = 2  # times as many, where a link hangs on a contact: it is stiffer than the joint
 FINEST = 1e-6  # [rad], least step of an encoder; smaller ones are rounding
 JITTER = 0.03  # error of a clock in samples
@@ -39,7 +41,7 @@ class Rollouts:
         steps: of the integrator in the time `GRAIN`.
         shares: begin and end of the compared part of each recording; the whole recording is simulated.
         is_held: whether goals are held from sample to sample or interpolated, unless the drive declares it.
-        grain: time between compared positions [s]; 0 takes samples of the log, about `GRAIN` apart. A motion that
+        grain: time between compared positions [s]; None takes samples of the log, about `GRAIN` apart. A motion that
             follows held goals bends between them, so that positions between samples are not known.
     """
 
@@ -47,20 +49,21 @@ class Rollouts:
     steps: int = STEPS
     is_held: bool = True
     shares: tuple[float, float] = (0.0, 1.0)
-    grain: float = 0.0
+    grain: float | None = None
 
     @cached_property
     def _grain(self) -> float:
         """Return the time between compared positions [s]: `GRAIN` if the rates of the logs differ."""
+        if self.grain is not None:
+            return self.grain
         periods = [1.0 / recording.rate for recording in self.recordings]
-        if self.grain or max(periods) > (1.0 + ALIKE) * min(periods):
-            return self.grain or GRAIN
         period = float(np.median(periods))
-        return period * max(1, round(GRAIN / period))
+        is_same = max(periods) <= (1.0 + SAME_RATE) * min(periods)
+        return period * max(1, round(GRAIN / period)) if is_same else GRAIN
 
     @cached_property
     def _steps_per_grain(self) -> int:
-        return max(1, int(np.ceil(self.steps * self._grain / GRAIN - ALIKE)))
+        return max(1, int(np.ceil(self.steps * self._grain / GRAIN - SLACK)))
 
     @cached_property
     def _segments(self) -> list[tuple[int, Recording]]:
@@ -74,61 +77,59 @@ class Rollouts:
         count = self._steps_per_grain * max(len(at) for at in self._times)
         step_times = np.arange(count) * step + 1e-6  # [s], against rounding
 
-        def hold(values: Sequence[Array]) -> Array:
-            """Return series held from sample to sample, at the begin of each step (N, B)."""
-            places = [np.minimum((step_times * part.rate).astype(np.intp), len(part) - 1) for part in parts]
-            return np.array([series[at] for series, at in zip(values, places, strict=True)]).T
-
-        def average_held(values: Sequence[Array]) -> Array:
-            """Return means over each step of series held from sample to sample (N, B); a step may span two samples."""
-            edges, means = np.append(step_times, step_times[-1] + step), []
-            for series, part in zip(values, parts, strict=True):
-                integral = np.append(0.0, np.cumsum(series)) / part.rate
-                until = np.minimum(edges * part.rate, len(series))
-                path = np.interp(until, np.arange(len(series) + 1), integral) + (edges - until / part.rate) * series[-1]
-                means.append(np.diff(path) / step)
-            return np.array(means).T
-
-        def interpolate(values: Sequence[Array]) -> Array:
-            """Return series interpolated between samples, at the begin of each step (N, B)."""
+        def stack(read: Callable[[Array, Recording], Array], values: Sequence[ArrayLike]) -> Array:
+            """Return series as `read` has them in each step (N, B)."""
             pairs = zip(values, parts, strict=True)
-            return np.array(
-                [np.interp(step_times, np.arange(len(part)) / part.rate, series) for series, part in pairs]
-            ).T
+            return np.array([read(np.broadcast_to(series, len(part)), part) for series, part in pairs]).T
 
-        def read_at_looks(series: Array, part: Recording, rate: float, is_ramp: bool) -> Array:
+        def hold(series: Array, part: Recording) -> Array:
+            """Return a series held from sample to sample, at the begin of each step (N,)."""
+            return series[np.minimum((step_times * part.rate).astype(np.intp), len(part) - 1)]
+
+        def average_held(series: Array, part: Recording) -> Array:
+            """Return means over each step of a series held from sample to sample (N,); a step may span two samples."""
+            edges = np.append(step_times, step_times[-1] + step)
+            integral = np.append(0.0, np.cumsum(series)) / part.rate
+            until = np.minimum(edges * part.rate, len(series))
+            path = np.interp(until, np.arange(len(series) + 1), integral) + (edges - until / part.rate) * series[-1]
+            return np.diff(path) / step
+
+        def interpolate(series: Array, part: Recording) -> Array:
+            """Return a series interpolated between samples, at the begin of each step (N,)."""
+            return np.interp(step_times, np.arange(len(part)) / part.rate, series)
+
+        def read_goal(series: Array, part: Recording) -> Array:
             """Return the goals that a controller reads in each step (N,), the last ones in steps without a look."""
-            looks, places = Looks(rate, step, count), np.arange(len(series))
+            assert part.drive is not None
+            is_ramp = not self.is_held if part.drive.goal is None else part.drive.goal == "ramp"
+            if part.drive.rate is None:
+                return interpolate(series, part) if is_ramp else average_held(series, part)
+            looks = Looks(part.drive.rate, step, count)
             samples = (looks.time + 1e-6) * part.rate
-            goals = np.interp(samples, places, series)
-            if not is_ramp:
-                goals = series[np.minimum(samples.astype(np.intp), len(series) - 1)]
+            goals = (
+                np.interp(samples, np.arange(len(series)), series)
+                if is_ramp
+                else series[np.minimum(samples.astype(np.intp), len(series) - 1)]
+            )
             return looks.average(goals)[np.maximum.accumulate(np.where(looks.due > 0, np.arange(count), 0))]
 
-        drives = tuple(part.drive for part in parts if part.drive is not None)
-        goals = [part.reference for part in parts if part.reference is not None]
-        ramps = [not self.is_held if drive.goal is None else drive.goal == "ramp" for drive in drives]
-        goal = np.where(ramps, interpolate(goals), average_held(goals))
-        for k, drive in enumerate(drives):
-            if drive.rate is not None:
-                goal[:, k] = read_at_looks(goals[k], parts[k], drive.rate, ramps[k])
         loads = [get_known_load(part) for part in parts]
         known_load = KnownLoad(
             np.array([load.inertia for load in loads], dtype=float),
             np.array([load.gravity for load in loads], dtype=float),
-            interpolate([np.broadcast_to(load.torque, len(part)) for load, part in zip(loads, parts, strict=True)]),
+            stack(interpolate, [load.torque for load in loads]),
         )
         return Servos(
-            drives,
+            tuple(part.drive for part in parts if part.drive is not None),
             step,
-            goal,
-            hold([get_bus_voltage(part) for part in parts]),
-            hold([part.powered for part in parts]),
+            stack(read_goal, [part.reference for part in parts if part.reference is not None]),
+            stack(hold, [get_bus_voltage(part) for part in parts]),
+            stack(hold, [part.powered for part in parts]),
             np.array([part.position[0] for part in parts]),
             np.array([_estimate_initial_velocity(part) for part in parts]),
             np.array([part.time[0] for part in parts]),
             known_load if any(loads) else KnownLoad(),
-            interpolate([get_temperature(part) for part in parts]),
+            stack(interpolate, [get_temperature(part) for part in parts]),
         )
 
     @cached_property
