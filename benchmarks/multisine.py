@@ -6,28 +6,19 @@ Source: Hansen, The CMA Evolution Strategy: A Tutorial, arXiv 1604.00772.
 from __future__ import annotations
 
 import json
-from functools import partial
 
 import numpy as np
 
 from agents.baselines import FREQUENCIES, WEIGHTS_FILE, multisine_torque, predict_rows
 from agents.observer import CONSTRAINTS, INFORMATION_PRIOR, N_PARAMETERS, NOMINAL, Constraint, log_det
-from estimators.progress import Progress
 from pendulum_env._typing import Array
 
 PAPER = (1, 9)  # where the paper's two tones are among the frequencies, about
-GENERATIONS = 250
+GENERATIONS, PLANTS = 250, 24
 SPREAD = 0.3  # within which plants are drawn
 
 
-def optimise(
-    constraint: Constraint,
-    *,
-    generations: int = GENERATIONS,
-    plants: int = 24,
-    seed: int = 0,
-    tell: Progress | None = None,
-) -> Array:
+def optimise(name: str, constraint: Constraint) -> Array:
     """Find the weights (2 F,) of the multisine that teaches most, on the average of plants drawn within 30 %.
 
     Raises:
@@ -38,16 +29,15 @@ def optimise(
     except ModuleNotFoundError:
         raise ModuleNotFoundError("optimising a signal needs the extra rl: pip install 'pendulum-ident[rl]'") from None
 
-    theta = NOMINAL * (1 + SPREAD * np.random.default_rng(seed).uniform(-1, 1, (plants, N_PARAMETERS)))
+    theta = NOMINAL * (1 + SPREAD * np.random.default_rng(0).uniform(-1, 1, (PLANTS, N_PARAMETERS)))
     start = np.zeros(2 * len(FREQUENCIES))
     start[list(PAPER)] = 1.0
-    options = {"seed": seed + 1, "maxiter": generations, "verbose": -9}  # to cma, a seed of 0 is the clock
+    options = {"seed": 1, "maxiter": GENERATIONS, "verbose": -9}  # to cma, a seed of 0 is the clock
     search = cma.CMAEvolutionStrategy(start, 0.2, options)
-    for generation in range(generations):
+    for generation in range(GENERATIONS):
         weights = np.array(search.ask()).T
         search.tell(list(weights.T), list(-taught(weights, theta, constraint)))
-        if tell is not None:
-            tell(f"{-search.best.f:.3f} nat", (generation + 1) / generations)
+        print(f"{name} {(generation + 1) / GENERATIONS:.0%} {-search.best.f:.3f} nat", flush=True)
     return np.asarray(search.best.x)
 
 
@@ -61,15 +51,11 @@ def taught(weights: Array, theta: Array, constraint: Constraint) -> Array:
     return np.asarray(log_det(information).mean(axis=0))
 
 
-def _say(name: str, text: str, share: float) -> None:
-    print(f"{name} {share:.0%} {text}", flush=True)
-
-
 def main() -> None:
     """Find those of both constraints anew."""
     found = json.loads(WEIGHTS_FILE.read_text())
     for name, constraint in CONSTRAINTS.items():
-        weights = optimise(constraint, tell=partial(_say, name))
+        weights = optimise(name, constraint)
         found[name] = np.round(weights / np.abs(weights).max(), 4).tolist()
     WEIGHTS_FILE.write_text(json.dumps(found) + "\n")
 
