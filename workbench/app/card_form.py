@@ -13,8 +13,8 @@ from workbench.app.parts import UNWRAP, make_aria, make_button, make_panel, make
 ASKED = "Time and position are needed, and torque if anything drives the joint; velocity and reference are of use."
 FREE = "Nothing drives the joint: torque is zero"
 ASKED_OF_ARM = (
-    "Time, and position and torque of each joint are needed: on the side of the joint, with the torque that holds the "
-    "links up. What was logged of a motor before its gear has the ratio in the last column, a current its gain."
+    "Time, and position and torque of each joint are needed, both behind the gear; the torque includes what holds the "
+    "links up. For columns of a motor before its gear, write the ratio in the last column; for a current, its gain."
 )
 HINTS = {  # of what is done with a column
     "time": "*0.001",
@@ -32,9 +32,8 @@ def show(card: ColumnCard) -> Component:
         f"What the columns of {card.source.file.name} mean",
         *([html.P(f"{card.why}.", className="why", role="alert")] if card.why else []),
         html.P(
-            f"{ASKED_OF_ARM if card.joints else ASKED} What is written in the last "
-            "column is done to a column one after the other, as by --columns: a gain, a ratio, an offset. For the "
-            "current, voltage or duty cycle of a motor that is its torque constant"
+            f"{ASKED_OF_ARM if card.joints else ASKED} The last column converts a column as --columns does, by gain, "
+            "ratio and offset. The current, voltage or duty cycle of a motor needs its torque constant"
             f"{'' if card.joints else ', or *? to find it from known loads'}.",
             className="note",
         ),

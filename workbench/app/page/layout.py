@@ -77,10 +77,10 @@ def show_upload() -> Component:
     """Show the upload of files, which stays while stages come and go, so that no file is lost on its way."""
     choose = html.Button([html.Strong("Choose recordings"), " or drop them here"], type="button", className="drop")
     about = (
-        f"{FORMATS} with time, position and torque; 0 hangs down. What columns mean is asked where their names do not "
-        f"tell, or told by a {uploads.STUDY} among the files. Of an arm, its URDF or MJCF among the files tells the "
-        f"links. {uploads.STUDY} and {uploads.MODEL} of the stage Export, loaded together with the recordings, go on "
-        f"from there; a {uploads.MODEL} alone is another model to start from. Up to {uploads.LARGEST / 1e6:.0f} MB at "
+        f"{FORMATS} with time, position and torque; 0 hangs down. The page asks for the meaning of columns with other "
+        f"names, unless a {uploads.STUDY} among the files gives it. Add the URDF or MJCF of an arm. To go on from "
+        f"earlier work, load its {uploads.STUDY} and {uploads.MODEL}, which the stage Export saves, with the "
+        f"recordings; a {uploads.MODEL} alone is another model to start from. Up to {uploads.LARGEST / 1e6:.0f} MB at "
         "once; nothing leaves this computer."
     )
     unwrap = dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id="unwrap")

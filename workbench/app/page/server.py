@@ -62,7 +62,7 @@ def _report_error(error: Exception) -> None:
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{last.filename}, line {last.lineno}"
         log.error("an answer to the page failed: %s, in %s", _describe_error(error), place)
-        text = "something went wrong, which the terminal tells: load the page again"
+        text = "something went wrong, and the terminal says what: load the page again"
     set_props("notice", {"children": text})
 
 
