@@ -17,6 +17,7 @@ from benchmarks.scoring import (
     Curve,
     Outcome,
     examine_all,
+    in_library,
     positive,
     rate,
     take_workers,
@@ -102,18 +103,12 @@ def tell(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     tell_by_effect(outcomes, terminal)
     tell_by_share(outcomes, terminal)
     for curve in (power(outcomes), reliability(outcomes)):  # well calibrated scores are right as often as they say
-        terminal.heading(f"{curve.success.capitalize()} by {curve.quantity}")
-        terminal.table((curve.quantity, "mean", curve.success), curve.rows, left=(curve.success,))
+        curve.tell(terminal)
     terminal.heading("Parameters within their 95 % intervals, where one effect is hidden and found")
     terminal.table(("of", "within"), coverage(outcomes), left=("within",))
 
 
 # ---------------------------------------------------------------------------------------------------------- statistics
-
-
-def in_library(outcomes: Sequence[Outcome]) -> list[Outcome]:
-    """Return the cases with something hidden, all of which the library has."""
-    return [o for o in outcomes if o.truth.hidden and set(o.truth.hidden) <= effects().keys()]
 
 
 def size(outcome: Outcome) -> float:

@@ -243,6 +243,16 @@ class Curve:
             (f"{low:g} to {high:g}", f"{mean:.3g}", rate(hits, count)) for low, high, hits, count, mean in self.bins
         ]
 
+    def tell(self, terminal: Terminal) -> None:
+        """Print the rate of each bin."""
+        terminal.heading(f"{self.success.capitalize()} by {self.quantity}")
+        terminal.table((self.quantity, "mean", self.success), self.rows, left=(self.success,))
+
+
+def in_library(outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """Return the cases with something hidden, all of which the library has."""
+    return [o for o in outcomes if o.truth.hidden and set(o.truth.hidden) <= effects().keys()]
+
 
 def right_of(outcomes: Sequence[Outcome]) -> str:
     """Rate of those that are right."""
@@ -305,15 +315,8 @@ def tell_by_effect(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
 
 def tell_by_share(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     """Print how often a library effect is right, by the share of the torque that it changes."""
-    known = [o for o in outcomes if o.truth.hidden and set(o.truth.hidden) <= effects().keys()]
-    rows = []
-    for low, high in pairwise(SHARES):
-        some = [o for o in known if o.truth.share is not None and low <= o.truth.share < high]
-        if some:
-            rows.append((f"{low:.0%} to {high:.0%}", right_of(some)))
-    if rows:
-        terminal.heading("By the share of the torque that the base model misses after its refit")
-        terminal.table(("share", "right"), rows)
+    cases = [(o.truth.share, o.right) for o in in_library(outcomes) if o.truth.share is not None]
+    Curve.of("share of the torque that the base model misses after its refit", "right", SHARES, cases).tell(terminal)
 
 
 def positive(text: str) -> int:
