@@ -8,6 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.regression_data import RegressionData
 from estimators.simulation import output_error
+from estimators.simulation.free_running import simulate_all
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, effect
 from tests.cases import recorded
@@ -58,3 +59,23 @@ def test_an_error_of_the_initial_state_alone_leaves_no_residual():
     off = replace(segments, velocity=shifted)
     assert output_error.compute_rms([off], point) < 3 * exact
     assert output_error.compute_rms([off], Point(BASE, point.theta * 1.02)) > 10 * exact
+
+
+def test_errors_by_torque_noise_are_as_large_as_their_estimate_on_average():
+    """Mean of ratios: an estimate from few draws would be too small in some segments, and the mean too large."""
+    segments = RegressionData.from_recordings(
+        recorded(
+            Plant(**TRUTH),
+            *(Experiment(rate=1000.0, seconds=8.0, torque_noise=0.1, seed=k, excitation="steps") for k in range(4)),
+        )
+    ).segments
+    point, rng = Point(BASE, np.array([*TRUTH.values()])), np.random.default_rng(1)
+    paths = simulate_all(segments, [(BASE, point.theta)])
+    measured = [
+        replace(segment, torque=output_error.redraw_torque(segment, rng), position=path[:, 0])
+        for _ in range(10)
+        for segment, path in zip(segments, paths, strict=True)
+    ]
+    squares = output_error.compute_segment_rms(measured, point) ** 2
+    ratios = squares.reshape(10, -1) / output_error.compute_torque_noise(segments, point)
+    assert 0.85 < ratios.mean() < 1.2
