@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from estimators.regression.least_squares import Equations, give, weigh_joints, weigh_recordings
 from estimators.schemes import six
-from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, average_over_samples, compute_increments
+from estimators.schemes.six import Regression, Regressor, Scheme, average_over_samples, compute_increments
 from estimators.signals.measurements import Measurements, add_states, measure_joints
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.body import Body
@@ -98,9 +98,6 @@ def adapt_to_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
             raise TypeError(f"{scheme.id} is a scheme of one joint: an arm takes the six, perhaps with other options")
         adapted.append(replace(scheme, guard=None) if scheme.adds_up else scheme)
     return tuple(adapted)
-
-
-ARM_SCHEMES = adapt_to_arms(SCHEMES)
 
 
 def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[Equations]:
