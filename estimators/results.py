@@ -13,7 +13,7 @@ from estimators.selection.errors import Errors, get_single
 from estimators.signals.residual import AXES, Profile, Region
 from estimators.simulation.free_running import HORIZON
 from pendulum_env._typing import JSON
-from pendulum_env.notebook import render_html, summarise
+from pendulum_env.notebook import Shown, summarise
 from pendulum_env.physics import Model
 from pendulum_env.recording import TorqueConstant
 
@@ -53,7 +53,7 @@ class Distance:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison:
+class Comparison(Shown):
     """Comparison of a model with recordings.
 
     Attributes:
@@ -106,9 +106,6 @@ class Comparison:
 
     def __repr__(self) -> str:
         return f"<Comparison: {self.headline}>"
-
-    def _repr_html_(self) -> str:
-        return render_html(self)
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; `joint` has all recordings together."""

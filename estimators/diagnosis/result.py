@@ -16,7 +16,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.score import Gain
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
-from pendulum_env.notebook import render_html, summarise
+from pendulum_env.notebook import Shown, summarise
 from pendulum_env.physics import Mechanism, Model
 from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
 
@@ -146,7 +146,7 @@ class HorizonRefit:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis:
+class Diagnosis(Shown):
     """Result of a diagnosis.
 
     Attributes:
@@ -257,9 +257,6 @@ class Diagnosis:
     def __repr__(self) -> str:
         return f"<Diagnosis: {self.headline}>"
 
-    def _repr_html_(self) -> str:
-        return render_html(self)
-
     def json(self) -> JSON:
         """Return the diagnosis as a dictionary for JSON.
 
@@ -297,7 +294,7 @@ class Diagnosis:
 
 
 @dataclass(frozen=True, repr=False)
-class Addition:
+class Addition(Shown):
     """Result of adding an effect to a model.
 
     Attributes:
@@ -327,6 +324,3 @@ class Addition:
 
     def __repr__(self) -> str:
         return f"<Addition: {summarise(self)}>"
-
-    def _repr_html_(self) -> str:
-        return render_html(self)

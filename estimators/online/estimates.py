@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.notebook import render_html
+from pendulum_env.notebook import Shown
 
 
 @dataclass(eq=False)  # not frozen, which is slow: one is made at every sample
@@ -98,8 +98,5 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
         return dict, (self.copy(),)  # a process without the recursion gets the values
 
 
-class SchemeEstimates(dict[str, Any]):
+class SchemeEstimates(dict[str, Any], Shown):
     """Estimates of several schemes, a `SchemeEstimate` by id; a batch has masks of Gymnasium, such as `_dynamic`."""
-
-    def _repr_html_(self) -> str:
-        return render_html(self)

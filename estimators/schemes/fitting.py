@@ -23,7 +23,7 @@ from estimators.schemes.balance import Segments, Stack, find_momentum_columns, m
 from estimators.schemes.six import Regressor, Scheme
 from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.arms.model import make_arm_model
-from pendulum_env.notebook import render_html
+from pendulum_env.notebook import Shown
 from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.recording import Recording, TorqueConstant
 from pendulum_env.units import JointUnits
@@ -52,7 +52,7 @@ class Convergence:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identified:
+class Identified(Shown):
     """Estimates of one scheme.
 
     Attributes:
@@ -85,9 +85,6 @@ class Identified:
     def __repr__(self) -> str:
         texts = (f"{name} {estimate.text}" for name, estimate in self.model.estimates.items())
         return f"<Identified by {self.scheme}: {', '.join(texts)}>"
-
-    def _repr_html_(self) -> str:
-        return render_html(self)
 
     def convert_units(self, units: JointUnits) -> Identified:
         """Convert the estimates to another joint, or another unit of torque."""

@@ -17,7 +17,7 @@ from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON
 from pendulum_env.formatting import join_words
 from pendulum_env.lookup import find
-from pendulum_env.notebook import render_html, summarise
+from pendulum_env.notebook import Shown, summarise
 from pendulum_env.physics import Mechanism, Model
 from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
 
@@ -27,7 +27,7 @@ SHOWN = 3  # recordings, at most, whose names are printed
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification(Mapping[str, Identified]):
+class Identification(Mapping[str, Identified], Shown):
     """Results of all schemes on the same recordings, by the id of the scheme.
 
     Two identifications are equal only if they are the same object.
@@ -111,9 +111,6 @@ class Identification(Mapping[str, Identified]):
         count = len(self.recordings)
         names = join_words(self.recordings) if count <= SHOWN else f"{count} recordings"
         return f"<Identification of {names}>\n{summarise(self)}"
-
-    def _repr_html_(self) -> str:
-        return render_html(self)
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""

@@ -7,9 +7,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from pendulum_env import notebook
 from pendulum_env._typing import JSON, Array, ArrayLike
 from pendulum_env.lookup import find
+from pendulum_env.notebook import Shown
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.estimate import Estimate, derive_estimates, shorten_name
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
@@ -35,7 +35,7 @@ NO_INERTIA = "the model lacks the term inertia: add it"
 
 
 @dataclass(frozen=True, repr=False)
-class Model(Mapping[str, Estimate]):
+class Model(Mapping[str, Estimate], Shown):
     """Terms and parameters of the torque balance; `model["gravity"]` is an estimate, printed with a line for each.
 
     A model is a mapping of its estimates by full name, as `dead_time.dead_time`. An estimate is also found by the short
@@ -261,9 +261,6 @@ class Model(Mapping[str, Estimate]):
         """Simulate free motion under a held torque command; see `pendulum_env.physics.simulation.simulate`."""
         self.refuse_unknown_inertia()
         return simulate(self.terms, self.theta, period, torque, position, velocity, start)
-
-    def _repr_html_(self) -> str:
-        return notebook.render_html(self)
 
     def json(self) -> JSON:
         """Return a plain dictionary for JSON."""

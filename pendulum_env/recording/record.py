@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from pendulum_env._typing import Array
 from pendulum_env.errors import ColumnError, RecordingError
-from pendulum_env.notebook import render_html
+from pendulum_env.notebook import Shown
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.channel import NEWTON_METRE, Load, TorqueConstant
 from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, find_date, is_uniform, sum_durations
@@ -42,7 +42,7 @@ class MovedTorque(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recording:
+class Recording(Shown):
     """N samples of one run, all finite, in segments of uniform time; the arrays are read-only float64 views.
 
     Samples of all segments stand in a row, time increases throughout. Within a segment it is uniform, with one period
@@ -159,9 +159,6 @@ class Recording:
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name!r}: {self.summary}>"
-
-    def _repr_html_(self) -> str:
-        return render_html(self)
 
     @property
     def units(self) -> JointUnits:
