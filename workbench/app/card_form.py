@@ -13,7 +13,7 @@ from workbench.app.parts import UNWRAP, make_aria, make_button, make_panel, make
 ASKED = "Time and position are needed, and torque if anything drives the joint; velocity and reference are of use."
 FREE = "Nothing drives the joint: torque is zero"
 ASKED_OF_ARM = (
-    "Time, and position and torque of each joint are needed, both behind the gear; the torque includes what holds the "
+    "Time, and position and torque of each joint are needed, on the side of the joint; the torque holds the "
     "links up. For columns of a motor before its gear, write the ratio in the last column; for a current, its gain."
 )
 HINTS = {  # of what is done with a column
