@@ -135,7 +135,8 @@ def get_table(state: SearchState, terms: Terms) -> Table:
 def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
     """Return the id of the law with the highest held-out density beside the terms.
 
-    Candidates are laws that are supported, explain residual torque, and lower the held-out errors of the terms. Return
+    Candidates are laws that are supported and lower the held-out errors of the terms. They explain the share
+    `criterion.explained_share` of the residual torque, or `criterion.needed_share` of the error of free motion. Return
     None without candidates.
     """
     residuals, least_share = evaluator.residuals, evaluator.criterion.explained_share
@@ -145,7 +146,7 @@ def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[
         for trial in trials
         if trial is not None
         and evaluator.is_supported(trial.terms, terms)
-        and residuals.explained_share(trial.terms, terms) > least_share
+        and (residuals.explained_share(trial.terms, terms) > least_share or evaluator.is_needed(trial.terms, terms))
         and evaluator.lowers_errors(trial.terms, terms)
     ]
     best = max(found, key=lambda longer: float(np.sum(evaluator.density(longer)[evaluator.held_out])), default=None)
