@@ -28,6 +28,8 @@ class ArmStream:
         delay: of the equations at most [samples].
     """
 
+    n_copies = 1
+
     def __init__(self, terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float) -> None:
         """Create a stream of samples with a period between them [s]; the links are the first term."""
         for scheme in schemes:
@@ -120,7 +122,7 @@ class ArmStream:
                 yield StreamEquations(
                     np.array([place + k]),
                     times[reach + k : reach + k + 1],
-                    equations[k, j][None],
+                    equations[k, j][None, None],
                     usable[k, j][None],
                     None,
                     restarted,
@@ -130,9 +132,14 @@ class ArmStream:
 
 
 def make_stream(
-    terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float, batch: int
+    terms: Sequence[Term],
+    schemes: Sequence[Scheme],
+    smoothing: Smoothing,
+    period: float,
+    batch: int,
+    noise: float = 0.0,
 ) -> Stream | ArmStream:
-    """Create the stream of B pendulums, or of an arm if a term is its links.
+    """Create the stream of B pendulums, or of an arm if a term is its links, which ignores `noise`.
 
     Raises:
         ValueError: if `batch` is not 1 for an arm.
@@ -141,4 +148,4 @@ def make_stream(
         if batch != 1:
             raise ValueError(f"batch is {batch}, but an arm has a stream of its own: use one estimator per arm")
         return ArmStream(terms, schemes, smoothing, period)
-    return Stream(terms, schemes, smoothing, period, batch)
+    return Stream(terms, schemes, smoothing, period, batch, noise)

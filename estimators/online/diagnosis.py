@@ -95,6 +95,13 @@ class OnlineDiagnosis:
     changed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     since: float | None = None
 
+    def __repr__(self) -> str:
+        """Return one line."""
+        return (
+            f"OnlineDiagnosis(kind={self.kind!r}, group={self.group}, changed={(*self.changed,)}, "
+            f"evidence={self.evidence:.3g}, threshold={self.threshold:.3g}, motion={self.motion:.3g})"
+        )
+
 
 class Diagnoser:
     """Online diagnosis of B pendulums, or of an arm, one sample of each per step.

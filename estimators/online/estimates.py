@@ -47,18 +47,25 @@ class Estimates:
         """Return the covariance of theta, valid under correlated errors (B, S, P, P)."""
         return self._covariances[1]
 
+    @property
+    def std(self) -> Array:
+        """Return the standard errors of theta (B, S, P)."""
+        return np.sqrt(np.maximum(np.einsum("bsii->bsi", self.covariance), 0.0))
+
 
 class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metaclass,misc]  # for Gymnasium
     """Estimates of one scheme, by name; computed when they are read.
 
-    The names are theta (P,), covariance (P, P), prediction_error, and P (P, P), the covariance for unit noise. A batch
-    has a first axis B, and the masks (B,) of vector environments of Gymnasium, such as `_theta`.
+    The names are theta (P,), its standard errors std (P,), covariance (P, P), prediction_error, and P (P, P), the
+    covariance for unit noise. A batch has a first axis B, and the masks (B,) of vector environments of Gymnasium, such
+    as `_theta`.
     """
 
     __slots__ = ("_estimates", "_pendulum", "_scheme", "units")
 
     _parts: ClassVar[dict[str, str]] = {
         "theta": "theta",
+        "std": "std",
         "covariance": "covariance",
         "prediction_error": "error",
         "P": "P",

@@ -58,7 +58,8 @@ class OnlineEstimator:
 
     The estimates equal those of `Scheme.regression` and `Scheme.history` for a whole recording, `delay` samples later:
     the reach of the smoothing plus the longest guard around stick. Terms with memory follow their own state equation,
-    which differs from the offline trace within a sample.
+    which differs from the offline trace within a sample. For a pendulum whose encoder noise is known or estimated, the
+    bias by this noise is then subtracted, and its uncertainty is part of the covariance.
 
     The smoothing depends on the noise of the encoder. Without `counts`, `position_noise` and `smoothing`, the noise is
     estimated from the first 256 samples of motion. The estimates begin after them, and use them.
@@ -105,21 +106,20 @@ class OnlineEstimator:
         self.terms, self.rate, self.batch = tuple(terms), rate, batch
         # the joint state starts from the last regression
         self._regression_schemes = regressions if joint is None else (*regressions, scheme("hamiltonian"))
-        shape, period, parameters = (batch, len(self._regression_schemes)), 1.0 / rate, len(self.names)
+        shape, parameters = (batch, len(self._regression_schemes)), len(self.names)
         noise = compute_encoder_noise(counts) if position_noise is None and counts is not None else position_noise
         self._buffer: SampleBuffer | None = None  # until the noise is known
+        known_noise = noise or 0.0
         if noise is None:
             noise = compute_encoder_noise(COUNTS)
             self._buffer = SampleBuffer() if smoothing is None else None
-        self._start_stream(smoothing or Smoothing.from_noise(noise, rate))
-        period /= len(self._stream.joints)  # between equations
         self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
-        self._clusters = ClusterCovariance(shape, parameters, period, forgetting)
+        self._start_stream(smoothing or Smoothing.from_noise(noise, rate), known_noise)
         self._joint: JointFilters | None = None
         if joint is not None:
             if self._stream.joints != ("",):
                 raise ValueError(f"{joint.id} is a scheme of one joint: use the six schemes for an arm")
-            self._joint = JointFilters(terms, period, batch, noise, forgetting)
+            self._joint = JointFilters(terms, 1.0 / rate, batch, noise, forgetting)
         self._estimates = self._initial_estimates()
 
     @property
@@ -157,7 +157,7 @@ class OnlineEstimator:
         squares, sample = self._squares, None
         for sample in self._stream.take(time, position, torque):
             squares.take(sample.equations[..., :-1], sample.equations[..., -1], sample.usable)
-            if self._clusters.take(sample.equations, sample.usable):
+            if self._clusters.take(sample.copies, sample.usable):
                 self._clusters.close(squares)
         if sample is not None:
             self._estimates = self._make_estimates(sample.place, sample.time, sample.usable, sample.regressor)
@@ -177,9 +177,12 @@ class OnlineEstimator:
         after = self._make_estimates(index, time, before.usable & ~column, regressor)
         return after if self._joint is None else self._joint.insert_estimates(after)
 
-    def _start_stream(self, smoothing: Smoothing) -> None:
-        """Start a stream of equations with a smoothing."""
-        self._stream = make_stream(self.terms, self._regression_schemes, smoothing, 1.0 / self.rate, self.batch)
+    def _start_stream(self, smoothing: Smoothing, noise: float) -> None:
+        """Start a stream of equations with a smoothing and a noise of the position [rad], and its clusters."""
+        stream = make_stream(self.terms, self._regression_schemes, smoothing, 1.0 / self.rate, self.batch, noise)
+        shape, period = (self.batch, len(self._regression_schemes)), 1.0 / self.rate / len(stream.joints)
+        self._clusters = ClusterCovariance(shape, len(self.names), period, self._squares.forgetting, stream.n_copies)
+        self._stream = stream
 
     def _estimate_noise(self, buffer: SampleBuffer, time: Array, position: Array, torque: Array) -> Estimates:
         """Add a sample to the buffer; once the encoder noise is known, take all samples of the buffer.
@@ -193,7 +196,7 @@ class OnlineEstimator:
             )
         if (noise := buffer.take(time, position, torque)) is not None:
             self._buffer = None
-            self._start_stream(Smoothing.from_noise(noise, self.rate))
+            self._start_stream(Smoothing.from_noise(noise, self.rate), noise)
             if self._joint is not None:
                 self._joint.position_noise = noise
             for sample in buffer.samples:
@@ -207,7 +210,8 @@ class OnlineEstimator:
     def _make_estimates(self, index: Index, time: Array, usable: Mask, regressor: Array | None) -> Estimates:
         """Collect the current theta and errors of the recursions with the index, time and regressor of their sample."""
         squares, compute_covariances = self._squares, self._clusters.make_covariance(self._squares)
-        return Estimates(index, time, squares.theta, squares.error, usable, regressor, compute_covariances)
+        theta = squares.theta + self._clusters.correction
+        return Estimates(index, time, theta, squares.error, usable, regressor, compute_covariances)
 
 
 def _collect_units(terms: Sequence[Term], schemes: Sequence[object]) -> dict[str, str]:

@@ -35,6 +35,8 @@ from pendulum_env.physics.symbols import make_symbols
 from pendulum_env.recording.sampling import SAMPLING
 
 NEVER = -1e9
+SIGNS = np.random.default_rng(0).choice([-1.0, 1.0], 8191)  # of added noise, by index of the sample
+COPIES = np.array([[0.0], [1.0], [-1.0]])  # of each pendulum: as measured, with added noise, and with its negative
 
 
 class StreamEquations(NamedTuple):
@@ -43,7 +45,8 @@ class StreamEquations(NamedTuple):
     Attributes:
         place: index of the sample since the start of each plant; negative while there are too few samples (B,).
         time: of the sample (B,) [s].
-        equations: phi and, in the last column, y (B, S, P + 1); the next sample overwrites them.
+        copies: phi and, in the last column, y (C, B, S, P + 1); the next sample overwrites them. The first copy is as
+            measured. If the noise is known, two more have noise added to the position, and its negative.
         usable: which equations may be used (B, S).
         regressor: phi of the torque balance at the sample, 0 in stick (B, P); None for an arm.
         restarted: which plants restarted with the newest sample (B,).
@@ -54,12 +57,17 @@ class StreamEquations(NamedTuple):
 
     place: Index
     time: Array
-    equations: Array
+    copies: Array
     usable: Mask
     regressor: Array | None
     restarted: Mask
     following: Array
     joint: int = 0
+
+    @property
+    def equations(self) -> Array:
+        """Return phi and, in the last column, y as measured (B, S, P + 1)."""
+        return self.copies[0]
 
 
 class Stream:
@@ -68,18 +76,32 @@ class Stream:
     Attributes:
         joints: names; a pendulum has one joint without a name.
         delay: of the equations by smoothing and the longest guard [samples].
+        n_copies: number C of copies of the equations.
     """
 
     joints = ("",)
 
     def __init__(
-        self, terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float, batch: int
+        self,
+        terms: Sequence[Term],
+        schemes: Sequence[Scheme],
+        smoothing: Smoothing,
+        period: float,
+        batch: int,
+        noise: float = 0.0,
     ) -> None:
-        """Create a stream of samples of B pendulums, with a period between them [s]."""
+        """Create a stream of samples of B pendulums, with a period between them [s].
+
+        With `noise` [rad], the equations are also computed with white noise of this standard deviation added to the
+        position. Halts remain those of the measured motion.
+        """
         for scheme in schemes:
             if scheme.borrows is not None:
                 raise ValueError(f"{scheme.id} borrows its inertia, which needs a whole recording: set borrows=None")
         self._terms, self._period = tuple(terms), period
+        self._noises, self._batch = noise * COPIES[: len(COPIES) if noise else 1], batch
+        self.n_copies = len(self._noises)
+        batch *= self.n_copies  # lanes
         self._balance = TorqueBalance(terms, np.ones(sum(len(term.columns) for term in terms)))
         length, dead_time = 2 * smoothing.reach + 1, sum(term.delay for term in terms) / period
         lead_in = round(LEAD_IN / period) if self._balance.has_states else 0
@@ -110,10 +132,10 @@ class Stream:
         self._sums = [(k, np.zeros((n, width, batch))) for k, n in enumerate(list_windows(schemes, period)) if n]
         self._arrival = Machine(_receive_sample, (SAMPLING.long * period,), batch)
         self._index = np.full(batch, -length, dtype=np.intp)
-        self._no_restart = np.zeros(batch, dtype=bool)
+        self._no_restart = np.zeros(self._batch, dtype=bool)
         self._last_instant: Samples | None = None
         self._count = 0
-        self.reset(np.ones(batch, dtype=bool))
+        self.reset(self._no_restart | True)
 
     def _list_numeric_laws(self) -> dict[str, Any]:
         """List the laws that are no formulas, by the symbol of their value."""
@@ -129,6 +151,7 @@ class Stream:
 
     def reset(self, which: Mask) -> None:
         """Restart pendulums (B,) with their next sample; smoothing and filters start from rest."""
+        which = np.tile(which, self.n_copies)
         self._index[which] = -self._samples.shape[1]
         self._machine.reset(which)
         self._samples[..., which] = self._instants[..., which] = 0.0
@@ -146,13 +169,14 @@ class Stream:
             position: (B,) [rad].
             torque: over the period that ends with the sample (B,) [N m].
         """
-        arrival = self._arrival
-        sample = arrival.given["sample"]
+        arrival, batch = self._arrival, self._batch
+        sample = arrival.given["sample"].reshape(3, -1, batch)
         sample[0], sample[1], sample[2] = time, position, torque
+        sample[1] += self._noises * SIGNS[self._index[:batch] % len(SIGNS)]
         arrival.step()
         restarted = self._no_restart
         if np.count_nonzero(arrival.now["restarted"]):
-            restarted = arrival.now["restarted"] > 0
+            restarted = arrival.now["restarted"][:batch] > 0
             self.reset(restarted)
         self._smooth(arrival.now["taken"])
         return (self._advance(restarted),)
@@ -175,7 +199,9 @@ class Stream:
         given, now, count, ring = self._machine.given, self._machine.now, self._count, self._instants
         row = count - self._behind
         following = ring[(row + 1) % len(ring)]
-        given["index"][:], given["newest"][:] = self._index, ring[count % len(ring), VELOCITY]
+        batch = self._batch
+        given["index"][:] = self._index
+        given["newest"].reshape(-1, batch)[:] = ring[count % len(ring), VELOCITY, :batch]
         given["instant"][:] = following
         index = self._index - self._behind
         if self._dead_time is not None:
@@ -192,14 +218,15 @@ class Stream:
         for k, sums in self._sums:
             sums[count % len(sums)] = now["total"][k]
         self._count += 1
+        equations = now["equations"]
         return StreamEquations(
-            index,
-            self._arrival.now["taken"][TIME] - self.delay * self._period,
-            now["equations"].transpose(2, 0, 1),
-            now["usable"].T > 0,
-            now["regressor"].T.copy(),
+            index[:batch],
+            self._arrival.now["taken"][TIME, :batch] - self.delay * self._period,
+            equations.reshape(*equations.shape[:2], -1, batch).transpose(2, 3, 0, 1),
+            now["usable"][:, :batch].T > 0,
+            now["regressor"][:, :batch].T.copy(),
             restarted,
-            following,
+            following[:, :batch],
         )
 
     def _delay_torque(self, row: int, whole: int, share: float) -> Array:

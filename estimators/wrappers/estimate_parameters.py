@@ -27,9 +27,9 @@ class EstimateParameters(MeasurementWrapper):
 
     The wrapper adds to `info`:
 
-    - `estimates`, by scheme: `theta` (P,); `covariance` (P, P), valid under correlated errors; `prediction_error`, a
-      priori, and 0 where the sample was not used, as in stick; and `P` (P, P), the covariance for unit noise. A
-      notebook shows a table.
+    - `estimates`, by scheme: `theta` (P,); its standard errors `std` (P,), and `covariance` (P, P), valid under
+      correlated errors; `prediction_error`, a priori, and 0 where the sample was not used, as in stick; and `P` (P, P),
+      the covariance for unit noise. A notebook shows a table.
     - `estimates_time`: time of the newest sample in use [s], which is delayed by smoothing and guards around stick.
     - `regressor`: row of the torque balance at that sample (P,), 0 in stick.
     - `parameters`: names in order.
@@ -175,8 +175,7 @@ def write_estimates(
 
 def observe_estimates(estimates: Estimates) -> Array:
     """Return theta and standard errors of each scheme for an observation (B, 2 S P), clipped to `OBSERVATION_BOUND`."""
-    std = np.sqrt(np.maximum(np.einsum("bsii->bsi", estimates.covariance), 0.0))
-    columns = np.concatenate([estimates.theta, std], axis=2).reshape(len(estimates.theta), -1)
+    columns = np.concatenate([estimates.theta, estimates.std], axis=2).reshape(len(estimates.theta), -1)
     return np.clip(columns, -OBSERVATION_BOUND, OBSERVATION_BOUND)
 
 

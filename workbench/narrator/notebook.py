@@ -103,9 +103,7 @@ def show_estimates(found: SchemeEstimates) -> str:
     units = {name: of for own in schemes.values() for name, of in own.units.items()}
     rows = []
     for id, own in schemes.items():
-        theta = np.atleast_2d(own["theta"])[0]
-        variance = np.diagonal(own["covariance"], axis1=-2, axis2=-1).reshape(-1, len(theta))[0]
-        std = np.sqrt(np.maximum(variance, 0.0))
+        theta, std = (np.atleast_2d(own[name])[0] for name in ("theta", "std"))
         known = {name: format_estimate(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
         rows.append((id, *(known.get(name, "") for name in units)))
     batch = [len(own["theta"]) for own in schemes.values() if np.ndim(own["theta"]) > 1]

@@ -254,3 +254,4 @@ def test_a_joint_that_moves_later_is_diagnosed_from_then_on():
     said = monitor.diagnosis
     assert said.group == ("quadratic_drag@second",) and not said.not_run
     assert said.ranking[0].theta["quadratic_drag@second"] == pytest.approx(0.1, rel=0.05)
+    assert len(repr(said)) < 400 and "\n" not in repr(said)
