@@ -28,8 +28,6 @@ class ArmStream:
         delay: of the equations at most [samples].
     """
 
-    n_copies = 1
-
     def __init__(self, terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float) -> None:
         """Create a stream of samples with a period between them [s]; the links are the first term."""
         for scheme in schemes:

@@ -6,12 +6,7 @@ fitted to the cluster, s is too small; the score J / (J - A) s of a fit without 
 Neighbouring clusters are merged as time passes, so that there are always a few dozen. With forgetting, clusters stay
 short against the memory, and the oldest ones are dropped. Directions without data keep the variance of P(0).
 
-Noise of the encoder is also in phi, which biases least squares. The sums of equations with added noise of the same
-variance show the bias: D and d are their mean for noise and its negative, minus A and b. Sums A - D and b - d are
-those without noise to second order, for any scheme and any term. The estimate is corrected by their solution.
-
-Sources: Bell and McCaffrey, Survey Methodology 28(2), 2002 (jackknife); Cook and Stefanski, Journal of the American
-Statistical Association 89, 1994 (extrapolation of added noise).
+Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (jackknife).
 """
 
 import functools
@@ -33,71 +28,53 @@ class CovarianceSettings:
     min_extra_clusters: int = 10  # clusters beyond the number of parameters that a covariance needs
     max_memory_share: float = 0.1  # longest duration relative to the memory of forgetting
     guess_variance: float = 60.0  # variance relative to white errors while there are few clusters
-    max_noise_share: float = 0.5  # largest share of information that is subtracted as noise
-    noise_uncertainty: float = 0.3  # of the variance of the encoder noise, relative
 
 
 COVARIANCE = CovarianceSettings()
 
 
 class ClusterCovariance:
-    """Sums over clusters for (B, S) regressions with P parameters each.
+    """Sums over clusters for (B, S) regressions with P parameters each."""
 
-    Attributes:
-        correction: of theta for the bias by encoder noise (B, S, P).
-    """
-
-    def __init__(
-        self, batch: tuple[int, int], parameters: int, period: float, forgetting: float, n_copies: int
-    ) -> None:
-        """Create the sums.
-
-        Args:
-            batch: (B, S).
-            parameters: their number P.
-            period: between equations [s].
-            forgetting: factor of the recursion.
-            n_copies: number C of copies of the equations, see `StreamEquations`.
-        """
+    def __init__(self, batch: tuple[int, int], parameters: int, period: float, forgetting: float) -> None:
+        """Create the sums for a period between equations [s] and the forgetting factor of the recursion."""
         self._forgetting = forgetting
         self._max_length = COVARIANCE.max_memory_share / (1.0 - forgetting) if forgetting < 1 else np.inf
         self._min_length = max(2, round(min(COVARIANCE.cluster_time / period, self._max_length)))
-        copies = (n_copies, *batch)
-        # sums of products of phi and y: A and b, and b' and y'y in the last row
-        self._clusters = np.zeros((COVARIANCE.max_clusters, *copies, parameters + 1, parameters + 1))
-        self._current = np.zeros((*copies, parameters + 1, parameters + 1))  # of the cluster, without `_rows`
-        self._rows = np.zeros((self._min_length, *copies, parameters + 1))  # its last equations
+        self._clusters = np.zeros((COVARIANCE.max_clusters, *batch, parameters, parameters + 1))  # A and b
+        self._current = np.zeros((*batch, parameters, parameters + 1))  # of the current cluster, without `_rows`
+        self._rows = np.zeros((self._min_length, *batch, parameters + 1))  # its last equations
         self._n_used = np.zeros(batch)  # usable equations in the current cluster
-        self.correction = np.zeros((*batch, parameters))
-        self._scores, self._bias = np.zeros((2, *batch, parameters, parameters))
+        self._scores = np.zeros((*batch, parameters, parameters))
         self._n_clusters = np.zeros(batch, dtype=int)  # clusters with equations
         self._length, self._n_rows, self._n_closed = self._min_length, 0, 0
 
     def reset(self, which: Mask) -> None:
         """Restart plants (B,); the others keep their clusters."""
-        self._clusters[:, :, which] = self._rows[:, :, which] = self._current[:, which] = 0.0
+        self._clusters[:, which] = 0.0
+        self._rows[:, which] = 0.0
         # covariance functions in use keep the old arrays
-        self._scores, self._bias, self._n_clusters = self._scores.copy(), self._bias.copy(), self._n_clusters.copy()
-        for series in (self._n_used, self._scores, self._n_clusters, self._bias, self.correction):
+        self._scores, self._n_clusters = self._scores.copy(), self._n_clusters.copy()
+        for series in (self._current, self._n_used, self._scores, self._n_clusters):
             series[which] = 0
         if which.all():
             self._length, self._n_rows, self._n_closed = self._min_length, 0, 0
 
-    def take(self, copies: Array, usable: Mask) -> bool:
-        """Add one equation of each regression, phi and y (C, B, S, P + 1), where usable (B, S).
+    def take(self, equations: Array, usable: Mask) -> bool:
+        """Add one equation of each regression, phi and y (B, S, P + 1), where usable (B, S).
 
         Returns:
             True if the current cluster is long enough to be closed.
         """
-        np.multiply(copies, usable[..., None], out=self._rows[self._n_rows % self._min_length])
+        np.multiply(equations, usable[..., None], out=self._rows[self._n_rows % self._min_length])
         self._n_used += usable
         self._n_rows += 1
         if self._n_rows % self._min_length == 0:
-            self._current += np.einsum("r...i,r...j->...ij", self._rows, self._rows)
+            self._current += np.einsum("r...i,r...j->...ij", self._rows[..., :-1], self._rows)
         return self._n_rows >= self._length
 
     def close(self, squares: Recursion) -> None:
-        """Close the current cluster; compute the correction, and the scores of all clusters at corrected estimates.
+        """Close the current cluster, and compute the scores of all clusters at the current estimates.
 
         A cluster without equations is dropped; others lower the weight of the earlier clusters by forgetting. At
         `max_clusters`, neighbours are merged, or the oldest is dropped.
@@ -118,58 +95,23 @@ class ClusterCovariance:
             self._clusters[half:] = 0.0
             self._n_closed, self._length = half, 2 * self._length
         elif self._n_closed == COVARIANCE.max_clusters:
-            # at rest, nothing is forgotten
-            self._clusters[:-1, :, has_equations] = self._clusters[1:, :, has_equations]
+            self._clusters[:-1, has_equations] = self._clusters[1:, has_equations]  # at rest, nothing is forgotten
             self._n_closed -= 1
-        sums = self._clusters[: self._n_closed, 0]
-        if self._clusters.shape[1] > 1:
-            excess = self._clusters[: self._n_closed, 1:].mean(axis=1) - sums
-            sums = sums - self._correct(sums.sum(axis=0), excess.sum(axis=0), theta, P) * excess
-            theta = theta + self.correction
-        A, b = np.split(sums[..., :-1, :], [-1], axis=-1)
+        A, b = np.split(self._clusters[: self._n_closed], [-1], axis=-1)
         score = b - A @ theta[..., None]  # (clusters, B, S, P, 1)
         # J / (J - A) = 1 / (1 - A P); 1e-9 is for a cluster with all the information
         score = np.asarray(np.linalg.solve((1.0 + 1e-9) * np.eye(P.shape[-1]) - A @ P, score), dtype=float)
         self._scores = (score @ score.swapaxes(-1, -2)).sum(axis=0)
         self._n_clusters = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 
-    def _correct(self, total: Array, excess: Array, theta: Array, P: Array) -> Array:
-        """Compute the correction of theta from sums as measured, and their excess by noise (B, S, P + 1, P + 1).
-
-        Noise that explains more than the residual was taken too large, and is scaled down.
-
-        Returns:
-            The share of the excess that is subtracted (B, S, 1, 1).
-        """
-        errors = np.append(-theta, np.ones((*theta.shape[:-1], 1)), axis=-1)  # the residual is its product with rows
-        residual, noise = (np.einsum("...i,...ij,...j", errors, part, errors) for part in (total, excess))
-        scale = np.minimum(1.0, residual / np.maximum(noise, 1e-300))[..., None, None]
-        D, d = np.split(scale * excess[..., :-1, :], [-1], axis=-1)
-        noise_share = np.einsum("...ii", P @ D)[..., None, None]
-        share = COVARIANCE.max_noise_share / np.maximum(noise_share, COVARIANCE.max_noise_share)
-        # (J - D) (theta + correction) = J theta - d, with J = 1 / P
-        step = share * (P @ (D @ theta[..., None] - d))
-        self.correction = np.linalg.solve(np.eye(P.shape[-1]) - share * (P @ D), step)[..., 0]
-        remaining = 1.0 / share - 1.0 + COVARIANCE.noise_uncertainty  # bias relative to the correction
-        self._bias = remaining**2 * self.correction[..., None] * self.correction[..., None, :]
-        return np.asarray(scale * share)
-
-    def make_covariance(self, squares: Recursion) -> Callable[[], tuple[Array, Array]]:
-        """Return a function that computes P and the covariance of now, also later."""
+    def make_covariance(self, squares: Recursion, compute_P: Callable[[], Array]) -> Callable[[], tuple[Array, Array]]:
+        """Return a function that computes P and the covariance of now, also later; `compute_P` computes P of now."""
         state = squares.squares, squares.count, squares.prior
-        return functools.partial(
-            _compute_covariances, squares.unit_covariance(), self._scores, self._bias, self._n_clusters, *state
-        )
+        return functools.partial(_compute_covariances, compute_P, self._scores, self._n_clusters, *state)
 
 
 def _compute_covariances(
-    compute_P: Callable[[], Array],
-    scores: Array,
-    bias: Array,
-    n_clusters: Index,
-    squares: Array,
-    count: Array,
-    prior: float,
+    compute_P: Callable[[], Array], scores: Array, n_clusters: Index, squares: Array, count: Array, prior: float
 ) -> tuple[Array, Array]:
     """Compute P and covariance of estimates (B, S, P, P).
 
@@ -179,7 +121,6 @@ def _compute_covariances(
     Args:
         compute_P: returns the covariance for unit noise.
         scores: sum of squared scores s s' over the clusters (B, S, P, P).
-        bias: square of the bias that the correction may leave (B, S, P, P).
         n_clusters: number of clusters with equations (B, S).
         squares: sum of squared errors (B, S).
         count: number of equations (B, S).
@@ -195,4 +136,4 @@ def _compute_covariances(
     # the second part is the variance of theta(0)
     robust = correction[..., None, None] * (P @ scores @ P) + (noise / prior)[..., None, None] * (P @ P)
     is_robust = n_clusters >= parameters + COVARIANCE.min_extra_clusters
-    return P, np.where(is_robust[..., None, None], robust, guess) + bias
+    return P, np.where(is_robust[..., None, None], robust, guess)

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from estimators.online.noise_bias import Correction
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.notebook import Shown
 
@@ -18,24 +19,35 @@ class Estimates:
     Attributes:
         index: of the newest sample in use, from 0; negative while there are too few samples (B,).
         time: of that sample [s] (B,). It is older than the last sample by the reach of smoothing and guards.
-        theta: (B, S, P) in the order of the columns of the terms.
+        uncorrected: theta of the recursion (B, S, P).
         error: a-priori prediction errors in the unit of the scheme, 0 where the equation was not used (B, S).
         usable: which equations were used (B, S).
         regressor: phi of the torque balance at that sample, 0 in stick (B, P); None for an arm.
-        compute_covariances: returns P and covariance (B, S, P, P) each, when they are first read.
+        compute_covariances: returns P and the covariance without bias (B, S, P, P) each, when they are first read.
+        compute_correction: returns the correction of theta for encoder noise, and its remaining bias.
     """
 
     index: Index
     time: Array
-    theta: Array
+    uncorrected: Array
     error: Array
     usable: Mask
     regressor: Array | None
     compute_covariances: Callable[[], tuple[Array, ...]]
+    compute_correction: Callable[[], Correction]
 
     @cached_property
     def _covariances(self) -> tuple[Array, ...]:
         return self.compute_covariances()
+
+    @cached_property
+    def _correction(self) -> Correction:
+        return self.compute_correction()
+
+    @cached_property
+    def theta(self) -> Array:
+        """Return the estimates (B, S, P) in the order of the columns of the terms."""
+        return self.uncorrected + self._correction.step
 
     @property
     def P(self) -> Array:
@@ -45,7 +57,7 @@ class Estimates:
     @property
     def covariance(self) -> Array:
         """Return the covariance of theta, valid under correlated errors (B, S, P, P)."""
-        return self._covariances[1]
+        return self._covariances[1] + self._correction.bias
 
     @property
     def std(self) -> Array:

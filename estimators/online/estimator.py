@@ -9,6 +9,7 @@ from estimators.online.arm_stream import make_stream
 from estimators.online.confidence import ClusterCovariance
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
+from estimators.online.noise_bias import NoiseBias
 from estimators.online.recursion import RECURSIONS, SQUARE_ROOT
 from estimators.online.stream import check_rate
 from estimators.regression.recursive import PRIOR
@@ -115,6 +116,8 @@ class OnlineEstimator:
             self._buffer = SampleBuffer() if smoothing is None else None
         self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
         self._start_stream(smoothing or Smoothing.from_noise(noise, rate), known_noise)
+        self._clusters = ClusterCovariance(shape, parameters, 1.0 / rate / len(self._stream.joints), forgetting)
+        self._noise_bias = NoiseBias(shape, parameters, forgetting)
         self._joint: JointFilters | None = None
         if joint is not None:
             if self._stream.joints != ("",):
@@ -134,7 +137,7 @@ class OnlineEstimator:
             return
         self._stream.reset(mask)
         self._buffer = self._buffer and SampleBuffer()
-        for part in (self._squares, self._clusters, self._joint):
+        for part in (self._squares, self._clusters, self._noise_bias, self._joint):
             if part is not None:
                 part.reset(mask)
         if mask.all():
@@ -157,7 +160,8 @@ class OnlineEstimator:
         squares, sample = self._squares, None
         for sample in self._stream.take(time, position, torque):
             squares.take(sample.equations[..., :-1], sample.equations[..., -1], sample.usable)
-            if self._clusters.take(sample.copies, sample.usable):
+            self._noise_bias.take(sample.copies, sample.usable)
+            if self._clusters.take(sample.equations, sample.usable):
                 self._clusters.close(squares)
         if sample is not None:
             self._estimates = self._make_estimates(sample.place, sample.time, sample.usable, sample.regressor)
@@ -178,11 +182,9 @@ class OnlineEstimator:
         return after if self._joint is None else self._joint.insert_estimates(after)
 
     def _start_stream(self, smoothing: Smoothing, noise: float) -> None:
-        """Start a stream of equations with a smoothing and a noise of the position [rad], and its clusters."""
-        stream = make_stream(self.terms, self._regression_schemes, smoothing, 1.0 / self.rate, self.batch, noise)
-        shape, period = (self.batch, len(self._regression_schemes)), 1.0 / self.rate / len(stream.joints)
-        self._clusters = ClusterCovariance(shape, len(self.names), period, self._squares.forgetting, stream.n_copies)
-        self._stream = stream
+        """Start a stream of equations with a smoothing and a noise of the position [rad]."""
+        schemes, period = self._regression_schemes, 1.0 / self.rate
+        self._stream = make_stream(self.terms, schemes, smoothing, period, self.batch, noise)
 
     def _estimate_noise(self, buffer: SampleBuffer, time: Array, position: Array, torque: Array) -> Estimates:
         """Add a sample to the buffer; once the encoder noise is known, take all samples of the buffer.
@@ -209,9 +211,12 @@ class OnlineEstimator:
 
     def _make_estimates(self, index: Index, time: Array, usable: Mask, regressor: Array | None) -> Estimates:
         """Collect the current theta and errors of the recursions with the index, time and regressor of their sample."""
-        squares, compute_covariances = self._squares, self._clusters.make_covariance(self._squares)
-        theta = squares.theta + self._clusters.correction
-        return Estimates(index, time, theta, squares.error, usable, regressor, compute_covariances)
+        squares, compute_P = self._squares, self._squares.unit_covariance()
+        compute_covariances = self._clusters.make_covariance(squares, compute_P)
+        compute_correction = self._noise_bias.make_correction(squares, compute_P)
+        return Estimates(
+            index, time, squares.theta, squares.error, usable, regressor, compute_covariances, compute_correction
+        )
 
 
 def _collect_units(terms: Sequence[Term], schemes: Sequence[object]) -> dict[str, str]:

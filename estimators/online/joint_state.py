@@ -26,6 +26,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators.online.estimates import Estimates
+from estimators.online.noise_bias import Correction
 from estimators.signals.motion import SLOWEST
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term, simulate
@@ -130,7 +131,10 @@ class JointFilters:
             if joint_filter is not None:
                 theta[b, -1], P[b, -1], covariance[b, -1] = joint_filter.theta, joint_filter.P, joint_filter.P
         covariances = functools.partial(tuple, (P, covariance))
-        return replace(estimates, theta=theta, error=error, usable=usable, compute_covariances=covariances)
+        nothing = functools.partial(Correction, np.zeros(1), np.zeros(1))
+        return Estimates(
+            estimates.index, estimates.time, theta, error, usable, estimates.regressor, covariances, nothing
+        )
 
 
 class _Filter:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimators.online.noise_bias import COPIES
 from estimators.online.rows import (
     HELD,
     INSTANT,
@@ -36,7 +37,6 @@ from pendulum_env.recording.sampling import SAMPLING
 
 NEVER = -1e9
 SIGNS = np.random.default_rng(0).choice([-1.0, 1.0], 8191)  # of added noise, by index of the sample
-COPIES = np.array([[0.0], [1.0], [-1.0]])  # of each pendulum: as measured, with added noise, and with its negative
 
 
 class StreamEquations(NamedTuple):
@@ -76,7 +76,6 @@ class Stream:
     Attributes:
         joints: names; a pendulum has one joint without a name.
         delay: of the equations by smoothing and the longest guard [samples].
-        n_copies: number C of copies of the equations.
     """
 
     joints = ("",)
@@ -99,9 +98,8 @@ class Stream:
             if scheme.borrows is not None:
                 raise ValueError(f"{scheme.id} borrows its inertia, which needs a whole recording: set borrows=None")
         self._terms, self._period = tuple(terms), period
-        self._noises, self._batch = noise * COPIES[: len(COPIES) if noise else 1], batch
-        self.n_copies = len(self._noises)
-        batch *= self.n_copies  # lanes
+        self._noises, self._batch = noise * COPIES[: len(COPIES) if noise else 1] * SIGNS, batch  # of copies
+        batch *= len(self._noises)  # lanes
         self._balance = TorqueBalance(terms, np.ones(sum(len(term.columns) for term in terms)))
         length, dead_time = 2 * smoothing.reach + 1, sum(term.delay for term in terms) / period
         lead_in = round(LEAD_IN / period) if self._balance.has_states else 0
@@ -151,7 +149,7 @@ class Stream:
 
     def reset(self, which: Mask) -> None:
         """Restart pendulums (B,) with their next sample; smoothing and filters start from rest."""
-        which = np.tile(which, self.n_copies)
+        which = np.tile(which, len(self._noises))
         self._index[which] = -self._samples.shape[1]
         self._machine.reset(which)
         self._samples[..., which] = self._instants[..., which] = 0.0
@@ -171,8 +169,8 @@ class Stream:
         """
         arrival, batch = self._arrival, self._batch
         sample = arrival.given["sample"].reshape(3, -1, batch)
-        sample[0], sample[1], sample[2] = time, position, torque
-        sample[1] += self._noises * SIGNS[self._index[:batch] % len(SIGNS)]
+        sample[0], sample[2] = time, torque
+        np.add(position, self._noises[:, self._index[:batch] % len(SIGNS)], out=sample[1])
         arrival.step()
         restarted = self._no_restart
         if np.count_nonzero(arrival.now["restarted"]):

@@ -1,0 +1,98 @@
+"""Online correction of estimates for encoder noise in the regressor, which biases least squares.
+
+Each equation is also computed with noise of the same variance added to the position, and with its negative added. The
+sums of phi phi' and phi y of these copies exceed those of the measured motion, on average by D and d. To second order,
+noise of the encoder makes the same difference between the measured and the true motion. So with J = 1 / P,
+
+    (J - D) (theta + correction) = J theta - d .
+
+This holds for any scheme and any term. Without motion, nothing is added and nothing changes.
+
+Source: Cook and Stefanski, Journal of the American Statistical Association 89, 1994 (extrapolation of added noise).
+"""
+
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.online.recursion import Recursion
+from pendulum_env._typing import Array, Mask
+from pendulum_env.physics.compiled import Machine, SymbolicStep
+from pendulum_env.physics.symbols import make_symbols
+
+COPIES = np.array([[0.0], [1.0], [-1.0]])  # of an equation: as measured, with added noise, and with its negative
+MAX_NOISE_SHARE = 0.5  # largest share of information that is subtracted as noise
+UNCERTAINTY = 0.3  # of the variance of the encoder noise, relative
+
+
+class Correction(NamedTuple):
+    """Correction of theta (B, S, P), and the square of the bias that it may leave (B, S, P, P)."""
+
+    step: Array
+    bias: Array
+
+
+class NoiseBias:
+    """Sums of the excess by noise for (B, S) regressions with P parameters each."""
+
+    def __init__(self, batch: tuple[int, int], parameters: int, forgetting: float) -> None:
+        """Create the sums with the forgetting factor of the recursion."""
+        self._batch, self._size = batch, parameters + 1
+        self._machine = Machine(_add_excess, (parameters + 1, forgetting), int(np.prod(batch)))
+
+    def reset(self, which: Mask) -> None:
+        """Restart plants (B,)."""
+        self._machine.reset(np.broadcast_to(which[:, None], self._batch).ravel())
+
+    def take(self, copies: Array, usable: Mask) -> None:
+        """Add one equation of each regression, phi and y (C, B, S, P + 1), where usable (B, S).
+
+        Without noise there is one copy, and no excess.
+        """
+        if len(copies) < len(COPIES):
+            return
+        given = self._machine.given
+        given["copies"].reshape(len(COPIES), self._size, *self._batch)[:] = copies.transpose(0, 3, 1, 2)
+        given["used"][:] = usable.ravel()
+        self._machine.step()
+
+    def make_correction(self, squares: Recursion, compute_P: Callable[[], Array]) -> Callable[[], Correction]:
+        """Return a function that computes the correction of now, also later; `compute_P` computes P of now."""
+        return functools.partial(
+            _correct, self._machine.now["excess"].copy(), squares.theta, compute_P, squares.squares
+        )
+
+
+@functools.cache
+def _add_excess(size: int, forgetting: float) -> SymbolicStep:
+    """Build the sum of the excess of products of phi and y by noise, in symbols."""
+    inputs = {"copies": make_symbols("copies", len(COPIES), size), "used": make_symbols("used")}
+    excess, used = make_symbols("excess", size, size), inputs["used"]
+    measured, *noisy = inputs["copies"] * used
+    fade = 1.0 if forgetting == 1 else np.where(used > 0, forgetting, 1.0)
+    # E = lambda E + (r+ r+' + r- r-') / 2 - r r'
+    added = 0.5 * sum(np.outer(row, row) for row in noisy) - np.outer(measured, measured)
+    return SymbolicStep(inputs, {"excess": excess}, {"excess": fade * excess + added})
+
+
+def _correct(excess: Array, theta: Array, compute_P: Callable[[], Array], residual: Array) -> Correction:
+    """Compute the correction from the excess by noise (P + 1, P + 1, B S) and the sum of squared errors (B, S).
+
+    Noise that explains more than the errors was taken too large, and is scaled down. If it has more than
+    `MAX_NOISE_SHARE` of the information, only a part is subtracted, and the remaining bias is counted.
+    """
+    if not excess.any():
+        return Correction(np.zeros_like(theta), np.zeros(1))
+    P, excess = compute_P(), excess.transpose(2, 0, 1).reshape(*residual.shape, *excess.shape[:2])
+    errors = np.append(-theta, np.ones((*theta.shape[:-1], 1)), axis=-1)  # times an equation
+    noise = np.einsum("...i,...ij,...j", errors, excess, errors)
+    scale = np.where(noise > residual, residual / np.where(noise > residual, noise, 1.0), 1.0)
+    D, d = np.split(scale[..., None, None] * excess[..., :-1, :], [-1], axis=-1)
+    PD = P @ D
+    noise_share = np.einsum("...ii", PD)[..., None, None]
+    share = MAX_NOISE_SHARE / np.maximum(noise_share, MAX_NOISE_SHARE)
+    step = np.linalg.solve(np.eye(P.shape[-1]) - share * PD, share * (PD @ theta[..., None] - P @ d))
+    bias = (1.0 / share - 1.0 + UNCERTAINTY) * step
+    return Correction(step[..., 0], bias @ bias.swapaxes(-1, -2))
