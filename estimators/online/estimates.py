@@ -34,7 +34,7 @@ class Estimates:
     usable: Mask
     regressor: Array | None
     compute_covariances: Callable[[], tuple[Array, ...]]
-    compute_correction: Callable[[], Correction]
+    compute_correction: Callable[[], Correction] = Correction.none
 
     @cached_property
     def _covariances(self) -> tuple[Array, ...]:

@@ -117,7 +117,7 @@ class OnlineEstimator:
         self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
         self._start_stream(smoothing or Smoothing.from_noise(noise, rate), known_noise)
         self._clusters = ClusterCovariance(shape, parameters, 1.0 / rate / len(self._stream.joints), forgetting)
-        self._noise_bias = NoiseBias(shape, parameters, forgetting)
+        self._noise_bias = NoiseBias(shape, parameters, forgetting) if self._stream.joints == ("",) else None
         self._joint: JointFilters | None = None
         if joint is not None:
             if self._stream.joints != ("",):
@@ -160,7 +160,8 @@ class OnlineEstimator:
         squares, sample = self._squares, None
         for sample in self._stream.take(time, position, torque):
             squares.take(sample.equations[..., :-1], sample.equations[..., -1], sample.usable)
-            self._noise_bias.take(sample.copies, sample.usable)
+            if self._noise_bias is not None:
+                self._noise_bias.take(sample.copies, sample.usable)
             if self._clusters.take(sample.equations, sample.usable):
                 self._clusters.close(squares)
         if sample is not None:
@@ -213,10 +214,10 @@ class OnlineEstimator:
         """Collect the current theta and errors of the recursions with the index, time and regressor of their sample."""
         squares, compute_P = self._squares, self._squares.unit_covariance()
         compute_covariances = self._clusters.make_covariance(squares, compute_P)
-        compute_correction = self._noise_bias.make_correction(squares, compute_P)
-        return Estimates(
-            index, time, squares.theta, squares.error, usable, regressor, compute_covariances, compute_correction
-        )
+        values = index, time, squares.theta, squares.error, usable, regressor, compute_covariances
+        if self._noise_bias is None:
+            return Estimates(*values)
+        return Estimates(*values, self._noise_bias.make_correction(squares, compute_P))
 
 
 def _collect_units(terms: Sequence[Term], schemes: Sequence[object]) -> dict[str, str]:

@@ -26,7 +26,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators.online.estimates import Estimates
-from estimators.online.noise_bias import Correction
 from estimators.signals.motion import SLOWEST
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term, simulate
@@ -131,10 +130,7 @@ class JointFilters:
             if joint_filter is not None:
                 theta[b, -1], P[b, -1], covariance[b, -1] = joint_filter.theta, joint_filter.P, joint_filter.P
         covariances = functools.partial(tuple, (P, covariance))
-        nothing = functools.partial(Correction, np.zeros(1), np.zeros(1))
-        return Estimates(
-            estimates.index, estimates.time, theta, error, usable, estimates.regressor, covariances, nothing
-        )
+        return Estimates(estimates.index, estimates.time, theta, error, usable, estimates.regressor, covariances)
 
 
 class _Filter:

@@ -33,6 +33,11 @@ class Correction(NamedTuple):
     step: Array
     bias: Array
 
+    @classmethod
+    def none(cls) -> "Correction":
+        """Return a correction by zero."""
+        return cls(np.zeros(1), np.zeros(1))
+
 
 class NoiseBias:
     """Sums of the excess by noise for (B, S) regressions with P parameters each."""
@@ -84,7 +89,7 @@ def _correct(excess: Array, theta: Array, compute_P: Callable[[], Array], residu
     `MAX_NOISE_SHARE` of the information, only a part is subtracted, and the remaining bias is counted.
     """
     if not excess.any():
-        return Correction(np.zeros_like(theta), np.zeros(1))
+        return Correction.none()
     P, excess = compute_P(), excess.transpose(2, 0, 1).reshape(*residual.shape, *excess.shape[:2])
     errors = np.append(-theta, np.ones((*theta.shape[:-1], 1)), axis=-1)  # times an equation
     noise = np.einsum("...i,...ij,...j", errors, excess, errors)
