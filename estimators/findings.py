@@ -50,6 +50,7 @@ class Kind(StrEnum):
     BACK_EMF_INCLUDED = "back_emf_included"
     GOALS_HELD = "goals_held"  # gain over goals that run on; the size of an effect that these need
     GOALS_RUN_ON = "goals_run_on"  # gain over held goals; the size of an effect that these need
+    INTEGRAL_READ = "integral_read"  # gain over the likeliest other convention; pairs: settings of the drive
     PAYLOAD = "payload"  # mass, x, y, z; of each joint the torque error `.before` and `.after`
 
     # recordings
@@ -161,7 +162,8 @@ class Finding:
         effects: ids of effects or terms concerned; of an indistinguishable pair, the effect and the term of the model.
         recordings: names of the recordings concerned; empty for all.
         joints: of an arm, names of the joints concerned.
-        pairs: effects in question, each with the term of the model that it may be mistaken for, or none.
+        pairs: effects in question, each with the term of the model that it may be mistaken for, or none; or settings of
+            a drive with their values.
         remedies: columns that read recordings correctly.
     """
 

@@ -37,7 +37,7 @@ from pendulum_env.recording.channel import Load
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.storage import describe_reading, read_recording
-from pendulum_env.servo import ServoDrive
+from pendulum_env.servo.drive import UNKNOWN, ServoDrive
 from pendulum_env.settings import format_setting
 
 Role = Literal["fit", "holdout"]
@@ -158,19 +158,20 @@ def _read_pendulum(source: Source) -> Recording:
 def collect_log_format(recordings: Sequence[Recording]) -> JSON:
     """Return the reading settings that all recordings share, for the next log of the same machine.
 
-    Beside the settings of a study it has `goal`, whether goals are held or run on, if that was given or decided.
+    Beside the settings of a study it has those of a drive in `UNKNOWN`, as `goal`, that were given or decided.
     """
     loads = ({} if own.load is None else {"load": asdict(own.load)} for own in recordings)
     formats: list[JSON] = [{**own.log_format, **load} for own, load in zip(recordings, loads, strict=True)]
     alike = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
-    goals = {own.actuator.goal for own in recordings if own.actuator.is_controller}
-    goal = goals.pop() if len(goals) == 1 else None
-    return {key: formats[0][key] for key in alike if key in formats[0]} | ({"goal": goal} if goal else {})
+    drives = [own.actuator for own in recordings if own.actuator.is_controller]
+    words = {name: {getattr(drive, name) for drive in drives} for name in UNKNOWN}
+    decided = {name: own.pop() for name, own in words.items() if len(own) == 1 and None not in own}
+    return {key: formats[0][key] for key in alike if key in formats[0]} | decided
 
 
 def parse_log_format(log_format: Mapping[str, Any]) -> Source:
     """Parse the log format of a model as a source without a file; raises ValueError if it is invalid."""
-    said = {key: own for key, own in log_format.items() if key != "goal"}  # which belongs to a drive
+    said = {key: own for key, own in log_format.items() if key not in UNKNOWN}  # which belong to a drive
     return _build_source(Path(), convert({"file": "log", **said}, _Recording), _Study())
 
 

@@ -24,6 +24,17 @@ Control = Literal["position", "velocity"]
 Output = Literal["duty", "voltage", "current", "torque"]
 Goal = Literal["held", "ramp"]
 Shaft = Literal["motor", "output"]
+Windup = Literal["stop", "clamp", "free"]
+Order = Literal["after", "before"]
+CHOICES: Mapping[str, Any] = {
+    "control": Control,
+    "output": Output,
+    "goal": Goal,
+    "encoder": Shaft,
+    "windup": Windup,
+    "integral": Order,
+}
+UNKNOWN = ("goal", "windup", "integral")  # may be None: an identification tries all choices
 LONGEST = 0.1  # [s], of a delay
 UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what the motor's torque is in, unless known
 
@@ -46,6 +57,10 @@ class ServoDrive:
         delay: from measuring to acting [s].
         goal: whether the goal is held from row to row of the log, or runs on to the next row; None: not known.
         encoder: shaft that log and controller read, of the motor or of the link behind the gear's play and elasticity.
+        windup: integral at the limit: it stops growing, ki times it is clamped to the limit, or it grows freely; None:
+            not known, simulated as `stop`.
+        integral: whether a turn adds its error to the integral after or before the output is computed, where `rate` is
+            known; None: not known, simulated as `after`.
     """
 
     control: Control = "position"
@@ -61,11 +76,13 @@ class ServoDrive:
     delay: float = 0.0
     goal: Goal | None = None
     encoder: Shaft = "motor"
+    windup: Windup | None = None
+    integral: Order | None = None
     is_controller: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        for name, known in (("control", Control), ("output", Output), ("goal", Goal), ("encoder", Shaft)):
-            if getattr(self, name) not in get_args(known) and not (name == "goal" and self.goal is None):
+        for name, known in CHOICES.items():
+            if getattr(self, name) not in get_args(known) and not (name in UNKNOWN and getattr(self, name) is None):
                 choices = " or ".join(get_args(known))
                 raise UserError(f"{name} is {quote_value(getattr(self, name))}: it should be {choices}")
         for name in ("kp", "ki", "kd", "delay"):
@@ -174,5 +191,5 @@ PRESETS = {  # those of duty as github.com/Rhoban/bam measured them; their encod
     # the output, with neither a goal of the speed nor a torque fed forward
     "mit": Preset({"output": "torque"}),
 }
-WORDS = ("control", "output", "goal", "encoder")  # keys whose value is a word
+WORDS = tuple(CHOICES)  # keys whose value is a word
 KEYS = dict.fromkeys(("preset", *vars(ServoDrive())), True)

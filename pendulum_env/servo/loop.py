@@ -35,7 +35,7 @@ from pendulum_env.servo.drive import ServoDrive
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
-GAINS = ("kp", "ki", "kd", "most", "seen", "turn")  # of each servo
+GAINS = ("kp", "ki", "kd", "most", "seen", "turn", "first", "halt", "room")  # of each servo
 
 
 @dataclass(frozen=True)
@@ -255,12 +255,19 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
 
 
 def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
-    """Return gains of a servo, its limit, the filter's share of a new speed, and its period [s]."""
+    """Return gains of a servo, its limit, the filter's share of a new speed, its period [s], and how it integrates.
+
+    The last three are the time by which the error is added before the output [s], the output beyond which the integral
+    does not grow, and the largest integral.
+    """
     period = step if drive.rate is None else 1.0 / drive.rate
     turn = max(step, period)
     share = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * period)
     seen = turn / (turn + period * (1.0 - share) / share)  # as late, also if a step holds several periods
-    return drive.kp, drive.ki, drive.kd, drive.most, seen, turn
+    first = period if drive.integral == "before" and drive.rate is not None else 0.0
+    halt = math.inf if drive.windup in ("clamp", "free") else drive.most
+    room = drive.most / drive.ki if drive.windup == "clamp" and drive.ki else math.inf
+    return drive.kp, drive.ki, drive.kd, drive.most, seen, turn, first, halt, room
 
 
 def _flatten_state(x: Samples, state: ControllerState, integrates: bool) -> list[Any]:
@@ -320,10 +327,12 @@ def compute_control(
     seen = np.where(looks, state.speed + gains["seen"] * (measured - state.speed), state.speed)
     position = x.position + given.lead * x.velocity if may_be_true(given.lead != 0.0) else x.position
     error = given.goal - (seen if speed else position)
-    wanted = gains["kp"] * error + gains["ki"] * state.integral - (0.0 if speed else gains["kd"] * seen)
+    summed = state.integral + gains["first"] * error
+    wanted = gains["kp"] * error + gains["ki"] * summed - (0.0 if speed else gains["kd"] * seen)
     output = np.maximum(np.minimum(wanted, gains["most"]), -gains["most"])
-    winds = (np.abs(wanted) > gains["most"]) & (wanted * error > 0)
+    winds = (np.abs(wanted) > gains["halt"]) & (wanted * error > 0)
     integral = state.integral + np.where(looks, np.where(winds, 0.0, gains["turn"] * error), 0.0)
+    integral = np.maximum(np.minimum(integral, gains["room"]), -gains["room"])
     integral = np.where(given.on > 0, integral, 0.0)  # begins anew with power
     held = np.where(looks, output * given.scale, state.held)
     acting = state.held + given.share * (held - state.held) if may_be_true(given.share != 1.0) else held
@@ -349,14 +358,15 @@ def _compile_step(
 
     h: Any = make_symbol("h", most=round_up(longest))
     given = ServoInputs(*(make_symbol(text) for text in ServoInputs._fields[:count]))
-    gains = {text: make_symbol(text) for text in GAINS}
+    gains: dict[str, Any] = {text: make_symbol(text) for text in GAINS}
     weights = [make_symbol(f"tap_{k}") for k in range(taps)]
     before = tuple(make_symbol(f"before_{k}") for k in range(taps - 1))
     integral: Any = make_symbol("integral") if integrates else 0.0
     state = ControllerState(make_symbol("held"), before, integral, make_symbol("speed"), make_symbol("velocity_seen"))
     try:
         balance, x, nonlinear = write_balance(terms, loaded)
-        after, later = step_servo(balance, x, state, given, gains, weights, speed, h, at_output)
+        used = gains if integrates else gains | {"ki": 0.0}
+        after, later = step_servo(balance, x, state, given, used, weights, speed, h, at_output)
         shared = [*gains.values(), *(x.load[:2] if loaded else ()), *weights, h]
         constants: Any = [*balance.theta, *map(make_symbol, nonlinear), *shared]
         inputs, known, states = (

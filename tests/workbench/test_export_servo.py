@@ -23,6 +23,9 @@ DRIVES = {
     "damped, at a rate": ServoDrive(output="torque", kp=2.5, kd=0.03, limit=4.0, rate=300.0),
     "duty, late": ServoDrive(output="duty", kp=1.2, supply=9.0, gain=0.5, delay=0.0034),
     "voltage, integral": ServoDrive(output="voltage", kp=5.0, ki=8.0, limit=6.0, gain=0.8),
+    "clamped integral": ServoDrive(
+        output="torque", kp=2.0, ki=8.0, limit=1.2, rate=500.0, windup="clamp", integral="before"
+    ),
     "speed": ServoDrive(control="velocity", output="torque", kp=0.4, ki=3.0, limit=3.0, rate=500.0, cutoff=60.0),
 }
 

@@ -166,6 +166,8 @@ class _Parts:
             if gains[text] not in (0.0, math.inf):
                 self.parameters.append(NamedParameter("limit" if text == "most" else text, gains[text], unit, 0.0))
                 gains[text] = make_symbol(self.parameters[-1].name)
+        gains["halt"] = gains["most"] if math.isfinite(gains["halt"]) else math.inf
+        gains["room"] = gains["most"] / gains["ki"] if math.isfinite(gains["room"]) else math.inf
         scale: Any = 1.0
         self.given[0] = StepQuantity("goal", "rad/s" if drive.acts_on_speed else "rad")
         if drive.output == "duty":

@@ -326,6 +326,17 @@ def _compare_goals(found: Finding, reading: str, other: str, key: str) -> str:
     return f'Goals are read as {reading}. {fit} If they are so, give `goal = "{key}"` in `[drive]`.'
 
 
+def _compare_integrals(found: Finding) -> str:
+    gain, given = found.numbers["gain"], ", ".join(f'{name} = "{value}"' for name, value in found.pairs)
+    size = f"{abs(gain.value):.0f} ± {gain.std or 0.0:.0f} nat of log likelihood"
+    is_tied = gain.value <= 2 * (gain.std or 0.0)
+    other = f"fits about equally well ({size})" if is_tied else f"is less likely by {size}"
+    return (
+        f"The controller is taken to integrate by {given}. The likeliest other convention {other}. "
+        "If this one is right, give it in `[drive]`."
+    )
+
+
 def describe_reason(candidate: Candidate) -> str:
     """Return the reason for the verdict on a candidate, as a phrase whose subject is the effect."""
     text = describe(candidate.reason)
@@ -453,6 +464,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         "The torque drives {share.value:.0%} of the motion. Friction of mu times the torque, as in gears, would not "
         "show: all parameters would be 1 / (1 - mu) times too large. To see it, let gravity or a load turn the motor."
     ),
+    Kind.INTEGRAL_READ: _compare_integrals,
     Kind.SMALL_EFFECT: lambda found: (
         f"{capitalise(name_effect(found.effects[0]))} may be missing: it predicts better "
         f"({format_p_value(found.numbers['p_value'].value)}), but explains only "
@@ -536,8 +548,8 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     ),
     Kind.BEYOND_LIMITS: _describe_limits,
     Kind.CHECK_DRIVE: (
-        "No effect that was tried explains the residual. Check the gains and limits of the drive, and record under "
-        "more gains."
+        "No effect that was tried explains the residual. Check the drive: kp, kd and ki in the units of `output`, "
+        "`limit`, `supply`, `rate`, `delay`, and how it integrates and differentiates. Then record under more gains."
     ),
 }
 REASONS: Mapping[Kind, str | Callable[[Finding], str]] = {  # phrases for or against an effect, which is their subject
@@ -552,6 +564,6 @@ REASONS: Mapping[Kind, str | Callable[[Finding], str]] = {  # phrases for or aga
     Kind.NOT_EXCITED: "these data do not depend on it",
     Kind.GATE_FAILED: _describe_gate,
     Kind.OTHERS_BETTER: "others explain it better",
-    Kind.LONG_STEPS: "predicts no better with shorter steps of the integrator: it compensated for long ones",
+    Kind.LONG_STEPS: "with shorter steps of the integrator it predicts no better, or explains too little",
     Kind.BY_CHANCE: "does not lower the held-out errors significantly",
 }

@@ -21,6 +21,7 @@ from estimators.in_loop.conclusion import find_torque_scale
 from estimators.in_loop.fit import compute_likelihood, fit, linearise_errors
 from estimators.in_loop.goal_reading import reread_goals
 from estimators.in_loop.goals import read_goals, with_goals
+from estimators.in_loop.integral import read_integral
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.simulation.output_error import Point
@@ -186,6 +187,45 @@ def test_what_a_motor_brakes_is_told_from_viscous_friction_where_the_gear_rubs_u
         own = found.model.estimates[name]
         assert abs(own.value - value) < 4 * own.std and own.std < 0.1 * max(value, 0.25)
     assert "back_emf" not in found.steps[0].model.estimates
+
+
+def integrating(kp: float, seed: int, windup: str, order: str) -> Recording:
+    """Ten seconds of a servo with an integral that jumps between goals, by firmware that looks 100 times a second."""
+    rng, step, rate, ki, limit = np.random.default_rng(seed), 2e-4, 100, 12.0, 1.2
+    goals, q, v, total, asked, rows = rng.uniform(-1.2, 1.2, 11), 0.0, 0.0, 0.0, 0.0, []
+    goals[0] = 0.0
+    for k in range(round(10.0 / step)):
+        if k % round(1 / rate / step) == 0:
+            goal = goals[int(k * step)]
+            error, before = goal - q, total
+            total += error / rate
+            wanted = kp * error + ki * (total if order == "before" else before)
+            asked = min(max(wanted, -limit), limit)
+            if windup == "stop" and wanted != asked and wanted * error > 0:
+                total = before
+            if windup == "clamp":
+                total = min(max(total, -limit / ki), limit / ki)
+            if k % round(0.01 / step) == 0:
+                rows.append((k * step, np.round(q / 1.5e-3) * 1.5e-3, goal))
+        pushed = v + step * (asked - TRUE["gravity"] * np.sin(q) - 0.2 * v) / TRUE["inertia"]
+        v = float(np.sign(pushed) * max(abs(pushed) - step * TRUE["coulomb"] / TRUE["inertia"], 0.0))
+        q += step * v
+    time, position, goal = np.array(rows).T
+    drive = ServoDrive(output="torque", kp=kp, ki=ki, limit=limit, rate=float(rate), goal="held")
+    return Recording(time, position, kp * (goal - position), reference=goal, drive=drive, name=f"gain-{kp}")
+
+
+@pytest.mark.parametrize(("windup", "order"), [("stop", "after"), ("clamp", "before"), ("free", "before")])
+def test_convention_of_an_integral_is_found_by_the_motion(windup, order):
+    """Wound up, the integral of another convention biases the inertia and leaves errors that no joint has."""
+    recordings = [integrating(kp, k, windup, order) for k, kp in enumerate((3.0, 5.0, 4.0))]
+    found = diagnose(recordings[:2], recordings[2:], only=("stribeck", "quadratic_drag"))
+    (read,) = (own for own in found.findings if own.kind is Kind.INTEGRAL_READ)
+    assert dict(read.pairs) == {"windup": windup, "integral": order}
+    assert not found.selected and not found.unexplained
+    assert found.model.estimates["inertia"].value == pytest.approx(TRUE["inertia"], rel=0.01)
+    declared = [replace(own, drive=replace(own.drive, windup=windup, integral=order)) for own in recordings]
+    assert read_integral(declared, TILTED) is None
 
 
 def test_back_emf_is_viscous_friction_where_no_torque_of_the_motor_tells_it():

@@ -1,5 +1,6 @@
 """Servos with their controller in the loop: against an independent integrator, closed forms, and step for step."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -66,6 +67,43 @@ def test_motion_is_that_of_an_independent_integrator(drive):
         y = stepped(rate, k * step, y, step)
         exact.append(y[0])
     assert np.abs(path(drive, goal)[::4] - exact).max() < 2e-4 * np.ptp(exact)
+
+
+def integrated_by(windup: str, order: str, goal: np.ndarray, drive: ServoDrive) -> np.ndarray:
+    """Path of a servo whose controller looks every 100 steps, as the firmware of a drive is written."""
+    q = v = total = output = 0.0
+    found, period = [q], 100 * STEP
+    for k, wanted in enumerate(goal):
+        if k % 100 == 0:
+            error, before = wanted - q, total
+            if order == "before":
+                total += error * period
+            asked = drive.kp * error + drive.ki * total
+            output = min(max(asked, -drive.limit), drive.limit)
+            total = before + error * period
+            if windup == "stop" and asked != output and asked * error > 0:
+                total = before
+            if windup == "clamp":
+                total = min(max(total, -drive.limit / drive.ki), drive.limit / drive.ki)
+        torque = 10.0 * drive.gain * output
+        v += STEP * (torque - GRAVITY * math.sin(q + 0.5 * STEP * v) - VISCOUS * v) / INERTIA
+        q += STEP * v
+        found.append(q)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("order", ["after", "before"])
+@pytest.mark.parametrize("windup", ["stop", "clamp", "free"])
+def test_integral_of_a_drive_follows_its_convention(windup, order):
+    goal = np.where(np.arange(40_000) // 10_000 % 2, -0.8, 0.8)
+    drive = ServoDrive(kp=0.5, ki=2.0, limit=0.25, gain=0.4, rate=100.0, windup=windup, integral=order)
+    exact = integrated_by(windup, order, goal, drive)
+    errors = {}
+    for other in itertools.product(["stop", "clamp", "free"], ["after", "before"]):
+        told = path(replace(drive, windup=other[0], integral=other[1]), goal)
+        errors[other] = np.abs(told - exact).max()
+    own = errors.pop((windup, order))
+    assert own < 2e-3 * np.ptp(exact) and own < 0.1 * min(errors.values())
 
 
 def test_servo_comes_to_rest_where_its_law_balances_the_load_and_dry_friction_holds_it():
