@@ -53,6 +53,7 @@ class LoopSettings:
     scale: float = 0.1  # that logged torque may differ from what the drive asks for, without a word
     faithful: float = 2.0  # error of a model in the loop over that of the encoder, below which goals are read rightly
     needed: float = 0.3  # of what the others leave, that an effect has to explain: a small error sticks elsewhere
+    dominant: float = 0.75  # of a link beside a rest: its states imitate those of another controller
 
 
 LOOP = LoopSettings()

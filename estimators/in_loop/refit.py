@@ -9,6 +9,7 @@ from estimators.checks.torque_constant import widen_by_constant
 from estimators.data.fits import fit_terms
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding
+from estimators.in_loop.fit import LOOP
 from estimators.in_loop.profile import Profile, widen_by_profile
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.selection.errors import Step, Terms
@@ -29,7 +30,9 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     """Refit all steps with shorter steps of the integrator, and drop effects that are not needed then.
 
     An effect is needed if it predicts better and its size is not zero within 3 standard errors. The prediction alone
-    does not decide: a servo that sticks a little earlier or later changes whole seconds of the motion.
+    does not decide: a servo that sticks a little earlier or later changes whole seconds of the motion. Also, an effect
+    has to explain `LOOP.needed` of the squared error that the others leave, fitted and held out; beside a rest that is
+    not noise, a link `LOOP.dominant`.
     """
     found = refit(trial.found)
     last = found.steps[-1]
@@ -41,9 +44,17 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     def without(*left_out: str | None) -> Terms:
         return tuple(term for term in terms if term.id not in left_out)
 
+    def is_needed(id: str | None) -> bool:
+        is_link = any(term.link for term in terms if term.id == id)
+        least = LOOP.dominant if is_link and not evaluator.residuals.is_noise(terms) else LOOP.needed
+        models = [evaluator.model(one) for one in (terms, without(id))]
+        errors = [[part.data.errors(model).loop[0] for model in models] for part in (train, held_out)]
+        share = min(1.0 - (after / before) ** 2 for after, before in errors)
+        return share > least and evaluator.is_significant(terms, without(id))
+
     def find_idle() -> list[str | None]:
         without_size = {term.id for term in last.model.terms if term.columns and not has_size(last.model, term)}
-        return [id for id in effects if id in without_size or not evaluator.is_significant(terms, without(id))]
+        return [id for id in effects if id in without_size or not is_needed(id)]
 
     while idle := find_idle():
         effects.remove(idle[-1])

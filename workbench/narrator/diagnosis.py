@@ -101,6 +101,12 @@ def describe_result(found: Diagnosis) -> str:
         for mass in [own.numbers["mass"]]
     ]
     groups += [join_words([name_effect(id) for id in group], "or") for group in found.effects]
+    if found.searched and found.unexplained and found.is_in_loop:
+        before, after = (found.steps[k].errors["holdout"].loop[0] for k in (0, -1))
+        if after > before / 3:  # a wrong description of the drive leaves as much
+            verb = "explains" if len(groups) == 1 else "explain"
+            part = f". {capitalise(join_words(groups))} {verb} {1 - after / before:.0%} of the error" if groups else ""
+            return f"The servo as described does not reproduce the log{part}"
     if groups:
         rest = f", and more{place} that no known effect explains" if found.unexplained else ""
         return f"{capitalise(join_words(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
