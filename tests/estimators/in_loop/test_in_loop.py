@@ -24,6 +24,7 @@ from estimators.in_loop.goals import read_goals, with_goals
 from estimators.in_loop.integral import read_integral
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
+from estimators.selection.search import SearchResult
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, Estimate, Model, effects
 from pendulum_env.physics.actuation import BackEmf
@@ -226,6 +227,17 @@ def test_convention_of_an_integral_is_found_by_the_motion(windup, order):
     assert found.model.estimates["inertia"].value == pytest.approx(TRUE["inertia"], rel=0.01)
     declared = [replace(own, drive=replace(own.drive, windup=windup, integral=order)) for own in recordings]
     assert read_integral(declared, TILTED) is None
+
+
+@pytest.mark.parametrize(("size", "is_kept"), [(0.0005, False), (0.002, True)])
+def test_effect_that_explains_a_small_share_of_the_error_is_dropped_though_it_is_significant(size, is_kept):
+    id, recordings = "viscous_asymmetry", recorded({"viscous_asymmetry": {"asym_v": size}})
+    data, setting = SERVO.prepare(recordings[:2], recordings[2:], Setting(BASE, {id: effects()[id]}))
+    evaluator = SERVO.evaluator(data, setting)
+    longer = evaluator.fit_with_std(id, (*setting.base, effects()[id]()))
+    found = SearchResult(evaluator, [evaluator.fit_with_std(None, setting.base), longer])
+    assert longer.model.estimates[id].is_significant
+    assert (len(Trial(SERVO, data, setting, found).final.steps) == 2) == is_kept
 
 
 def test_back_emf_is_viscous_friction_where_no_torque_of_the_motor_tells_it():
