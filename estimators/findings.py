@@ -47,6 +47,7 @@ class Kind(StrEnum):
     IMPACTS_INCLUDED = "impacts_included"
     RECORDINGS_EXCLUDED = "recordings_excluded"
     TIMED_BESIDE = "timed_beside"
+    TIMED_AS_LOGGED = "timed_as_logged"
     BACK_EMF_INCLUDED = "back_emf_included"
     GOALS_HELD = "goals_held"  # gain over goals that run on; the size of an effect that these need
     GOALS_RUN_ON = "goals_run_on"  # gain over held goals; the size of an effect that these need

@@ -122,6 +122,15 @@ class FitData:
         model_finding = [Finding(Kind.TIMED_BESIDE, effects=tuple(term.id for term in effects))] if effects else []
         return replace(timed, treatments=(*earlier, *model_finding, *timed.corrections))
 
+    def without_timing(self) -> FitData:
+        """Return the data with torque as logged: with no correction of its delay and filter."""
+        if self.whole is not None:
+            return self.whole.without_timing().without_outliers(self.excluded)
+        raw, corrections = self.untimed or self, self.corrections
+        earlier = tuple(treatment for treatment in self.treatments if treatment not in corrections)
+        changes: dict[str, Any] = {"recordings": raw.recordings, "holdout": raw.holdout, "alignments": ()}
+        return replace(self, **changes, treatments=(*earlier, Finding(Kind.TIMED_AS_LOGGED)))
+
     def without_outliers(self, outliers: Sequence[Disagreement]) -> FitData:
         """Return the data without the fitted recordings of some disagreements, and with `whole` set to these data.
 

@@ -11,7 +11,13 @@ from estimators.diagnosis.conclusion import conclude
 from estimators.diagnosis.horizon import refit_to_horizon
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.torque_search import refine, search_by_torque
-from estimators.diagnosis.treatments import align_with_effects, exclude_outliers, include_contacts, narrow_windows
+from estimators.diagnosis.treatments import (
+    align_with_effects,
+    exclude_outliers,
+    include_contacts,
+    keep_logged_time,
+    narrow_windows,
+)
 from estimators.diagnosis.unexplained import find_unexplained
 from estimators.free_swings import is_torque_needed, make_swing_terms, restore_known
 from estimators.selection.errors import Step
@@ -53,6 +59,6 @@ PENDULUM = Case(
     present=present,
     conclude=conclude,
     reveal=lambda data, base, kind: data.with_contacts(base),
-    treatments=(narrow_windows, include_contacts, exclude_outliers, align_with_effects),
+    treatments=(narrow_windows, include_contacts, exclude_outliers, align_with_effects, keep_logged_time),
     refit_to_horizon=refit_to_horizon,
 )

@@ -16,7 +16,12 @@ from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.recording.channel import NEWTON_METRE
 
 GOALS = {Kind.GOALS_HELD, Kind.GOALS_RUN_ON}
-INPUTS = {Kind.TIMED_BESIDE, Kind.PAYLOAD, *GOALS}  # treatments that change the torque or the goals
+INPUTS = {
+    Kind.TIMED_BESIDE,
+    Kind.TIMED_AS_LOGGED,
+    Kind.PAYLOAD,
+    *GOALS,
+}  # treatments that change the torque or the goals
 WINDOWS = {Kind.NARROWER_WINDOWS, Kind.IMPACTS_INCLUDED}  # treatments of the windows alone
 
 
@@ -131,3 +136,14 @@ def align_with_effects(trial: Trial) -> FitData | None:
         return None
     timed = trial.data.with_timing(effects)
     return None if timed.agrees(trial.data) else timed
+
+
+def keep_logged_time(trial: Trial) -> FitData | None:
+    """Return data with torque as logged: an effect that the base model lacks may look like a delay of the log.
+
+    None if this was done, if no torque was corrected, or if the correction leaves only noise without an effect.
+    """
+    has_effects = len(trial.found.steps) > 1
+    if not trial.data.has_moved or trial.data.has_treatment(Kind.TIMED_AS_LOGGED):
+        return None
+    return trial.data.without_timing() if has_effects or trial.unexplained else None

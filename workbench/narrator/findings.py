@@ -454,6 +454,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.IMPACTS_INCLUDED: "Windows in contact with a stop, at reversals or at rest, are included.",
     Kind.RECORDINGS_EXCLUDED: "Left out: {recordings}.",
     Kind.TIMED_BESIDE: "Torque is timed beside {effects}.",
+    Kind.TIMED_AS_LOGGED: "Torque keeps its time of the log.",
     Kind.PAYLOAD: _describe_payload,
     Kind.BACK_EMF_INCLUDED: "The base model has back-EMF.",
     Kind.GOALS_HELD: lambda found: _compare_goals(found, "held from row to row", "that run on between rows", "ramp"),
