@@ -48,8 +48,10 @@ def rank_effects(
             verdicts[longer[-1].id] = _rank_other(found, longer, has_contacts)
     for id, (_, gates) in sorted(library.items()):
         if id not in verdicts:
-            reason = explain_rejection(gates) or Finding(Kind.OTHERS_BETTER)
-            verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason, gates=gates)
+            untested = _find_untested_ends(found.evaluator, found.evaluator.library[id], has_contacts)
+            reason = untested or explain_rejection(gates) or Finding(Kind.OTHERS_BETTER)
+            verdict = Verdict.REJECTED if untested is None else Verdict.NOT_EXCITED
+            verdicts[id] = Candidate(id, 0.0, verdict, 1.0, reason, gates=gates)
     return mark_imitators(sort_by_verdict(verdicts.values()), doubts), groups
 
 
@@ -128,10 +130,9 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
     gates = make_gates(evaluator, longer, others)
     if all(gate.passed for gate in gates) and not evaluator.residuals.is_noise(longer):
         gates = make_gates(evaluator, longer, others, evaluator.criterion.needed_share)
-    reach, units, verdict = evaluator.train.get_range(term.at), evaluator.train.units(term.at), Verdict.NOT_EXCITED
-    untested = find_untested_ends(type(term)(), *reach, units)
-    if untested and not has_contacts and not evaluator.is_significant(longer, others):
-        reason = Finding(Kind.NOT_TESTED, untested, effects=(term.id,))
+    untested, verdict = _find_untested_ends(evaluator, type(term), has_contacts), Verdict.NOT_EXCITED
+    if untested is not None and not evaluator.is_significant(longer, others):
+        reason = untested
     elif not (excited := make_excitation_gate(evaluator, longer)).passed:
         reason, gates = Finding(Kind.NOT_EXCITED, effects=(term.id,)), [excited]
         if containing := [other.id for other in others if contains(evaluator, other, term)]:
@@ -147,6 +148,12 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
         if found.table is not None and term.kind == found.table.kind:
             reason = explain_table(Kind.IMITATES_TABLE, found.table)
     return Candidate(term.id, 0.5 * (1 - gain.p_value), verdict, ratio, reason, gain, variants, tuple(gates), longer)
+
+
+def _find_untested_ends(evaluator: ModelEvaluator, kind: type[Term], has_contacts: bool) -> Finding | None:
+    """Return the finding on ends of the range of an effect beyond which no motion went; None without any."""
+    ends = find_untested_ends(kind(), *evaluator.train.get_range(kind.at), evaluator.train.units(kind.at))
+    return Finding(Kind.NOT_TESTED, ends, effects=(kind.id,)) if ends and not has_contacts else None
 
 
 def make_gates(evaluator: ModelEvaluator, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:

@@ -22,6 +22,7 @@ OTHER_LOAD = (
 PHRASES = {  # of violated bounds, by the name of their gate; others are parameters
     "negative_inertia": "a negative inertia",
     "driving_friction": "friction that drives",
+    "soft_stop": "a stop that yields to the torque",
     "dry_friction": "dry friction of {}, more than the torque that moved the joint",
 }
 LIMITS = ("torque", "angle", "speed")

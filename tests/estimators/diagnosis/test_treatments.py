@@ -1,10 +1,26 @@
 """Treatments of the recordings: which are kept, and what a diagnosis records of them."""
 
+import numpy as np
 import pytest
 
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import Diagnosis, diagnose
 from estimators.diagnosis.treatments import is_better
 from estimators.findings import Kind
+from pendulum_env.recording import Recording
 from tests.cases import diagnosed
+
+RATE, SECONDS = 500.0, 20.0
+
+
+def diagnosed_under_chirps(plant: Plant, *only: str) -> Diagnosis:
+    """Diagnosis of a plant under two chirps up to 3.3 Hz, with a library of a few effects."""
+    time = np.arange(round(RATE * SECONDS)) / RATE
+    commands = [size * np.sin(2 * np.pi * (0.1 + 0.08 * time) * time) for size in (2.8, 3.1)]
+    experiments = [Experiment(RATE, SECONDS, seed=seed, torque_noise=0.03, counts=16384) for seed in (11, 12)]
+    runs = simulate([(plant, experiment) for experiment in experiments], commands)
+    fitted, unseen = (Recording(run.time, run.position, run.torque, name="chirp") for run in runs)
+    return diagnose(fitted, unseen, only=only)
 
 
 @pytest.mark.parametrize(
@@ -30,3 +46,18 @@ def test_diagnosis_records_the_treatments_that_were_tried():
     assert found.data.has_treatment(Kind.IMPACTS_INCLUDED)
     (row,) = found.json()["treatments"]
     assert row["kind"] == "impacts_included" and row["kept"] and row["assumptions"] == {"with": 2, "without": 0}
+
+
+def test_friction_that_fades_under_a_chirp_is_no_late_log():
+    plant = Plant(effects={"friction_drift": {"drift_a": 0.6, "drift_T": 6.0, "drift_b": 0.0}})
+    found = diagnosed_under_chirps(plant, "friction_drift", "stribeck", "viscous_asymmetry", "torque_offset")
+    assert found.selected == ("friction_drift",) and not found.unexplained and not found.data.has_moved
+    for name, truth in (("inertia", plant.inertia), ("coulomb", plant.coulomb), ("friction_drift.warm_up", 6.0)):
+        estimate = found.model.estimates[name]
+        assert abs(estimate.value - truth) < 3 * estimate.std and estimate.std < 0.05 * truth
+
+
+def test_a_wave_of_the_angle_is_no_stop_that_yields():
+    plant = Plant(effects={"cogging": {"cog_n": 3, "cog_s": 0.12, "cog_c": 0.0}})
+    found = diagnosed_under_chirps(plant, "hard_stop", "torque_offset")
+    assert not found.selected and found.tables == ("torque_by_angle",)
