@@ -127,7 +127,11 @@ class FitData:
         if self.whole is not None:
             return self.whole.without_timing().without_outliers(self.excluded)
         raw, corrections = self.untimed or self, self.corrections
-        earlier = tuple(treatment for treatment in self.treatments if treatment not in corrections)
+        earlier = tuple(
+            treatment
+            for treatment in self.treatments
+            if treatment not in corrections and treatment.kind is not Kind.TIMED_BESIDE
+        )
         changes: dict[str, Any] = {"recordings": raw.recordings, "holdout": raw.holdout, "alignments": ()}
         return replace(self, **changes, treatments=(*earlier, Finding(Kind.TIMED_AS_LOGGED)))
 

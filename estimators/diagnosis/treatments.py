@@ -126,11 +126,12 @@ def payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> Fin
 def align_with_effects(trial: Trial) -> FitData | None:
     """Return data with torque timed under a model with the selected effects, which may imitate or hide a delay.
 
-    None if this was done, if torque was timed, needs no correction and all is explained, or if the timing agrees.
+    None if this was done, if torque is kept as logged, if it needs no correction and all is explained, or if the timing
+    agrees.
     """
     known = list_ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
     effects = [term for term in trial.found.terms if term.id not in known]
-    if not effects or trial.data.has_treatment(Kind.TIMED_BESIDE):
+    if not effects or any(map(trial.data.has_treatment, (Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED))):
         return None
     if not (trial.data.has_moved or trial.data.has_unknown_timing or trial.unexplained):
         return None

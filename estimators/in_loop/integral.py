@@ -27,9 +27,9 @@ from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import Order, ServoDrive, Windup
+from pendulum_env.servo.drive import Order, Windup
 
-Settings = tuple[tuple[str, str | None], ...]  # of a drive
+SAME = 1e-3  # [nat], below which two conventions give one motion: the output does not reach its limit
 
 
 def read_integral(recordings: Sequence[Recording], base: Sequence[Term], part: Part = WHOLE) -> Finding | None:
@@ -37,17 +37,15 @@ def read_integral(recordings: Sequence[Recording], base: Sequence[Term], part: P
 
     The finding has the gain over the likeliest other convention [nat], and the settings of `with_integral` as pairs.
     """
-    tried = dict[tuple[ServoDrive | None, ...], tuple[tuple[Recording, ...], Settings]]()
-    for windup, order in product(get_args(Windup), get_args(Order)):
-        variant = with_integral(recordings, {"windup": windup, "integral": order})
-        tried.setdefault(tuple(r.drive for r in variant), (variant, (("windup", windup), ("integral", order))))
-    if len(tried) == 1:
+    conventions = _list_conventions(recordings)
+    if len(conventions) == 1:
         return None
+    variants = [with_integral(recordings, settings) for settings in conventions]
     torque = RegressionData.from_recordings(recordings, part=part).torque
     scores, points = list[Array](), list[Point]()
     for _ in range(3):  # a wrong convention leads a fit astray, and others begin where it ended
         scores.clear()
-        for variant, _ in tried.values():
+        for variant in variants:
             rows = RolloutRows(Rollouts(variant, FINE, shares=part), torque)
             if points:
                 rows.begin_at(choose_likeliest_point(rows.rollouts, points)[0], tuple(base))
@@ -60,22 +58,30 @@ def read_integral(recordings: Sequence[Recording], base: Sequence[Term], part: P
     best, *others = sorted(range(len(scores)), key=lambda k: -scores[k].sum())
     gains = [bootstrap.gain(scores[best], score, float(np.log(len(scores)))) for score in scores]
     chosen = next(k for k, gain in enumerate(gains) if k == best or gain.p_value > Criterion().p_value)
-    gain = bootstrap.gain(scores[chosen], scores[best if chosen != best else others[0]])
-    settings = [pairs for _, pairs in tried.values()][chosen]
-    return Finding(Kind.INTEGRAL_READ, {"gain": Quantity(gain.total, gain.error)}, pairs=settings)
+    different = [k for k in others if abs(scores[best].sum() - scores[k].sum()) > SAME] or others
+    gain = bootstrap.gain(scores[chosen], scores[best if chosen != best else different[0]])
+    pairs = tuple(conventions[chosen].items())
+    return Finding(Kind.INTEGRAL_READ, {"gain": Quantity(gain.total, gain.error)}, pairs=pairs)
 
 
 def with_integral(recordings: Sequence[Recording], settings: Mapping[str, Any]) -> tuple[Recording, ...]:
-    """Return the recordings with `windup` and `integral` of drives that have an integral and do not declare them.
+    """Return the recordings with `ServoDrive.with_integral` of their drives."""
+    return tuple(r if r.drive is None else replace(r, drive=r.drive.with_integral(settings)) for r in recordings)
 
-    The order of a turn has no meaning without the `rate` of the controller.
-    """
-    found = []
-    for recording in recordings:
-        drive = recording.drive
-        if drive is not None and drive.ki:
-            drive = replace(drive, windup=drive.windup or settings.get("windup"))
-            if drive.rate is not None:
-                drive = replace(drive, integral=drive.integral or settings.get("integral"))
-        found.append(replace(recording, drive=drive))
-    return tuple(found)
+
+def find_declared_integral(recordings: Sequence[Recording]) -> dict[str, str]:
+    """Return the first `windup` and `integral` that a drive with an integral declares, by name."""
+    drives = [r.drive for r in recordings if r.drive is not None and r.drive.ki]
+    declared = {name: [value for drive in drives if (value := getattr(drive, name))] for name in ("windup", "integral")}
+    return {name: values[0] for name, values in declared.items() if values}
+
+
+def _list_conventions(recordings: Sequence[Recording]) -> list[dict[str, str]]:
+    """Return all combinations of the settings that drives leave open and that may matter, by name."""
+    drives = [r.drive for r in recordings if r.drive is not None and r.drive.ki]
+    choices: dict[str, tuple[str, ...]] = {}
+    if any(drive.windup is None and np.isfinite(drive.most) for drive in drives):
+        choices["windup"] = get_args(Windup)
+    if any(drive.integral is None and drive.rate is not None for drive in drives):
+        choices["integral"] = get_args(Order)
+    return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]

@@ -24,6 +24,7 @@ from pendulum_env.physics import (
     has_link,
     list_loads,
 )
+from pendulum_env.physics.potential import HardStop
 from pendulum_env.physics.term import zero
 from pendulum_env.physics.terms import list_forms
 
@@ -61,8 +62,8 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     """Return failed gates of inertia and friction of the terms at one joint, whose samples are `x`.
 
     Dry friction is too large if it exceeds the largest torque that drives the joint: the recorded torque less that of
-    load, potential and time-varying terms. A stop is too soft if the largest recorded torque would press it in by more
-    than the range of the motion. The power of friction is not tested at a coupled joint, dry friction not in an arm.
+    load, potential and time-varying terms. Stops are too soft if the motion presses them in by more than the range
+    between them. The power of friction is not tested at a coupled joint, dry friction not in an arm.
     """
     found, inertia = [], model.estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
@@ -78,12 +79,11 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     dry = _compute_dry_friction_over_turn(
         [(column, value) for term, column, value in friction if not column.of_torque], x
     ).max()
-    softest = float(np.abs(x.torque).max() / max(np.ptp(x.position), 1e-300))
-    found += [
-        Gate("soft_stop", value, softest, False, model.units().unit(column.unit))
-        for term, column, value in _list_parts(model)
-        if term.id == "hard_stop" and value < softest
-    ]
+    for stop in (term for term in model.terms if isinstance(term, HardStop)):
+        lowest, highest = float(x.position.min()), float(x.position.max())
+        depth = max(stop.lower - lowest, 0.0) + max(highest - stop.upper, 0.0)
+        if depth > (free := highest - lowest - depth):
+            found.append(Gate("soft_stop", depth, free, False, model.units().unit("rad")))
     is_arm = any(term.at for term in model.terms)
     if dry > limit and x.torque.any() and not is_arm:
         found.append(Gate("dry_friction", float(dry), limit, False, model.units().unit("N m")))

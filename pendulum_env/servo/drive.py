@@ -92,6 +92,8 @@ class ServoDrive:
             value = getattr(self, name)
             if value is not None and not (value > 0 and (math.isfinite(value) or name == "limit")):
                 raise UserError(f"{name} is {value:g}: it should be a positive number")
+        if self.integral == "before" and self.rate is None:
+            raise UserError('integral is "before": give the rate of the controller as well, as rate = 100')
         if self.kp == self.ki == 0:
             raise UserError("kp and ki are both 0: such a controller does not follow its goal, say its gain")
         if self.delay > LONGEST:
@@ -117,6 +119,16 @@ class ServoDrive:
         """Return the torque, in its `unit`, per unit of the output at a supply [V]."""
         volts = supply if self.output == "duty" else np.ones_like(supply)
         return volts if self.gain is None else volts * self.gain
+
+    def with_integral(self, settings: Mapping[str, Any]) -> Self:
+        """Return the drive with `windup` and `integral` of the settings where it has an integral and declares neither.
+
+        The order of a turn has no meaning without the `rate` of the controller.
+        """
+        if not self.ki:
+            return self
+        order = self.integral or (settings.get("integral") if self.rate is not None else None)
+        return replace(self, windup=self.windup or settings.get("windup"), integral=order)
 
     def with_gain(self, gain: float, unit: str) -> Self:
         """Return the drive with a gain per unit of its output; the same if its torque is in another unit."""

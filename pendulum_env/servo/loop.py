@@ -327,7 +327,7 @@ def compute_control(
     seen = np.where(looks, state.speed + gains["seen"] * (measured - state.speed), state.speed)
     position = x.position + given.lead * x.velocity if may_be_true(given.lead != 0.0) else x.position
     error = given.goal - (seen if speed else position)
-    summed = state.integral + gains["first"] * error
+    summed = np.maximum(np.minimum(state.integral + gains["first"] * error, gains["room"]), -gains["room"])
     wanted = gains["kp"] * error + gains["ki"] * summed - (0.0 if speed else gains["kd"] * seen)
     output = np.maximum(np.minimum(wanted, gains["most"]), -gains["most"])
     winds = (np.abs(wanted) > gains["halt"]) & (wanted * error > 0)

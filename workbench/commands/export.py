@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 
 from estimators.data.calibration import convert_to_model_unit
 from pendulum_env.files import write_whole
@@ -72,8 +72,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     for option in ("check", "mass", "armature"):
         if getattr(arguments, option) and arguments.to != "mjcf":
             raise InputError(f"--{option} goes with mjcf, not with {arguments.to}")
-    request = Request(**{field.name: getattr(arguments, field.name) for field in fields(Request)})
     model = read_model(arguments.model, make_body(arguments))
+    request = Request(**{field.name: getattr(arguments, field.name) for field in fields(Request)})
+    if request.drive is not None:
+        request = replace(request, drive=request.drive.with_integral(model.log_format))
     model.refuse_unknown_inertia()
     exported = export(model, arguments.to, request)
     if sources:

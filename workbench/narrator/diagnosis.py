@@ -34,6 +34,7 @@ FORMS = {
     "bump": "a bump at {0} {rad}, {1} {rad} wide",
     "step": "a step at {0} {rad}, {1} {rad} wide",
 }
+WRONG_DRIVE = 5.0  # noise floors, from which an error in the loop shows a wrong description of the drive
 SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
 COUNTABLE = 100.0  # standard errors, above which their number says nothing more
 
@@ -103,7 +104,8 @@ def describe_result(found: Diagnosis) -> str:
     groups += [join_words([name_effect(id) for id in group], "or") for group in found.effects]
     if found.searched and found.unexplained and found.is_in_loop:
         before, after = (found.steps[k].errors["holdout"].loop[0] for k in (0, -1))
-        if after > before / 3:  # a wrong description of the drive leaves as much
+        is_coarse = after > WRONG_DRIVE * max(found.floors.values(), default=0.0)
+        if is_coarse and after > before / 3:  # a wrong description of the drive leaves as much
             verb = "explains" if len(groups) == 1 else "explain"
             part = f". {capitalise(join_words(groups))} {verb} {1 - after / before:.0%} of the error" if groups else ""
             return f"The servo as described does not reproduce the log{part}"

@@ -22,7 +22,7 @@ OTHER_LOAD = (
 PHRASES = {  # of violated bounds, by the name of their gate; others are parameters
     "negative_inertia": "a negative inertia",
     "driving_friction": "friction that drives",
-    "soft_stop": "a stop that yields to the torque",
+    "soft_stop": "a stop that is pressed in by {}",
     "dry_friction": "dry friction of {}, more than the torque that moved the joint",
 }
 LIMITS = ("torque", "angle", "speed")
@@ -334,7 +334,7 @@ def _compare_integrals(found: Finding) -> str:
     other = f"fits about equally well ({size})" if is_tied else f"is less likely by {size}"
     return (
         f"The controller is taken to integrate by {given}. The likeliest other convention {other}. "
-        "If this one is right, give it in `[drive]`."
+        "If the convention above is right, give it in `[drive]`."
     )
 
 
@@ -531,8 +531,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     ),
     Kind.CONTACT: (
         "No effect explains the contacts ({count.value:g}). The largest is at {angle:3} ({recordings}, {time:3}): "
-        "{torque:2} more than the model and dry friction. The joint met a stop or a blow: record more motion to this "
-        "angle."
+        "{torque:2} more than the model predicts. The joint met a stop or a blow: record more motion to this angle."
     ),
     Kind.NOWHERE: (
         "The residual is {residual:2}, {times.value:.2g} times the noise floor, at no one speed, angle or time. "

@@ -188,7 +188,7 @@ def test_the_story_from_loading_to_undo(tab, folder):
     assert tab.title() == "Stribeck friction is missing"
     assert "lowers the held-out errors" in page.inner_text(".ranking tbody tr")
 
-    before = number_after("error: torque", page.inner_text("#story"))
+    before = number_after(r"error \(last 30 %\): torque", page.inner_text("#story"))
     page.get_by_role("button", name="Add Stribeck friction").click()
     page.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
     tab.go("add")
@@ -209,7 +209,7 @@ def test_the_story_from_loading_to_undo(tab, folder):
 
     page.get_by_role("button", name="Undo: add Stribeck friction").click()
     page.wait_for_function("() => document.querySelector('h1').textContent === 'Stribeck friction is missing'")
-    assert number_after("error: torque", page.inner_text("#story")) == before
+    assert number_after(r"error \(last 30 %\): torque", page.inner_text("#story")) == before
 
 
 def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_shows_where_one_is(tab, folder):
