@@ -13,13 +13,16 @@ from tests.cases import diagnosed
 RATE, SECONDS = 500.0, 20.0
 
 
-def diagnosed_under_chirps(plant: Plant, *only: str) -> Diagnosis:
-    """Diagnosis of a plant under two chirps up to 3.3 Hz, with a library of a few effects."""
+def diagnosed_under_chirps(plant: Plant, *only: str, late: int = 0) -> Diagnosis:
+    """Diagnosis of a plant under two chirps up to 3.3 Hz, with a library of a few effects, torque some samples late."""
     time = np.arange(round(RATE * SECONDS)) / RATE
     commands = [size * np.sin(2 * np.pi * (0.1 + 0.08 * time) * time) for size in (2.8, 3.1)]
     experiments = [Experiment(RATE, SECONDS, seed=seed, torque_noise=0.03, counts=16384) for seed in (11, 12)]
     runs = simulate([(plant, experiment) for experiment in experiments], commands)
-    fitted, unseen = (Recording(run.time, run.position, run.torque, name="chirp") for run in runs)
+    torques = [np.append(np.zeros(late), run.torque[: len(run.torque) - late]) for run in runs]
+    fitted, unseen = (
+        Recording(run.time, run.position, own, name="chirp") for run, own in zip(runs, torques, strict=True)
+    )
     return diagnose(fitted, unseen, only=only)
 
 
@@ -61,3 +64,12 @@ def test_a_wave_of_the_angle_is_no_stop_that_yields():
     plant = Plant(effects={"cogging": {"cog_n": 3, "cog_s": 0.12, "cog_c": 0.0}})
     found = diagnosed_under_chirps(plant, "hard_stop", "torque_offset")
     assert not found.selected and found.tables == ("torque_by_angle",)
+
+
+@pytest.mark.slow
+def test_torque_is_either_timed_or_kept_as_logged():
+    hidden = {"viscous_asymmetry": {"asym_v": 0.15}, "cogging": {"cog_n": 3, "cog_s": 0.3, "cog_c": 0.0}}
+    found = diagnosed_under_chirps(Plant(effects=hidden), "viscous_asymmetry", late=1)
+    kinds = {treatment.kind for treatment in found.data.treatments}
+    assert found.selected == ("viscous_asymmetry",) and found.unexplained
+    assert not kinds >= {Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED}
