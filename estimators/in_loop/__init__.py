@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from pendulum_env.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from estimators.in_loop.goals import decide_goals
+    from estimators.in_loop.conventions import decide_conventions
 else:  # a recording without goals needs none of it
     __getattr__, __dir__ = lazy_exports(__name__)
 
-__all__ = ["decide_goals"]
+__all__ = ["decide_conventions"]

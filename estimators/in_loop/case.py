@@ -17,7 +17,7 @@ from estimators.in_loop.conclusion import conclude, find_regions
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.goal_reading import reread_goals, with_goal_reading
 from estimators.in_loop.goals import make_base
-from estimators.in_loop.integral import find_declared_integral, read_integral, with_integral
+from estimators.in_loop.integral import find_declared_settings, read_integral, with_integral
 from estimators.in_loop.refit import refine, refit
 from estimators.in_loop.rollouts import are_driven
 from estimators.in_loop.split import choose_parts, split_rollouts
@@ -36,7 +36,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     share = max(setting.criterion.explained_share, LOOP.needed)
     criterion = replace(setting.criterion, explained_share=share, needed_share=share)
-    declared = find_declared_integral((*data.recordings, *data.holdout))
+    declared = find_declared_settings(data.every)
     data = replace(
         data, recordings=with_integral(data.recordings, declared), holdout=with_integral(data.holdout, declared)
     )

@@ -17,14 +17,12 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.rows import BLOCK
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import densities
-from estimators.in_loop.integral import read_integral, with_integral
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
-from estimators.regression.least_squares import IdentificationError
+from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.selection.score import Bootstrap
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
-from pendulum_env.physics import BASE, Model, Term, list_ids
+from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.physics.actuation import ActuatorLag, BackEmf, DeadTime
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
@@ -115,27 +113,6 @@ def make_base(recordings: Sequence[Recording], base: Sequence[Term] = BASE) -> t
     """
     added = [GravityTilt(), *([BackEmf()] if has_unpowered_motor(recordings) else [])]
     return (*base, *(term for term in added if term.id not in list_ids(base)))
-
-
-def decide_goals(recordings: Sequence[Recording], model: Model) -> tuple[Recording, ...]:
-    """Return the recordings with goals that are held or run on, as of a model, or else decided as by a diagnosis.
-
-    The convention of an integral is that of the model, too, or else decided.
-
-    Goals of a joint that moves too little for the decision are held. Recordings without drives stay as they are.
-    """
-    if not are_driven(recordings):
-        return tuple(recordings)
-    recordings, base = with_integral(recordings, model.log_format), make_base(recordings)
-    goal = model.log_format.get("goal")
-    try:
-        if (integral := read_integral(recordings, base)) is not None:
-            recordings = with_integral(recordings, dict(integral.pairs))
-        reading = read_goals(recordings, base) if goal is None else None
-    except IdentificationError:
-        reading = None
-    is_held = goal == "held" if goal is not None else reading is None or reading.kind is Kind.GOALS_HELD
-    return with_goals(recordings, is_held)
 
 
 def has_unpowered_motor(recordings: Sequence[Recording]) -> bool:

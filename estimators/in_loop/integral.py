@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import product
-from typing import Any, get_args
 
 import numpy as np
 
@@ -27,7 +25,7 @@ from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import Order, Windup
+from pendulum_env.servo.drive import find_declared_integral, list_integral_settings
 
 SAME = 1e-3  # [nat], below which two conventions give one motion: the output does not reach its limit
 
@@ -37,7 +35,7 @@ def read_integral(recordings: Sequence[Recording], base: Sequence[Term], part: P
 
     The finding has the gain over the likeliest other convention [nat], and the settings of `with_integral` as pairs.
     """
-    conventions = _list_conventions(recordings)
+    conventions = list_integral_settings([r.drive for r in recordings if r.drive is not None])
     if len(conventions) == 1:
         return None
     variants = [with_integral(recordings, settings) for settings in conventions]
@@ -64,24 +62,11 @@ def read_integral(recordings: Sequence[Recording], base: Sequence[Term], part: P
     return Finding(Kind.INTEGRAL_READ, {"gain": Quantity(gain.total, gain.error)}, pairs=pairs)
 
 
-def with_integral(recordings: Sequence[Recording], settings: Mapping[str, Any]) -> tuple[Recording, ...]:
+def with_integral(recordings: Sequence[Recording], settings: Mapping[str, str | None]) -> tuple[Recording, ...]:
     """Return the recordings with `ServoDrive.with_integral` of their drives."""
     return tuple(r if r.drive is None else replace(r, drive=r.drive.with_integral(settings)) for r in recordings)
 
 
-def find_declared_integral(recordings: Sequence[Recording]) -> dict[str, str]:
-    """Return the first `windup` and `integral` that a drive with an integral declares, by name."""
-    drives = [r.drive for r in recordings if r.drive is not None and r.drive.ki]
-    declared = {name: [value for drive in drives if (value := getattr(drive, name))] for name in ("windup", "integral")}
-    return {name: values[0] for name, values in declared.items() if values}
-
-
-def _list_conventions(recordings: Sequence[Recording]) -> list[dict[str, str]]:
-    """Return all combinations of the settings that drives leave open and that may matter, by name."""
-    drives = [r.drive for r in recordings if r.drive is not None and r.drive.ki]
-    choices: dict[str, tuple[str, ...]] = {}
-    if any(drive.windup is None and np.isfinite(drive.most) for drive in drives):
-        choices["windup"] = get_args(Windup)
-    if any(drive.integral is None and drive.rate is not None for drive in drives):
-        choices["integral"] = get_args(Order)
-    return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]
+def find_declared_settings(recordings: Sequence[Recording]) -> dict[str, str]:
+    """Return the `windup` and `integral` that the first drive of some recordings declares, by name."""
+    return find_declared_integral([r.drive for r in recordings if r.drive is not None])

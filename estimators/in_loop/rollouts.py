@@ -9,7 +9,6 @@ from typing import Self
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from estimators.data.rows import ResidualStructure
 from estimators.in_loop.errors import Errors, LoopErrors
@@ -77,7 +76,7 @@ class Rollouts:
         count = self._steps_per_grain * max(len(at) for at in self._times)
         step_times = np.arange(count) * step + 1e-6  # [s], against rounding
 
-        def stack(read: Callable[[Array, Recording], Array], values: Sequence[ArrayLike]) -> Array:
+        def stack(read: Callable[[Array, Recording], Array], values: Sequence[Array | float]) -> Array:
             """Return series as `read` has them in each step (N, B)."""
             pairs = zip(values, parts, strict=True)
             return np.array([read(np.broadcast_to(series, len(part)), part) for series, part in pairs]).T

@@ -9,8 +9,9 @@ torque, comes the motor's torque: in SI if its gain is known, and per volt or am
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
@@ -205,3 +206,22 @@ PRESETS = {  # those of duty as github.com/Rhoban/bam measured them; their encod
 }
 WORDS = tuple(CHOICES)  # keys whose value is a word
 KEYS = dict.fromkeys(("preset", *vars(ServoDrive())), True)
+
+
+def find_declared_integral(drives: Sequence[ServoDrive]) -> dict[str, str]:
+    """Return the first `windup` and `integral` that a drive with an integral declares, by name."""
+    found: dict[str, str] = {}
+    for drive in (drive for drive in drives if drive.ki):
+        declared = {"windup": drive.windup, "integral": drive.integral}
+        found = {name: value for name, value in declared.items() if value is not None} | found
+    return found
+
+
+def list_integral_settings(drives: Sequence[ServoDrive]) -> list[dict[str, str]]:
+    """Return all combinations of `windup` and `integral` that drives leave open and that may matter, by name."""
+    choices: dict[str, tuple[str, ...]] = {}
+    if any(drive.ki and drive.windup is None and math.isfinite(drive.most) for drive in drives):
+        choices["windup"] = get_args(Windup)
+    if any(drive.ki and drive.integral is None and drive.rate is not None for drive in drives):
+        choices["integral"] = get_args(Order)
+    return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]
