@@ -149,7 +149,7 @@ def find_carried(parts: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[
             for k, payload in enumerate(payloads)
             if payload.stands_out
         ]
-        found.append((not carried, round(residual, 6), carried))  # equal but for rounding, if any body is possible
+        found.append((not carried, round(residual, 6), carried))  # rounding differs; a possible body first
     return min(found, key=lambda candidate: candidate[:2])[2]
 
 

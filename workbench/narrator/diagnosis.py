@@ -124,7 +124,7 @@ def describe_result(found: Diagnosis) -> str:
 
 
 def describe_errors(found: Diagnosis) -> str:
-    """State the held-out errors before and after, with the noise floors, and what was held out if nobody said so."""
+    """State the held-out errors before and after, with the noise floors, and the part that is held out by default."""
     first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
     what, source = ("in the loop", "encoder noise") if last.is_in_loop else ("torque", "noise floor")
 
