@@ -17,9 +17,9 @@ from benchmarks.scoring import (
     Curve,
     Outcome,
     examine_all,
-    in_library,
     positive,
     rate,
+    select_library_cases,
     take_workers,
     tell_by_effect,
     tell_by_share,
@@ -118,7 +118,7 @@ def size(outcome: Outcome) -> float:
 
 def power(outcomes: Sequence[Outcome]) -> Curve:
     """Return the share right by the size of the effect relative to the noise."""
-    known = [o for o in in_library(outcomes) if not o.failure]
+    known = [o for o in select_library_cases(outcomes) if not o.failure]
     return Curve.of("effect over noise", "right", SIZES, [(size(o), o.right) for o in known])
 
 

@@ -249,8 +249,8 @@ class Curve:
         terminal.table((self.quantity, "mean", self.success), self.rows, left=(self.success,))
 
 
-def in_library(outcomes: Sequence[Outcome]) -> list[Outcome]:
-    """Return the cases with something hidden, all of which the library has."""
+def select_library_cases(outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """Return the cases with hidden effects, if the library has all of these."""
     return [o for o in outcomes if o.truth.hidden and set(o.truth.hidden) <= effects().keys()]
 
 
@@ -315,7 +315,7 @@ def tell_by_effect(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
 
 def tell_by_share(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     """Print how often a library effect is right, by the share of the torque that it changes."""
-    cases = [(o.truth.share, o.right) for o in in_library(outcomes) if o.truth.share is not None]
+    cases = [(o.truth.share, o.right) for o in select_library_cases(outcomes) if o.truth.share is not None]
     Curve.of("share of the torque that the base model misses after its refit", "right", SHARES, cases).tell(terminal)
 
 
