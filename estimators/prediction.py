@@ -11,7 +11,7 @@ import numpy as np
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.regression.least_squares import IdentificationError
-from estimators.simulation.free_running import Segments, follow
+from estimators.simulation.free_running import Segments, simulate_errors
 from estimators.weak_form import links
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
@@ -174,7 +174,7 @@ def _write_torque(prediction: Prediction, windows: Sequence[Windows], torque: Ar
 
 def _simulate(model: Model, segments: Segments, position: Array) -> None:
     """Fill in free-running simulations of segments; where two overlap, the later one counts."""
-    path = segments.position + follow(segments, model.terms, model.theta)
+    path = segments.position + simulate_errors(segments, model.terms, model.theta)
     index = segments.first + np.arange(len(path))[:, None]
     position[segments.first] = path[0]
     position[index[1:].T.ravel()] = path[1:].T.ravel()

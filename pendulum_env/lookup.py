@@ -41,11 +41,11 @@ def refuse_unknown_arguments(function: Callable[P, T]) -> Callable[P, T]:
     known.pop("self", None)
 
     @functools.wraps(function)
-    def checked(*args: P.args, **keywords: P.kwargs) -> T:
+    def call_with_known_arguments(*args: P.args, **keywords: P.kwargs) -> T:
         for name in keywords:
             if name in READING and name not in known:
                 raise UnknownName(f"'{name}' is an argument of read_recording: read with it, and give the recording")
             find("argument", name, known)
         return function(*args, **keywords)
 
-    return checked
+    return call_with_known_arguments

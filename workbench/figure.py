@@ -71,7 +71,7 @@ def axis(title: str, **more: object) -> JSON:
     return {"title": {"text": title}, **more}
 
 
-def broken(time: Array, kept: Index, *series: Array) -> tuple[Array, list[Array]]:
+def insert_gaps(time: Array, kept: Index, *series: Array) -> tuple[Array, list[Array]]:
     """Time and series at the kept samples, with a gap wherever the time (N,) itself has one."""
     steps = np.diff(time)
     run = np.r_[0, np.cumsum(steps > 1.5 * np.median(steps))][kept] if len(steps) else np.zeros(len(kept))
@@ -79,7 +79,7 @@ def broken(time: Array, kept: Index, *series: Array) -> tuple[Array, list[Array]
     return np.insert(time[kept], gaps, np.nan), [np.insert(values[kept], gaps, np.nan) for values in series]
 
 
-def stacked(upper: str, lower: str, x: str, share: float = 0.55) -> JSON:
+def make_stacked_layout(upper: str, lower: str, x: str, share: float = 0.55) -> JSON:
     """Layout of two plots above each other with one abscissa."""
     return {
         "xaxis": axis(x, anchor="y2"),
@@ -89,7 +89,7 @@ def stacked(upper: str, lower: str, x: str, share: float = 0.55) -> JSON:
     }
 
 
-def joined(parts: Sequence[Array]) -> Array:
+def join_arrays(parts: Sequence[Array]) -> Array:
     """Arrays in a row with a gap between each two."""
     return np.concatenate([np.r_[part, np.nan] for part in parts]) if parts else np.empty(0)
 
@@ -113,5 +113,5 @@ def before_and_after(
     for (name, color), above, below in zip(models, modelled, differences, strict=True):
         data.append(line(x, above, name, color, unit, legendgroup=name))
         data.append(line(x, below, name, color, unit, legendgroup=name, yaxis="y2", showlegend=False))
-    layout = stacked(f"{quantity} [{unit}]", f"{difference} [{unit}]", "time [s]")
+    layout = make_stacked_layout(f"{quantity} [{unit}]", f"{difference} [{unit}]", "time [s]")
     return Figure(id, label, data, layout, 460)

@@ -46,15 +46,15 @@ def hold_interrupts() -> Iterator[None]:
                 signal.raise_signal(signal.SIGINT)
 
 
-def attend() -> None:
+def end_with_parent() -> None:
     """End this worker with the process that began it, even if that one is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
-        threading.Thread(target=_follow, args=(parent,), daemon=True, name="end with the parent").start()
+        threading.Thread(target=_exit_after, args=(parent,), daemon=True, name="end with the parent").start()
 
 
-def _follow(parent: BaseProcess) -> None:
+def _exit_after(parent: BaseProcess) -> None:
     parent.join()
     os._exit(1)
 
@@ -81,7 +81,7 @@ class Pool(ProcessPoolExecutor):
 
 
 def _prepare(files: Sequence[Path], libraries: Sequence[str], progress: Sequence[Any]) -> None:
-    attend()
+    end_with_parent()
     use_writer(write_option)
     for file in files:
         load_plugin(file)

@@ -55,9 +55,9 @@ class Terminal:
         if Measurement.get(self._out, wide, table).maximum - max(0, prose - 24) <= self._out.width:
             self._out.print(table)
         else:
-            self._stacked(headers, rows)
+            self._print_stacked(headers, rows)
 
-    def _stacked(self, headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    def _print_stacked(self, headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Print each row as a block: its first cell, and below it every other under its header."""
         widest = max(len(header) for header in headers[1:])
         for row in rows:

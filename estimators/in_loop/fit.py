@@ -225,7 +225,10 @@ def _fit_by_secants(
     def best(near: Near[Linear], steps: list[Array]) -> tuple[Point, float]:
         limited_steps = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps]
         found = _choose_likeliest_step(rollouts, near, limited_steps, typical)
-        if found[1] > near.cost - rule.enough(points_near[0].cost, near.cost) and next(polls, None) is not None:
+        if (
+            found[1] > near.cost - rule.compute_small_decrease(points_near[0].cost, near.cost)
+            and next(polls, None) is not None
+        ):
             polled = _choose_likeliest_step(rollouts, near, _make_steps(near.slopes), typical)
             found = min(found, polled, key=lambda candidate: candidate[1])
         return found

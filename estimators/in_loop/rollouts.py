@@ -19,7 +19,7 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import SIGNIFICANT, KnownLoad, has_link
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.servo.drive import LONGEST
-from pendulum_env.servo.loop import Looks, Servos, follow
+from pendulum_env.servo.loop import Looks, Servos, simulate_servos
 from pendulum_env.servo.torque import get_bus_voltage
 
 GRAIN = 0.02  # [s] between compared positions, about
@@ -210,7 +210,7 @@ class Rollouts:
             terms.append(type(variants[0])(**merged))
         rollouts = self._in_contact if has_link(points[0].terms) else self
         theta = np.column_stack([point.theta for point in points])
-        return self.compare_paths(follow(terms, theta, rollouts.servos, rollouts._steps_per_grain))
+        return self.compare_paths(simulate_servos(terms, theta, rollouts.servos, rollouts._steps_per_grain))
 
     @cached_property
     def _in_contact(self) -> Self:

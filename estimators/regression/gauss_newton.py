@@ -83,7 +83,7 @@ class Rule:
     of_fall: float = 0.0
     patience: int = 1
 
-    def enough(self, first: float, cost: float) -> float:
+    def compute_small_decrease(self, first: float, cost: float) -> float:
         """Return the limit of a small decrease, from the cost of the start and the present cost."""
         return max(self.least, self.of_cost * cost, self.of_fall * (first - cost))
 
@@ -113,7 +113,7 @@ def gauss_newton(
         if not cost < local.cost:
             break
         place = found
-        slow += local.cost - cost < rule.enough(first, local.cost)
+        slow += local.cost - cost < rule.compute_small_decrease(first, local.cost)
         if slow == rule.patience:
             break
     return place

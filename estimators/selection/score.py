@@ -30,7 +30,7 @@ from estimators.regression.least_squares import SOLVER
 from estimators.selection.criterion import Criterion
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.simulation import output_error
-from estimators.simulation.free_running import Segments, follow
+from estimators.simulation.free_running import Segments, simulate_errors
 from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.physics import Model
 
@@ -250,7 +250,7 @@ def errs_by_more_than_noise(segments: Sequence[Segments], model: Model, criterio
     """
     point = output_error.Point.from_model(model)
     noise = output_error.compute_noise(segments, point) + compute_floor(segments, criterion.accuracy)
-    errors = [follow(segment, model.terms, point.theta)[1:] for segment in segments]
+    errors = [simulate_errors(segment, model.terms, point.theta)[1:] for segment in segments]
     squares = np.concatenate([np.mean(error**2, axis=0) for error in errors])
     return bool(np.mean(squares / noise) > criterion.misfit**2)
 

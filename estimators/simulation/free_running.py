@@ -121,7 +121,7 @@ def cut_segments(windows: Windows, first: Index, length: int) -> Segments:
     )
 
 
-def follow(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
+def simulate_errors(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
     """Return simulated minus measured position in every segment, (N + 1, B) [rad]."""
     return simulate_all([segments], [(terms, theta)])[0][:, 0] - segments.position
 

@@ -111,7 +111,7 @@ def repeat_points(points: Sequence[Point], times: int) -> list[Point]:
     return [point for point in points for _ in range(times)]
 
 
-def cut(windows: Windows, point: Point, first: Index) -> Shooting:
+def start_shooting(windows: Windows, point: Point, first: Index) -> Shooting:
     """Cut segments from given samples on, with initial states from the measured motion."""
     segments, link = cut_segments(windows, first, count_periods(windows, SHOOTING.length)), find_link(point.terms)
     hidden = start_memory([segments], [link])[link.id]
@@ -191,7 +191,7 @@ def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array
 
     The starts are the present states, those from the measured motion, and a link on either side of the play.
     """
-    traced = cut(shooting.segments.windows, point, shooting.segments.first).states
+    traced = start_shooting(shooting.segments.windows, point, shooting.segments.first).states
     gap = find_link(point.terms).nonlinear_values.get("gap", 0.0)
     candidates = [shooting.states, traced]
     for side in (-1, 0, 1) if gap else ():
@@ -230,19 +230,19 @@ def simulate_link_motion(windows: Windows, model: Model) -> Samples:
     """Simulate the motion of motor and link in adjacent segments, and return the samples of the recording."""
     point, term = Point.from_model(model), find_link(model.terms)
     x = windows.trace([term])[0]
-    shooting, _ = initialise_states(cut(windows, point, list_adjacent_segments(windows)), point)
+    shooting, _ = initialise_states(start_shooting(windows, point, list_adjacent_segments(windows)), point)
     seen: list[Memory] = []
     path = shooting.simulate([point], shooting.states[None], lambda state: seen.append(state.memory[term.id]))
     index = shooting.segments.first + np.arange(len(path.position))[:, None]
 
-    def filled(measured: ArrayLike, simulated: Array) -> Array:
+    def fill_segments(measured: ArrayLike, simulated: Array) -> Array:
         series = np.array(measured, dtype=float)
         series[index] = simulated
         return series
 
     moved = (np.array(series) for series in zip(*seen, strict=True))
-    link = tuple(filled(old, new) for old, new in zip(x.memory[term.id], moved, strict=True))
-    q, v = filled(x.position, path.position), filled(x.velocity, path.velocity)
+    link = tuple(fill_segments(old, new) for old, new in zip(x.memory[term.id], moved, strict=True))
+    q, v = fill_segments(x.position, path.position), fill_segments(x.velocity, path.velocity)
     return replace(x, position=q, velocity=v, memory={term.id: link})
 
 
@@ -331,7 +331,7 @@ def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) ->
         size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
         points = [place.point.with_values(values + share * step * size) for share in SHOOTING.shares]
         tried = [
-            _follow(shooting, points, step, move) for shooting, move in zip(place.every, slopes.parts, strict=True)
+            _try_steps(shooting, points, step, move) for shooting, move in zip(place.every, slopes.parts, strict=True)
         ]
         costs = np.sum([w @ squares.T for (_, _, squares), w in zip(tried, slopes.weights, strict=True)], axis=0)
         k, _ = choose_least(range(len(points)), costs)
@@ -354,7 +354,7 @@ def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) ->
     return gauss_newton(Fitted(point, tuple(every)), near, best, rule)
 
 
-def _follow(
+def _try_steps(
     shooting: Shooting, points: Sequence[Point], step: Array, move: tuple[Array, Array, Array]
 ) -> tuple[Array, Array, Array]:
     """Return states, their damping and squared errors (V, B) after each share of a step of the parameters."""
@@ -385,11 +385,11 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
         return model
     if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
 
-        def tried(starts: Sequence[Point]) -> Fitted:
+        def fit_best(starts: Sequence[Point]) -> Fitted:
             fits = (fit(prepare_segments(every, start, 3), start, SHOOTING.trial_turns) for start in starts)
             return min(fits, key=lambda fitted: fitted.cost)
 
-        found = tried(
+        found = fit_best(
             [
                 change_point(start, {multimodal: f})
                 for start in (point, add_link_gravity(point))
@@ -397,7 +397,7 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
             ]
         )
         for _ in range(SHOOTING.climbs):
-            other = tried([change_point(found.point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
+            other = fit_best([change_point(found.point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
             if other.cost > found.cost * SHOOTING.climb:
                 break
             found = other
@@ -416,7 +416,9 @@ def prepare_segments(every: Sequence[Windows], point: Point, share: int = 1) -> 
     """Return segments of recordings with the best initial states for a point, one in `share` of those of a fit."""
     first = [list_adjacent_segments(windows) for windows in every]
     step = share * -(-sum(len(k) for k in first) // SHOOTING.most)
-    return tuple(initialise_states(cut(w, point, k[::step]), point)[0] for w, k in zip(every, first, strict=True))
+    return tuple(
+        initialise_states(start_shooting(w, point, k[::step]), point)[0] for w, k in zip(every, first, strict=True)
+    )
 
 
 def _are_few(every: Sequence[Windows], point: Point) -> bool:

@@ -55,7 +55,7 @@ def place_effect(effect: type[Term], joint: str, slides: bool = False) -> type[T
 def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Term]:
     units = JointUnits(slides=slides)
 
-    def named(columns: Sequence[Column]) -> tuple[Column, ...]:
+    def name_columns(columns: Sequence[Column]) -> tuple[Column, ...]:
         own = (column for column in columns if column.name not in OF_THE_ARM)
         return tuple(replace(column, name=f"{column.name}@{joint}", unit=units.unit(column.unit)) for column in own)
 
@@ -67,8 +67,8 @@ def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Te
         nonlinear_parameters=tuple(
             replace(own, unit=own.get_unit(units)) for own in effect.nonlinear_parameters if not own.follows
         ),
-        columns=cached_property(lambda term: named(super(made, term).columns)),
-        fixed=cached_property(lambda term: named(super(made, term).fixed)),
+        columns=cached_property(lambda term: name_columns(super(made, term).columns)),
+        fixed=cached_property(lambda term: name_columns(super(made, term).fixed)),
     )  # fmt: skip
     return made
 

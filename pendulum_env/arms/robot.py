@@ -98,8 +98,8 @@ def _parse(path: Path) -> _File:
                 else pin.buildModelFromMJCF(str(path))
             )
     except Exception as error:  # Pinocchio raises what its parsers raise
-        told = str(error).rpartition("message:")[2]  # after file, function and line of its own
-        raise BodyError(f"Pinocchio cannot read it: {shorten_error(told or error)}") from None
+        message = str(error).rpartition("message:")[2]  # after file, function and line of its own
+        raise BodyError(f"Pinocchio cannot read it: {shorten_error(message or error)}") from None
     name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
     return _File(tree, model, name, {joint: _find_leader(joint, ties, robot) for joint in robot})
 
@@ -115,7 +115,9 @@ def _read_fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, fl
         joint for joint, tie in leads.items() if tie.joint == joint and joint in (movable if joints is None else joints)
     ]
     still = {
-        joint: tie.follow(float(held.get(tie.joint, 0.0))) for joint, tie in leads.items() if tie.joint not in moves
+        joint: tie.compute_position(float(held.get(tie.joint, 0.0)))
+        for joint, tie in leads.items()
+        if tie.joint not in moves
     }
     links = [joint for joint in robot if joint not in still]
     sliding = [joint for joint in robot if _find_joint_kind(model, joint) == SLIDES]
@@ -189,7 +191,7 @@ class _Mimic:
     ratio: float
     offset: float
 
-    def follow(self, position: float) -> float:
+    def compute_position(self, position: float) -> float:
         return self.ratio * position + self.offset
 
 
@@ -201,7 +203,7 @@ def _find_leader(joint: str, ties: Mapping[str, _Mimic], robot: Sequence[str]) -
             raise BodyError(f"joint '{joint}' mimics itself in a loop: let one of the joints mimic none")
         passed.add(tie.joint)
         further = ties[tie.joint]
-        tie = _Mimic(further.joint, tie.ratio * further.ratio, tie.follow(further.offset))
+        tie = _Mimic(further.joint, tie.ratio * further.ratio, tie.compute_position(further.offset))
     if tie.joint not in robot:
         raise BodyError(f"joint '{joint}' mimics '{tie.joint}', which is no joint that moves: mend it, or fix both")
     return tie

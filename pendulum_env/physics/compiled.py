@@ -217,11 +217,13 @@ def _write_lines(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Pl
     order, same = merge_equal(results)
     place = {symbol: k for k, symbol in enumerate(order)}
 
-    def of(operand: Operand) -> Place:
+    def find_place(operand: Operand) -> Place:
         return (place[same[operand]], 0.0) if isinstance(operand, Symbol) else (None, operand)
 
-    lines = ((symbol.op, symbol.label if symbol.op == NAME else "", *map(of, symbol.inputs)) for symbol in order)
-    return tuple(lines), tuple(map(of, results))
+    lines = (
+        (symbol.op, symbol.label if symbol.op == NAME else "", *map(find_place, symbol.inputs)) for symbol in order
+    )
+    return tuple(lines), tuple(map(find_place, results))
 
 
 @lru_cache(maxsize=256)

@@ -61,13 +61,13 @@ def check_effect(kind: type[Term]) -> None:
 def check_variants(of: str, variants: Callable[[Samples], Iterable[Term]]) -> None:
     """Evaluate the laws of the variants of an effect that a function makes of a motion, on made-up motions."""
 
-    def listed(x: Samples) -> list[Term]:
+    def list_variants(x: Samples) -> list[Term]:
         return [*variants(x)]
 
     for samples in (1000, 37):
         time: Array = np.arange(samples) / 100.0
         x = Samples(time, np.sin(time), np.cos(time), np.sin(3 * time))
-        for term in _call_user_function(of, partial(listed, x)):
+        for term in _call_user_function(of, partial(list_variants, x)):
             _try_laws(term, x)
 
 

@@ -154,13 +154,17 @@ class TemperatureDependentFriction(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        def warmer(x: Samples) -> ArrayLike:
+        def compute_warming(x: Samples) -> ArrayLike:
             return x.memory.get(self.id, (x.temperature,))[0] - ROOM
 
         return (
-            Column("temperature_dependent_friction.viscous", "N m s/rad/K", force=lambda x: x.velocity * warmer(x)),
             Column(
-                "temperature_dependent_friction.coulomb", "N m/K", dry=lambda x: warmer(x) * np.ones_like(x.velocity)
+                "temperature_dependent_friction.viscous", "N m s/rad/K", force=lambda x: x.velocity * compute_warming(x)
+            ),
+            Column(
+                "temperature_dependent_friction.coulomb",
+                "N m/K",
+                dry=lambda x: compute_warming(x) * np.ones_like(x.velocity),
             ),
         )
 

@@ -123,20 +123,20 @@ def release_term(term: Term) -> Term:
 def _make_limited_kind(kind: type[Term], limits: tuple[tuple[str, float, float], ...]) -> type[Term]:
     by_name = {name: (low, high) for name, low, high in limits}
 
-    def within(column: Column) -> Column:
+    def limit_column(column: Column) -> Column:
         low, high = by_name.get(column.name, (column.least, column.most))
         if low < high:  # a user's bounds are within those of a body; what is known is known
             low, high = max(low, column.least), min(high, column.most)
         return replace(column, least=low, most=high)
 
-    def narrower(p: NonlinearParameter) -> NonlinearParameter:
+    def limit_nonlinear_parameter(p: NonlinearParameter) -> NonlinearParameter:
         low, high = by_name.get(f"{kind.id}.{p.name}", (p.low, p.high))
         return replace(p, low=max(low, p.low), high=min(high, p.high))
 
     def columns(self: Term) -> tuple[Column, ...]:
-        return tuple(within(column) for column in cast(Any, super(made, self)).columns)
+        return tuple(limit_column(column) for column in cast(Any, super(made, self)).columns)
 
-    nonlinear = tuple(narrower(p) for p in kind.nonlinear_parameters)
+    nonlinear = tuple(limit_nonlinear_parameter(p) for p in kind.nonlinear_parameters)
     made = derive_kind(
         kind, _make_limited_kind, limits, columns=property(columns), nonlinear_parameters=nonlinear, bare=(kind, limits)
     )

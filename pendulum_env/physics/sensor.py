@@ -48,14 +48,14 @@ class EncoderEccentricity(Term):
         """Make the column -(I d^2/dt^2 + mgl cos q + b d/dt) f(q), with f'' = -N^2 f."""
 
         def force(x: Samples) -> Array:
-            inertia, gravity = self._loaded(x)
+            inertia, gravity = self._add_load(x)
             q, v = x.position, x.velocity
             return inertia * self.order**2 * f(q) * v**2 - gravity * np.cos(q) * f(q) - self.viscous * slope(q) * v
 
         return Column(
-            f"encoder_eccentricity.{name}", "rad", mass=lambda x: -self._loaded(x)[0] * slope(x.position), force=force
+            f"encoder_eccentricity.{name}", "rad", mass=lambda x: -self._add_load(x)[0] * slope(x.position), force=force
         )
 
-    def _loaded(self, x: Samples) -> tuple[ArrayLike, ArrayLike]:
+    def _add_load(self, x: Samples) -> tuple[ArrayLike, ArrayLike]:
         """Return inertia [kg m^2] and gravity [N m] with the known load on the joint."""
         return self.inertia + x.load.inertia, self.gravity + x.load.gravity

@@ -51,7 +51,7 @@ def build_recording(
             notes.append(Note(NoteKind.NO_TORQUE if "torque" in named else NoteKind.NO_TORQUE_COLUMN))
     checks.refuse_too_few(values["time"])
 
-    def turns() -> Array:
+    def unwrap_position() -> Array:
         return np.unwrap(log.values["position"]) if unwrap else log.values["position"]
 
     is_output = unit == OUTPUTS.get(actuator.output)
@@ -64,12 +64,12 @@ def build_recording(
     cleaning.drop_repeated_times(log)
     is_swing = not actuator.is_controller and not (np.abs(log.values["torque"]) > NO_TORQUE).any()
     if is_swing and np.ptp(log.values["position"]) > 0:
-        cleaning.drop_initial_hold(log, turns())
+        cleaning.drop_initial_hold(log, unwrap_position())
     cleaning.start_from_zero(log)
-    cleaning.drop_spoilt_positions(log, turns())
+    cleaning.drop_spoilt_positions(log, unwrap_position())
     checks.refuse_too_few(log.values["time"])
     checks.refuse_still(log.values["position"])
-    sampling.cut_at_gaps(log, turns())
+    sampling.cut_at_gaps(log, unwrap_position())
     checks.refuse_jumps(log.values["position"], log.rows, log.starts, origin, allow_wrapped=unwrap)
     jumps = cleaning.unwrap_positions(log, is_angle=not actuator.acts_on_speed) if unwrap else 0
     sampling.drop_short_segments(log)

@@ -106,7 +106,7 @@ class ServoDrive:
         return "N m" if self.gain is not None else UNIT[self.output]
 
     @property
-    def most(self) -> float:
+    def max_output(self) -> float:
         """Return the largest output."""
         return min(self.limit, 1.0) if self.output == "duty" else self.limit
 
@@ -114,7 +114,7 @@ class ServoDrive:
         """Return the torque asked for along a measured motion, in its `unit` (N,), without the integral."""
         error = goal - (velocity if self.acts_on_speed else position)
         output = self.kp * error - (0.0 if self.acts_on_speed else self.kd * velocity)
-        return np.asarray(on * self.scale(supply) * np.clip(output, -self.most, self.most))
+        return np.asarray(on * self.scale(supply) * np.clip(output, -self.max_output, self.max_output))
 
     def scale(self, supply: Array) -> Array:
         """Return the torque, in its `unit`, per unit of the output at a supply [V]."""
@@ -220,7 +220,7 @@ def find_declared_integral(drives: Sequence[ServoDrive]) -> dict[str, str]:
 def list_integral_settings(drives: Sequence[ServoDrive]) -> list[dict[str, str]]:
     """Return all combinations of `windup` and `integral` that drives leave open and that may matter, by name."""
     choices: dict[str, tuple[str, ...]] = {}
-    if any(drive.ki and drive.windup is None and math.isfinite(drive.most) for drive in drives):
+    if any(drive.ki and drive.windup is None and math.isfinite(drive.max_output) for drive in drives):
         choices["windup"] = get_args(Windup)
     if any(drive.ki and drive.integral is None and drive.rate is not None for drive in drives):
         choices["integral"] = get_args(Order)

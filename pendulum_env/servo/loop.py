@@ -1,4 +1,4 @@
-"""Servos simulated with their controller in the loop: from the goal alone, whole recordings at once.
+"""Servos simulated with their controller in the loop: from the goal alone, whole recordings at simulate_step.
 
 A closed loop does not run away, so that nothing has to start anew from what was measured. In each step of the
 integrator the controller looks at the simulated motion, and what it asks for is held until it looks again.
@@ -204,7 +204,7 @@ class ServoInputs(NamedTuple):
     old: Any = 0.0
 
 
-def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) -> Array:
+def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) -> Array:
     """Simulate B servos from their goals under V models.
 
     Args:
@@ -220,9 +220,9 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     weights = _compute_taps(terms, servos, shape)
     speed = servos.drives[0].acts_on_speed
     if any(drive.acts_on_speed != speed for drive in servos.drives):
-        raise ValueError("servos under position and under velocity control cannot be simulated at once")
+        raise ValueError("servos under position and under velocity control cannot be simulated at simulate_step")
     if any((drive.encoder == "output") != servos.at_output for drive in servos.drives):
-        raise ValueError("servos with encoders at the motor and at the output cannot be simulated at once")
+        raise ValueError("servos with encoders at the motor and at the output cannot be simulated at simulate_step")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
     gains = np.array([compute_gains(drive, servos.step) for drive in servos.drives]).T
     count = servos.inputs.shape[1]
@@ -242,7 +242,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     if program.step is not None:
         return np.asarray(program.step(servos.wrap_inputs(program.step), own, states, every, kept=[shown])[:, 0])
 
-    def once(given: Array, now: Array) -> list[Any]:  # a law of a user's is no formula
+    def simulate_step(given: Array, now: Array) -> list[Any]:  # a law of a user's is no formula
         held, *late = now[len(stack_rows(x)) :]
         before, (seen, last, *integral) = late[: len(weights) - 1], late[len(weights) - 1 :]
         then = ControllerState(held, tuple(before), integral[0] if integrates else 0.0, seen, last)
@@ -251,7 +251,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
         after = step_servo(balance, begin, then, ServoInputs(*given), named, [*weights], speed, h, servos.at_output)
         return _flatten_state(*after, integrates)
 
-    return repeat(once, servos.inputs, states, every)[:, shown]
+    return repeat(simulate_step, servos.inputs, states, every)[:, shown]
 
 
 def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
@@ -265,9 +265,9 @@ def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
     share = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * period)
     seen = turn / (turn + period * (1.0 - share) / share)  # as late, also if a step holds several periods
     first = period if drive.integral == "before" and drive.rate is not None else 0.0
-    halt = math.inf if drive.windup in ("clamp", "free") else drive.most
-    room = drive.most / drive.ki if drive.windup == "clamp" and drive.ki else math.inf
-    return drive.kp, drive.ki, drive.kd, drive.most, seen, turn, first, halt, room
+    halt = math.inf if drive.windup in ("clamp", "free") else drive.max_output
+    room = drive.max_output / drive.ki if drive.windup == "clamp" and drive.ki else math.inf
+    return drive.kp, drive.ki, drive.kd, drive.max_output, seen, turn, first, halt, room
 
 
 def _flatten_state(x: Samples, state: ControllerState, integrates: bool) -> list[Any]:

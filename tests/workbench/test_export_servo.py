@@ -9,7 +9,7 @@ from pendulum_env.physics import Estimate, KnownLoad, Model
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.servo import ServoDrive
-from pendulum_env.servo.loop import Servos, follow
+from pendulum_env.servo.loop import Servos, simulate_servos
 from tests.workbench.exported import in_mujoco, module, off
 from workbench.export import ExportError, Request, export
 
@@ -43,7 +43,7 @@ def in_the_loop(model: Model, drive: ServoDrive) -> np.ndarray:
     servos = Servos(
         (drive,), STEP, GOAL[:, None], np.full((COUNT, 1), volts), ON[:, None], *np.zeros((3, 1)), KnownLoad()
     )
-    return follow(model.terms, model.theta[:, None], servos)[:, 0, 0]
+    return simulate_servos(model.terms, model.theta[:, None], servos)[:, 0, 0]
 
 
 def in_python(model: Model, drive: ServoDrive) -> np.ndarray:

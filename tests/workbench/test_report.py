@@ -18,7 +18,7 @@ from pendulum_env.thinning import thin
 from tests.cases import diagnosed
 from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
-from workbench.figure import broken, numbers
+from workbench.figure import insert_gaps, numbers
 from workbench.narrator.findings import describe_reason
 from workbench.report import SECTIONS, render
 from workbench.report.failures import plot_profile
@@ -127,7 +127,7 @@ def test_curves_are_thinned_but_for_their_peaks_and_break_where_time_has_a_gap()
     kept = thin(series, 1000)
     assert len(kept) <= 1000 and {123, 77_777} <= set(kept)
     time = np.r_[np.arange(5.0), np.arange(10.0, 15.0)]
-    x, (y,) = broken(time, np.arange(10), time)
+    x, (y,) = insert_gaps(time, np.arange(10), time)
     assert np.flatnonzero(np.isnan(x)).tolist() == np.flatnonzero(np.isnan(y)).tolist() == [5]
     assert numbers(np.array([1.23456789, np.nan, -1e-9, 0.0])) == [1.2346, None, -1e-9, 0.0]
 

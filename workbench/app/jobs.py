@@ -78,7 +78,7 @@ class Job:
         self._future.add_done_callback(lambda _: self._end(ended))
 
     @property
-    def what(self) -> str:
+    def description(self) -> str:
         """Return what is being done."""
         return self._worker.what.value.decode(errors="ignore") or "starting"
 
@@ -127,7 +127,7 @@ def _do(task: Task, files: Sequence[Path]) -> Any:
     try:
         for file in files:
             load_plugin(file)
-        return task(_tell)
+        return task(_set_progress)
     except BaseException as error:
         mistake = error if isinstance(error, USER_ERRORS) else describe_fault(error)
         if mistake is None:
@@ -135,6 +135,6 @@ def _do(task: Task, files: Sequence[Path]) -> Any:
         raise InputError(format_mistake(mistake)) from None
 
 
-def _tell(text: str, done: float) -> None:
+def _set_progress(text: str, done: float) -> None:
     what, share = PROGRESS
     what.value, share.value = text.encode()[:199], done

@@ -46,15 +46,15 @@ def describe_state(state: State) -> tuple[str, str, str]:
     robot = f"{state.robot.file.name} · " if state.robot is not None else ""
     seconds = sum(one.recording.duration for one in state.loaded)
     kicker = f"{robot}{count} recording{'s' if count != 1 else ''}, {seconds:.3g} s"
-    if state.trouble:
+    if state.failure_reason:
         title = "Fitting the model" if state.needs_fit else "Nothing can be fitted yet"
-        return kicker, title, f"{capitalise(state.trouble)}."
+        return kicker, title, f"{capitalise(state.failure_reason)}."
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name_effect(effect)}' for effect in state.added)}"
     lead = f"{capitalise(describe_errors(replace(state.result, steps=state.ladder)))}."
-    if state.found:
-        found = join_words([name_effect(effect) for effect in state.found])
+    if state.suggested_additions:
+        found = join_words([name_effect(effect) for effect in state.suggested_additions])
         lead += f" With {found}: {describe_errors(state.result)}."
-    if state.found or not state.added:
+    if state.suggested_additions or not state.added:
         return kicker, describe_result(state.result), lead
     (first, last), names = get_end_errors(state.ladder), join_words([name_effect(effect) for effect in state.added])
     smaller, joint = max((first.get_joint_error(at) / last.get_joint_error(at), at) for at in state.result.floors)
@@ -67,7 +67,7 @@ def show_job(session: Session) -> list[Component]:
     job = session.job
     if job is None or not job.running:
         return []
-    said = f" {job.what} · {job.elapsed:.0f}{NBSP}s so far"
+    said = f" {job.description} · {job.elapsed:.0f}{NBSP}s so far"
     what = html.Div([html.Strong(job.title), html.Span(said, className="note")])
     bar = html.Progress(value=str(round(job.share, 3)), max="1", **make_aria(label=job.title))
     return [html.Div([what, bar], className="running-text"), make_button("Cancel", "cancel")]
@@ -76,11 +76,11 @@ def show_job(session: Session) -> list[Component]:
 def show_findings(state: State) -> Component:
     """Show what the recordings tell, and what not."""
     withheld = {parameter for doubt in state.doubts for parameter in doubt.withheld}
-    terms = BASE if state.trouble else state.model.terms
+    terms = BASE if state.failure_reason else state.model.terms
     known = [name_effect(column.name) for term in terms for column in term.columns if column.name not in withheld]
-    can = [] if state.trouble or not known else [html.P(["They tell ", html.Strong(join_words(known)), "."])]
+    can = [] if state.failure_reason or not known else [html.P(["They tell ", html.Strong(join_words(known)), "."])]
     found = state.diagnosis or state.fit
-    texts = [state.trouble] if state.trouble else []
+    texts = [state.failure_reason] if state.failure_reason else []
     texts += [describe(one.finding) for one in (found.disagreements if found is not None else ())]
     texts += map(describe, state.doubts)
     cannot = html.Ul([html.Li(capitalise(text)) for text in texts])
@@ -107,15 +107,15 @@ def show_calls(state: State, busy: bool) -> Component:
     if state.diagnosis is None:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
-    offers = [(f"Add {name_effect(effect)}", effect) for effect in state.found]
+    offers = [(f"Add {name_effect(effect)}", effect) for effect in state.suggested_additions]
     table = next(iter(state.result.tables), None)  # a function that no effect is and that would explain what is left
     if not offers and table is not None and table not in state.model.effects:
         offers = [(f"Keep {name_effect(table)} as a table", table)]
     presses = [make_button(label, "add", id, primary=k == 0, disabled=busy) for k, (label, id) in enumerate(offers)]
     rest = "no effect of the library explains the rest of the residual" if state.result.unexplained else ""
-    if state.found:
+    if state.suggested_additions:
         why = "The diagnosis calls for it:"
-    elif state.called:
+    elif state.suggested:
         why = f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
     else:
         why = f"{capitalise(rest) or 'The diagnosis calls for no effect'}."

@@ -113,14 +113,14 @@ class Session:
     def run(self, title: str, task: Task, ended: Callable[[Job], None]) -> None:
         """Start the job of the session."""
 
-        def hear(job: Job) -> None:
+        def end_job(job: Job) -> None:
             with self.lock:
                 if self.job is job:
                     self.job = self._fitting = None
                     ended(job)
 
         self.job = Job(title, task, self.workers)
-        self.job.call_at_end(hear)
+        self.job.call_at_end(end_job)
 
     def _fit(self) -> None:
         """Fit the base model of the present state in the background, if it has none; a fit of another state ends."""

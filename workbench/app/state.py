@@ -108,7 +108,7 @@ class State:
         return arrange_terms(self.terms, self.body) if self.terms else arm_base(self.body)
 
     @cached_property
-    def questions(self) -> list[str]:
+    def doubts_about_recordings(self) -> list[str]:
         """List doubts about the recordings of an arm, one sentence each."""
         return find_straying(find_links(self.base_terms), [one.recording for one in self.loaded])
 
@@ -129,7 +129,7 @@ class State:
     @property
     def needs_fit(self) -> bool:
         """Return whether the base model has to be fitted."""
-        return self.trouble == FITTING
+        return self.failure_reason == FITTING
 
     def swap_recording(self, old: LoadedRecording, *new: LoadedRecording) -> Self:
         """Return the state with one recording for another, or for none."""
@@ -153,7 +153,7 @@ class State:
         raise InputError(f"{id[:80]}: is not loaded any more")
 
     @property
-    def trouble(self) -> str:
+    def failure_reason(self) -> str:
         """Return the reason why there is no model; empty if there is one."""
         if self.fit is not None:
             return ""
@@ -165,13 +165,13 @@ class State:
     def data(self) -> FitData:
         """Return the data for fits; raises InputError if there are none."""
         if self.fit is None:
-            raise InputError(self.trouble)
+            raise InputError(self.failure_reason)
         return self.fit.data
 
     @property
     def recordings(self) -> list[Recording]:
         """Return the loaded recordings, calibrated and aligned as far as known and requested."""
-        if self.trouble:
+        if self.failure_reason:
             return [one.recording for one in self.loaded]
         fitted, held_out = iter(self.train), iter(self.holdout)
         return [next(held_out if one.held_out else fitted) for one in self.loaded]
@@ -197,19 +197,19 @@ class State:
         return list_added(self.ladder)
 
     @property
-    def called_for(self) -> tuple[Step, ...]:
+    def suggested_steps(self) -> tuple[Step, ...]:
         """Return the ladder as the diagnosis would have it; empty before there is one."""
         return (*self.started, *self.diagnosis.steps[1:]) if self.diagnosis is not None else ()
 
     @property
-    def called(self) -> tuple[str, ...]:
+    def suggested(self) -> tuple[str, ...]:
         """Return the effects of that ladder."""
-        return list_added(self.called_for)
+        return list_added(self.suggested_steps)
 
     @property
-    def found(self) -> tuple[str, ...]:
+    def suggested_additions(self) -> tuple[str, ...]:
         """Return the effects that the diagnosis calls for beyond the ladder."""
-        return tuple(effect for effect in self.called if effect not in self.added)
+        return tuple(effect for effect in self.suggested if effect not in self.added)
 
     def add_diagnosis(self, found: Diagnosis) -> Self:
         """Return the state with a diagnosis that started from its ladder."""
@@ -227,7 +227,7 @@ class State:
         if not self.body.can_simulate:
             return ()
         fitted = [r for r, one in zip(self.recordings, self.loaded, strict=True) if not one.held_out]
-        return find_undetermined_parameters(fitted, BASE if self.trouble else self.model.terms)
+        return find_undetermined_parameters(fitted, BASE if self.failure_reason else self.model.terms)
 
     @cached_property
     def result(self) -> Diagnosis:
@@ -238,12 +238,12 @@ class State:
         found = self.diagnosis
         if found is not None and not self.body.can_simulate:
             return found
-        if found is not None and set(self.added) < set(self.called):
-            return replace(found, steps=self.called_for)
+        if found is not None and set(self.added) < set(self.suggested):
+            return replace(found, steps=self.suggested_steps)
         data = self.data
         if data.terms and self.added:  # perhaps what joints share
             data = replace(data, terms=self.model.terms)
-        if found is not None and self.added == self.called:
+        if found is not None and self.added == self.suggested:
             return replace(found, steps=self.ladder)
         fitted = data.parts[0]
         residual = fitted.with_link_states(self.model).residual(self.model.terms, self.model.theta)
@@ -253,7 +253,7 @@ class State:
         return Diagnosis(self.ladder, (), (), left, fitted.floors, self.doubts, data=data)
 
     @cached_property
-    def standing(self) -> ReportData:
+    def report_data(self) -> ReportData:
         """Return the state with all recordings and added steps, without the effects of the diagnosis."""
         return ReportData(replace(self.result, steps=self.ladder, data=self.data), identified=self.schemes)
 

@@ -56,12 +56,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     counts = []
     with terminal.progress("diagnosing", timed=True) as progress:
 
-        def tell(done: int, total: int) -> None:
+        def show_progress(done: int, total: int) -> None:
             counts.append(done)
             progress(f"{done} of {total}", done / total)
 
         try:
-            rows = run_survey(found, settings, output, start, arguments.workers, tell)
+            rows = run_survey(found, settings, output, start, arguments.workers, show_progress)
         except KeyboardInterrupt:
             raise Interrupted(f"results are kept in {output}: run again to continue") from None
     known, failed, machines = counts[0], sum("error" in row for row in rows), len({own.machine for own in found})

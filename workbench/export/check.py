@@ -73,7 +73,7 @@ def _check_in_loop(model: Model, exported: Exported, request: Request, recording
     rollouts = Rollouts(tuple(recordings), steps, grain=GRAIN)
 
     own = rollouts.position_errors([Point(model.terms, model.theta)])
-    theirs = rollouts.compare_paths(_follow(model, request, rollouts.servos, steps))
+    theirs = rollouts.compare_paths(_simulate_servos(model, request, rollouts.servos, steps))
     errors = {
         "this project's simulation": _compute_mean_size(own),
         "MuJoCo with what is exported": _compute_mean_size(theirs),
@@ -89,7 +89,7 @@ def _compute_mean_size(values: Array) -> float:
     return float(np.mean(np.abs(values)))
 
 
-def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array:
+def _simulate_servos(model: Model, request: Request, servos: Servos, every: int) -> Array:
     """Simulate servos in MuJoCo; return positions at the start and every so many steps, (N / every + 1, 1, B) [rad]."""
     mujoco = import_mujoco()
     drives = [  # without a supply of its own, the recorded one at the start

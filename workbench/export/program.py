@@ -79,7 +79,7 @@ def export(model: Model, step: float, actuator: Motor | Servo, language: Languag
     )
 
 
-def note(item: StepQuantity | NamedParameter) -> str:
+def describe_quantity(item: StepQuantity | NamedParameter) -> str:
     """Name and unit of what a step is given or gives; unit and standard error of a parameter."""
     if isinstance(item, StepQuantity):
         return f"{item.name} [{escape_text(item.unit)}]"
@@ -96,7 +96,7 @@ def _load_environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("workbench.export"), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"note": note, "note_state": note_state}
+    environment.filters |= {"note": describe_quantity, "note_state": note_state}
     return environment
 
 

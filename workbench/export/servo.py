@@ -72,7 +72,7 @@ class Servo:
             actuator.set_to_velocity(kv=drive.kp * scale)
         else:
             actuator.set_to_position(kp=drive.kp * scale, kv=drive.kd * scale)
-        limit = drive.most * scale  # largest torque [N m]
+        limit = drive.max_output * scale  # largest torque [N m]
         if math.isfinite(limit):
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = -limit - offset, limit - offset

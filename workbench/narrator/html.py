@@ -119,7 +119,7 @@ def make_plot(
     low, high = span or (float(seen.min()), float(seen.max()))
     room = (high - low) or 1.0
 
-    def path(x_values: Array, y_values: Array) -> str:
+    def make_path(x_values: Array, y_values: Array) -> str:
         across = WIDTH * (x_values - x[0]) / ((x[-1] - x[0]) or 1.0)
         down = np.clip(HEIGHT * (high - y_values) / room, -HEIGHT, 2 * HEIGHT)
         return "M" + "L".join(f"{a:.0f} {b:.1f}" for a, b in zip(across, down, strict=True))
@@ -128,12 +128,12 @@ def make_plot(
     if low < 0 < high:
         shapes.append(f'<path d="M0 {HEIGHT * high / room:.1f}H{WIDTH}" stroke="currentColor" stroke-opacity=".25"/>')
     if noise is not None:
-        band = path(np.r_[x, x[::-1]], np.r_[noise, -noise[::-1]])
+        band = make_path(np.r_[x, x[::-1]], np.r_[noise, -noise[::-1]])
         shapes.append(f'<path d="{band}Z" fill="currentColor" fill-opacity=".18"/>')
     for curve in curves:
         kept = thin(curve.values, 480)
         dashes = ' stroke-dasharray="5 3"' if curve.dashed else ""
-        line = f'd="{path(x[kept], curve.values[kept])}" stroke="{curve.color}"{dashes}'
+        line = f'd="{make_path(x[kept], curve.values[kept])}" stroke="{curve.color}"{dashes}'
         shapes.append(f'<path {line} fill="none" stroke-width="1.4" vector-effect="non-scaling-stroke"/>')
     drawing = Html(
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none" role="img" aria-label="{escape(label)}" '

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.simulation.free_running import HORIZON, Segments, follow
+from estimators.simulation.free_running import HORIZON, Segments, simulate_errors
 from pendulum_env._typing import Array
 from pendulum_env.formatting import TextTable, capitalise, format_number
 from pendulum_env.thinning import POINTS, thin
-from workbench.figure import Figure, axis, band, before_and_after, broken, joined, line
+from workbench.figure import Figure, axis, band, before_and_after, insert_gaps, join_arrays, line
 from workbench.narrator.diagnosis import describe_result
 from workbench.narrator.parts import Content, Part
 from workbench.narrator.results import narrate_next_step, narrate_unexplained
@@ -50,11 +50,11 @@ def plot_torque(
     case: ReportData, id: str, of: str, time: Array, torque: Array, residuals: Sequence[Array], noise: float
 ) -> Figure:
     """Plot the torque of one recording in every window (N,), above the residual of each model."""
-    x, (measured, *left) = broken(time, thin(residuals[0]), torque, *residuals)
+    x, (measured, *left) = insert_gaps(time, thin(residuals[0]), torque, *residuals)
     modelled = [measured - residual for residual in left]
     label = f"Measured and modelled torque over time, and their difference, {of}"
     names = ("torque", "residual", case.units.unit("N m"))
-    figure = before_and_after(id, label, x, measured, case.drawn, modelled, left, names)
+    figure = before_and_after(id, label, x, measured, case.model_labels, modelled, left, names)
     figure.data.insert(0, band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
     return figure
 
@@ -72,16 +72,16 @@ def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> Figure
     at = np.arange(0, len(segments.position), step)
     recording = segments.windows.recording
     start = recording.time[segments.first]
-    x = joined(list((start + at[:, None] / recording.rate).T))
-    measured = joined(list(segments.position[at].T))
+    x = join_arrays(list((start + at[:, None] / recording.rate).T))
+    measured = join_arrays(list(segments.position[at].T))
     models = zip(each, (step.model for step in case.ends), strict=True)
-    errors = [joined(list(follow(own, m.terms, m.theta)[at].T)) for own, m in models]
+    errors = [join_arrays(list(simulate_errors(own, m.terms, m.theta)[at].T)) for own, m in models]
     simulated = [measured + error for error in errors]
     label = f"Measured position and free-running simulation over time, recording {recording.name}"
     factor, unit = case.angle
     names, measured = ("position", "error", unit), factor * measured
     above, below = [factor * own for own in simulated], [factor * own for own in errors]
-    figure = before_and_after(id, label, x, measured, case.drawn, above, below, names)
+    figure = before_and_after(id, label, x, measured, case.model_labels, above, below, names)
     dots = {"color": "--measured", "size": 5}
     more = {"mode": "markers", "marker": dots, "hoverinfo": "skip", "hovertemplate": None}
     figure.data.append(line(start, factor * segments.position[0], "start of a window", "--measured", "", **more))
@@ -101,7 +101,7 @@ def make_loop(case: ReportData, headline: str) -> Section:
         if len(figures) >= LOOPS:
             continue
         lines = [line(motions[0].time, factor * motions[0].measured, "measured", "--measured", unit)]
-        for (label, color), own in zip(case.drawn, motions, strict=True):
+        for (label, color), own in zip(case.model_labels, motions, strict=True):
             lines.append(line(own.time, factor * own.simulated_position, label, color, unit))
         if recording.goal is not None:
             dotted = {"color": "--muted", "dash": "dot", "width": 1}
@@ -113,7 +113,7 @@ def make_loop(case: ReportData, headline: str) -> Section:
     content: Content = [
         "Whole recordings are simulated with the controller in the loop: all that is known is the goal. The error is "
         "the mean distance of the simulated from the measured position.",
-        TextTable(("recording", *(f"{label} [{unit}]" for label, _ in case.drawn)), rows),
+        TextTable(("recording", *(f"{label} [{unit}]" for label, _ in case.model_labels)), rows),
         *figures,
     ]
     return Section("loop", "In the loop", capitalise(headline), content)

@@ -66,7 +66,7 @@ class ReportData:
         return to_shown_unit(1.0, self.units.unit("rad"))
 
     @property
-    def drawn(self) -> list[tuple[str, str]]:
+    def model_labels(self) -> list[tuple[str, str]]:
         """Label and colour of each model."""
         return [(self.first, "--base"), ("final model", "--final")][: len(self.ends)]
 

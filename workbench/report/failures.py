@@ -32,7 +32,7 @@ Curve = tuple[str, str]  # label and colour of a model
 
 def make_failures(case: ReportData) -> Section:
     """Make the section on residuals of the base and the final model, on the fitted data, joint by joint."""
-    prepared, curves, body = case.data.parts[0], case.drawn, case.diagnosis.body
+    prepared, curves, body = case.data.parts[0], case.model_labels, case.diagnosis.body
     residuals, axes = case.compute_residuals(0), tuple(SYMBOLS) if body.can_simulate else SHOWN
     strips, stands_out = list[Part](), [False] * len(residuals)
     for k, joint in enumerate(prepared.floors):
@@ -64,7 +64,7 @@ def make_failures(case: ReportData) -> Section:
 def draw_phase_plane(case: ReportData, samples: Samples, residuals: Sequence[Array]) -> Part:
     """Draw the mean residuals (N,) of each model over angle and velocity."""
     about = "Mean residual torque in the plane of angle and velocity"
-    planes = zip(case.drawn, draw_planes(samples, residuals, case.units), strict=True)
+    planes = zip(case.model_labels, draw_planes(samples, residuals, case.units), strict=True)
     drawn = [
         Figure(f"plane-{k}", f"{about}, {label}", [cells], layout | {"title": {"text": label}}, 400)
         for k, ((label, _), (cells, layout)) in enumerate(planes)

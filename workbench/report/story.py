@@ -67,7 +67,7 @@ def make_joints(case: ReportData) -> Section:
     content: list[Any] = [
         *([Part("Added effects", [selected])] if selected else []),
         f"Torque errors (RMS) on {'held-out data' if found.searched else 'all data'}, {CLEAR}",
-        tabulate_joints(errors, found.floors, found.model, [label for label, _ in case.drawn]),
+        tabulate_joints(errors, found.floors, found.model, [label for label, _ in case.model_labels]),
         JOINT_LEGEND,
     ]
     if found.searched:

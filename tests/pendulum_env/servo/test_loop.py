@@ -13,7 +13,7 @@ from pendulum_env.physics import BASE, KnownLoad, effect, simulate
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.transmission import Backlash, JointFlexibility
 from pendulum_env.servo import ServoDrive
-from pendulum_env.servo.loop import Looks, Servos, follow
+from pendulum_env.servo.loop import Looks, Servos, simulate_servos
 from tests.runge_kutta import stepped
 from tests.terms import Clipped, Table
 
@@ -32,7 +32,7 @@ def servo(drive: ServoDrive, goal: np.ndarray, **more: object) -> Servos:
 def path(
     drive: ServoDrive, goal: np.ndarray, terms: tuple = BASE, theta: np.ndarray = SMOOTH, **more: object
 ) -> np.ndarray:
-    return follow(terms, np.asarray(theta)[:, None], servo(drive, goal, **more))[:, 0, 0]
+    return simulate_servos(terms, np.asarray(theta)[:, None], servo(drive, goal, **more))[:, 0, 0]
 
 
 def wave(seconds: float = 2.0) -> np.ndarray:
@@ -58,8 +58,8 @@ def test_motion_is_that_of_an_independent_integrator(drive):
         wanted = math.sin(3 * t) * min(t, 1.0)
         error = wanted - (v if drive.acts_on_speed else q)
         asked = drive.kp * error + drive.ki * integral - (0.0 if drive.acts_on_speed else drive.kd * v)
-        torque = scale * min(max(asked, -drive.most), drive.most)
-        winds = abs(asked) > drive.most and asked * error > 0
+        torque = scale * min(max(asked, -drive.max_output), drive.most)
+        winds = abs(asked) > drive.max_output and asked * error > 0
         return v, (torque - GRAVITY * math.sin(q) - VISCOUS * v) / INERTIA, 0.0 if winds else error
 
     step, y, exact = 4 * STEP, [0.0, 0.0, 0.0], [0.0]
@@ -217,7 +217,7 @@ def test_motion_does_not_depend_on_the_steps_of_the_integrator_between_the_looks
     times = Looks(rate, coarse, 1200)
     goal = times.average(goals[(times.time / held + 1e-6).astype(int)])
     theta = np.array([INERTIA, GRAVITY, viscous, 0.0])
-    found = follow(BASE, theta[:, None], replace(servo(drive, goal), step=coarse))[1:, 0, 0]
+    found = simulate_servos(BASE, theta[:, None], replace(servo(drive, goal), step=coarse))[1:, 0, 0]
     assert np.abs(found - exact[99::100]).max() < error * np.ptp(exact)
 
 
@@ -258,7 +258,7 @@ def test_variants_and_servos_do_not_know_of_each_other():
     goal, rest = np.column_stack(goals), np.zeros(2)
     both = Servos(two, STEP, goal, np.full_like(goal, 10.0), np.ones_like(goal), rest, rest, rest, KnownLoad())
     other = SMOOTH * [1.5, 0.7, 1.2, 1.0]
-    paths = follow(BASE, np.column_stack([SMOOTH, other]), both)
+    paths = simulate_servos(BASE, np.column_stack([SMOOTH, other]), both)
     assert paths[:, 1, 1] == pytest.approx(path(two[1], goals[1], theta=other), abs=1e-12)
     assert paths[:, 0, 0] == pytest.approx(path(two[0], goals[0]), abs=1e-12)
 

@@ -38,17 +38,17 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
 
     drop(session, *two_link(tmp_path, 4.0))
     state = session.state
-    assert session.notice == "" and state.body is not None and not state.trouble
+    assert session.notice == "" and state.body is not None and not state.failure_reason
     assert describe_state(state)[1] == "Something is missing at shoulder and elbow"
     assert list_choices(state.body, tables=True)["torque_by_angle@elbow"].endswith("at elbow")
     session.act(lambda: diagnose.start(session, SearchChoices("torque_offset,spring@elbow")))
     assert session.notice == ""
-    assert session.state.found == ("torque_offset@elbow",)
+    assert session.state.suggested_additions == ("torque_offset@elbow",)
     assert describe_state(session.state)[1] == "A torque offset at elbow is missing"
     session.act(lambda: add.start(session, "torque_offset@elbow"))
     state = session.state
     before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.ladder)
-    assert state.added == ("torque_offset@elbow",) and not state.found and after < 0.2 * before
+    assert state.added == ("torque_offset@elbow",) and not state.suggested_additions and after < 0.2 * before
     assert all(stage.show(session) for stage in STAGES)
     assert "torque_offset@elbow" in make_file(state, "report")[1].decode()
 
@@ -64,10 +64,14 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
 
     session.act(lambda: session.begin_from(Path("model.json")))
-    assert session.notice == "" and session.state.terms[-1].id == "torque_offset@elbow" and not session.state.trouble
+    assert (
+        session.notice == ""
+        and session.state.terms[-1].id == "torque_offset@elbow"
+        and not session.state.failure_reason
+    )
     session.act(session.undo)
     session.act(session.undo)
-    assert session.state.added == () and session.state.found == ("torque_offset@elbow",)
+    assert session.state.added == () and session.state.suggested_additions == ("torque_offset@elbow",)
 
 
 def test_a_robot_may_come_after_its_recordings(session, tmp_path):
@@ -94,7 +98,7 @@ def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
     choices = list(card.choices)
     choices[2], choices[4] = ColumnChoice("position_elbow"), ColumnChoice("torque_elbow", "A", "*0.5")
     session.act(lambda: session.answer(card.set_choices(choices, False)))
-    assert session.notice == "" and not session.cards and not session.state.trouble
+    assert session.notice == "" and not session.cards and not session.state.failure_reason
     assert session.state.loaded[0].source.columns["torque_elbow"] == "i2:A*0.5"
 
 
@@ -113,7 +117,7 @@ def test_a_saved_study_and_model_bring_back_the_robot_its_recordings_and_its_ter
     begun = ArmModel.build((*arm_base(state.body), place_effect(Stribeck, "elbow")(0.1)), 1.0)
     (tmp_path / "first.json").write_text(json.dumps(begun.json()))
     drop(session, tmp_path / "first.json")
-    assert session.notice == "" and not session.state.trouble
+    assert session.notice == "" and not session.state.failure_reason
     again = reloaded(session.state, tmp_path / "again")
     assert again.notice == "" and write_study_text(again.state) == write_study_text(session.state)
     assert replace(again.state.robot, file=robot) == session.state.robot

@@ -94,7 +94,7 @@ def test_the_page_says_where_it_undoes_jumps(session, swing, tmp_path):
         session.act(lambda unwrap=unwrap: session.receive([("swing.csv", url(content))], bool(unwrap)))
         assert len(session.state.loaded) == len(unwrap) and ("unwrap" in session.notice) != bool(unwrap)
     session.act(lambda: session.hold_out("swing.csv", True))
-    assert session.state.ladder == () and "every recording is held out" in session.state.trouble
+    assert session.state.ladder == () and "every recording is held out" in session.state.failure_reason
 
 
 def servo(swing: Recording) -> bytes:
@@ -291,12 +291,12 @@ def test_the_report_tells_the_diagnosis_until_the_ladder_has_all_that_it_calls_f
     grown = worked["paper"]
     diagnosed = state.add_diagnosis(grown.diagnosis)
     assert diagnosed.model.theta == pytest.approx(state.model.theta, rel=1e-9)
-    assert diagnosed.result.selected == diagnosed.found == ("stribeck",)
-    assert grown.found == () and grown.result.steps == grown.ladder and not grown.result.unexplained
+    assert diagnosed.result.selected == diagnosed.suggested_additions == ("stribeck",)
+    assert grown.suggested_additions == () and grown.result.steps == grown.ladder and not grown.result.unexplained
     other = grown.add_step(add(grown.model, "quadratic_drag", state.train))  # which the diagnosis does not call for
-    assert other.found == () and other.result.selected == ("stribeck", "quadratic_drag")
+    assert other.suggested_additions == () and other.result.selected == ("stribeck", "quadratic_drag")
     own = diagnosed.add_step(add(diagnosed.model, "quadratic_drag", state.train))  # in the place of what it calls for
-    assert own.found == ("stribeck",) and own.result.selected == ("quadratic_drag",)
+    assert own.suggested_additions == ("stribeck",) and own.result.selected == ("quadratic_drag",)
 
 
 @pytest.fixture(scope="module")
@@ -435,11 +435,11 @@ def test_a_worker_fits_the_latest_state_and_a_cancelled_fit_takes_the_change_bac
         assert session.job is not None and session.job.over.wait(PATIENCE)
 
     load("swing", 1)
-    assert session.state.trouble == FITTING and not session.is_busy()
+    assert session.state.failure_reason == FITTING and not session.is_busy()
     load("check", 2)  # ends the first fit
     assert session.state.ladder == ()
     wait()
-    assert not session.state.trouble and len(session.state.train) == 2
+    assert not session.state.failure_reason and len(session.state.train) == 2
     both = session.state
     load("third", 3)
     session.cancel()

@@ -104,8 +104,8 @@ def make_navigation(here: Stage, trouble: str) -> list[Component]:
 
 def show(session: Session, stage: Stage) -> list[Component]:
     """Show a stage, or the way to it."""
-    if stage.needs_model and session.state.trouble:
-        why = html.P(f"{capitalise(session.state.trouble)}.")
+    if stage.needs_model and session.state.failure_reason:
+        why = html.P(f"{capitalise(session.state.failure_reason)}.")
         return [html.Section([why, html.A("Go to Data", href="#data")], className="panel empty")]
     return stage.show(session)
 
@@ -139,7 +139,7 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
             if ctx.triggered_id == "url":
                 session.notice = ""  # it was about another stage
         return (
-            make_navigation(stage, session.state.trouble),
+            make_navigation(stage, session.state.failure_reason),
             [*show_state(session.state), *show_undo(session)],
             session.notice,
             html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),

@@ -71,7 +71,7 @@ def _guard(server: flask.Flask) -> None:
     server.config["MAX_CONTENT_LENGTH"] = LARGEST
 
     @server.errorhandler(Exception)
-    def senseless(error: Exception) -> flask.Response | HTTPException:
+    def refuse_request(error: Exception) -> flask.Response | HTTPException:
         if isinstance(error, HTTPException):
             return error
         log.warning("a request made no sense: %s", _describe_error(error))

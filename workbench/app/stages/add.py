@@ -38,10 +38,10 @@ def show(session: Session) -> list[Component]:
         errors = [step.errors["holdout"] for step in state.ladder]
         table = tabulate_joints(errors, state.result.floors, state.model, labels)
         return [offer, make_panel("Torque errors on held-out data", *show_content([table, JOINT_LEGEND], "joints"))]
-    section = make_errors(state.standing)
+    section = make_errors(state.report_data)
     shape = describe_table(state.ladder[-1])
     fall = make_panel(section.title, *([html.P(shape)] if shape else []), *show_section(section))
-    return [offer, fall] if state.found or not state.added else [fall, offer]
+    return [offer, fall] if state.suggested_additions or not state.added else [fall, offer]
 
 
 def show_choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:

@@ -26,7 +26,7 @@ from workbench.app.parts import (
 from workbench.app.session import Session
 from workbench.app.state import LoadedRecording, State
 from workbench.app.uploads import STUDY
-from workbench.figure import Figure, line, stacked
+from workbench.figure import Figure, line, make_stacked_layout
 from workbench.narrator.notes import describe_note
 from workbench.robot import describe_held
 
@@ -59,7 +59,7 @@ def _show_robot(state: State, body: Body) -> Component:
     """Show the robot that the recordings are of."""
     texts = [
         f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
-        *(text for text in (describe_held(body), *state.questions, state.trouble) if text),
+        *(text for text in (describe_held(body), *state.doubts_about_recordings, state.failure_reason) if text),
         "columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
         "(joints) and what other columns mean",
     ]
@@ -78,7 +78,7 @@ def plot_recording(recording: Recording, k: int, body: Mechanism) -> list[Figure
         ):
             kept = thin(series)
             data.append(line(own.time[kept], series[kept], label, color, unit, yaxis=where, showlegend=False))
-        layout = stacked(f"position [{angle}]", f"{units.name('torque')} [{torque}]", "time [s]")
+        layout = make_stacked_layout(f"position [{angle}]", f"{units.name('torque')} [{torque}]", "time [s]")
         layout["margin"] = {"t": 40}
         layout["title"] = {"text": title, "x": 0, "xref": "paper", "font": {"size": 14}}
         figures.append(Figure(f"course-{k}-{n}", f"Position and torque over time, {title}", data, layout, height))

@@ -30,7 +30,7 @@ def show_model(session: Session) -> list[Component]:
     about = html.P("The torque that moves a joint is the sum of these terms:")
     return [
         make_panel("The model", about, html.Ul(terms, className="terms")),
-        make_panel("Parameters with standard errors", *show_section(make_parameters(state.standing))),
+        make_panel("Parameters with standard errors", *show_section(make_parameters(state.report_data))),
         make_panel("Schemes side by side", *_show_schemes(state)),
     ]
 
@@ -39,7 +39,7 @@ def _show_schemes(state: State) -> list[Component]:
     """Show the estimates of each scheme; of an arm without their convergence."""
     if state.schemes is not None and not state.body.can_simulate:
         return show_section(Section("schemes", "Schemes", "Schemes", [tabulate_schemes(state.schemes), f"{TRUST}."]))
-    section = make_schemes(state.standing) if state.schemes is not None else None
+    section = make_schemes(state.report_data) if state.schemes is not None else None
     return show_section(section) if section is not None else [html.P("These recordings are too poor for the schemes.")]
 
 
@@ -52,8 +52,8 @@ def show_comparison(session: Session) -> list[Component]:
 
 @lru_cache(maxsize=4)  # while the page shows one
 def _make_sections(state: State) -> tuple[Section, ...]:
-    failures = make_failures(state.standing)
-    return (failures, make_comparison(state.standing)) if state.robot is None else (failures,)
+    failures = make_failures(state.report_data)
+    return (failures, make_comparison(state.report_data)) if state.robot is None else (failures,)
 
 
 def _show_gallery(state: State) -> Component:
