@@ -58,7 +58,7 @@ def test_motion_is_that_of_an_independent_integrator(drive):
         wanted = math.sin(3 * t) * min(t, 1.0)
         error = wanted - (v if drive.acts_on_speed else q)
         asked = drive.kp * error + drive.ki * integral - (0.0 if drive.acts_on_speed else drive.kd * v)
-        torque = scale * min(max(asked, -drive.max_output), drive.most)
+        torque = scale * min(max(asked, -drive.max_output), drive.max_output)
         winds = abs(asked) > drive.max_output and asked * error > 0
         return v, (torque - GRAVITY * math.sin(q) - VISCOUS * v) / INERTIA, 0.0 if winds else error
 
