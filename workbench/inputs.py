@@ -99,7 +99,7 @@ def report_timing(given: FitData, align: bool | None, terminal: Terminal) -> Fit
     """
     if given.constant is not None:
         terminal.say(given.constant.text)
-    align = align if all(own.has_logged_torque for own in given.recordings) else None
+    align = align if all(recording.has_logged_torque for recording in given.recordings) else None
     timed = given if align is None else given.with_timing()
     if align and not timed.has_moved:
         terminal.say("no torque shows to be logged late: taken as it was logged")

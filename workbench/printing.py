@@ -48,7 +48,7 @@ def print_diagnosis(found: Diagnosis, terminal: Terminal, verbose: bool = False,
     step = describe_next_step(found)
     lines = [*found.laws, describe_errors(found)]
     lines += [describe_refit(found.refit)] if found.refit is not None else []
-    values = ", ".join(f"{shorten_name(name)} {own}" for name, own in estimates.items())
+    values = ", ".join(f"{shorten_name(name)} {estimate}" for name, estimate in estimates.items())
     biased = " (biased by the unexplained residual)" if found.unexplained else ""
     lines += [f"parameters{biased}: {values}"] if values else []
     first = {region.at: region for region in reversed(found.unexplained)}  # of each joint
@@ -57,7 +57,10 @@ def print_diagnosis(found: Diagnosis, terminal: Terminal, verbose: bool = False,
         for region in reversed(first.values())
         if describe_region(region) != step
     ]
-    lines += [f"{describe(one.finding)} It is not fitted: diagnose it on its own." for one in found.disagreements]
+    lines += [
+        f"{describe(disagreement.finding)} It is not fitted: diagnose it on its own."
+        for disagreement in found.disagreements
+    ]
     lines += [f"note: {remark}" for remark in list_remarks(found)[: None if verbose else 2]]
     terminal.heading(describe_result(found))
     for line in (*lines, f"next: {step}"):

@@ -60,7 +60,7 @@ class RobotFile:
 
     def hold_joints(self, recordings: Sequence[Recording]) -> Body:
         """Return the links, other joints held where recordings have them on average."""
-        body, arms = self.body(), [one for one in recordings if isinstance(one, ArmRecording)]
+        body, arms = self.body(), [recording for recording in recordings if isinstance(recording, ArmRecording)]
         seen = {joint: [np.mean(one.still[joint]) for one in arms if joint in one.still] for joint in body.held}
         return self.body({joint: float(np.mean(places)) for joint, places in seen.items() if places})
 

@@ -65,7 +65,7 @@ def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Te
         at=joint,
         slides=slides,
         nonlinear_parameters=tuple(
-            replace(own, unit=own.get_unit(units)) for own in effect.nonlinear_parameters if not own.follows
+            replace(p, unit=p.get_unit(units)) for p in effect.nonlinear_parameters if not p.follows
         ),
         columns=cached_property(lambda term: name_columns(super(made, term).columns)),
         fixed=cached_property(lambda term: name_columns(super(made, term).fixed)),

@@ -46,9 +46,9 @@ class ArmModel(Model):
             "weightless": not self.body.model.gravity.linear.any(),
             "base": {parameter.name: parameter.text for parameter in self.body.base},
             "terms": [
-                {"id": own.id.partition("@")[0], "joint": own.at, "shape": own.nonlinear_values}
-                | ({"extent": own.extent._asdict()} if isinstance(own, Table) else {})
-                for own in self.terms[1:]
+                {"id": term.id.partition("@")[0], "joint": term.at, "shape": term.nonlinear_values}
+                | ({"extent": term.extent._asdict()} if isinstance(term, Table) else {})
+                for term in self.terms[1:]
             ],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
             **({"log_format": dict(self.log_format)} if self.log_format else {}),
@@ -86,7 +86,9 @@ class ArmModel(Model):
         model = cls.build((Links(body), *terms), 0.0)
         return replace(
             model,
-            estimates={name: read_estimate(data.theta, name, own.unit) for name, own in model.estimates.items()},
+            estimates={
+                name: read_estimate(data.theta, name, estimate.unit) for name, estimate in model.estimates.items()
+            },
             log_format=data.log_format,
         )
 

@@ -98,7 +98,10 @@ class JointBalances:
     def torques(self, position: Array, velocity: Array, torque: Array) -> tuple[Array, Array]:
         """Return the torque left for acceleration and dry friction, and the size of the latter (n,) [N m]."""
         samples = self._samples(position, velocity, torque)
-        pairs = [(own.net(x), max(float(own.dry(x)), 0.0)) for own, x in zip(self._balances, samples, strict=True)]
+        pairs = [
+            (balance.net(x), max(float(balance.dry(x)), 0.0))
+            for balance, x in zip(self._balances, samples, strict=True)
+        ]
         net, dry = np.array(pairs, dtype=float).T
         return net, dry
 

@@ -65,14 +65,16 @@ def read_arm_recording(
     _refuse_twice(get_label(source), joints, single)
     _refuse_other_instants(joints, single)
     first = single[0]
-    measured = [own.temperature for own in single]
+    measured = [recording.temperature for recording in single]
     warm = np.column_stack([np.full(len(first), ROOM) if own is None else own for own in measured])
-    notes = [note_joint(joint, note) for joint, own in zip(joints, single, strict=True) for note in own.notes]
+    notes = [
+        note_joint(joint, note) for joint, recording in zip(joints, single, strict=True) for note in recording.notes
+    ]
     columns_of = {joint: named.get(f"position_{joint}", NONE) for joint in held}
     return ArmRecording(
         first.time,
-        np.column_stack([own.position for own in single]),
-        np.column_stack([own.torque for own in single]),
+        np.column_stack([recording.position for recording in single]),
+        np.column_stack([recording.torque for recording in single]),
         name=name or first.name,
         notes=tuple(note for k, note in enumerate(notes) if note not in notes[:k]),
         temperature=None if all(own is None for own in measured) else warm,
@@ -132,9 +134,9 @@ def _refuse_other_instants(joints: Sequence[str], single: Sequence[Recording]) -
 def _refuse_twice(label: str, joints: Sequence[str], single: Sequence[Recording]) -> None:
     """Refuse a column that two quantities of joints were read from."""
     taken: dict[str, str] = {}
-    for joint, own in zip(joints, single, strict=True):
+    for joint, recording in zip(joints, single, strict=True):
         for quantity in QUANTITIES:
-            if own.origin is not None and (column := own.origin.columns.get(quantity)) is not None:
+            if recording.origin is not None and (column := recording.origin.columns.get(quantity)) is not None:
                 name = f"{quantity}_{joint}"
                 if (other := taken.setdefault(column.header, name)) != name:
                     raise ColumnError(

@@ -68,10 +68,10 @@ class ArmRecording(Recording):
     def columns(self) -> dict[str, Array]:
         """Return time, and `position_<joint>` and so on where recorded, (N,) each."""
         own = {
-            f"{what}_{at}": getattr(one, what)
+            f"{what}_{at}": getattr(joint, what)
             for what in OF_JOINTS
             if getattr(self, what) is not None
-            for at, one in zip(self.names, self.joints, strict=True)
+            for at, joint in zip(self.names, self.joints, strict=True)
         }
         return {"time": self.time, **own}
 

@@ -89,7 +89,7 @@ class SpatialBodies:
         self._joints = [int(self._world.joint(at).dofadr[0]) for at in body.joints]  # each is one of position, too
         self._links = [int(self._world.joint(at).dofadr[0]) for at in body.links]
         self._acting = JointBalances(
-            [replace(model, terms=tuple(own for own in model.terms if own.id != "viscous")) for model in models],
+            [replace(model, terms=tuple(term for term in model.terms if term.id != "viscous")) for model in models],
             self._h,
         )
 

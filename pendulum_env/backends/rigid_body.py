@@ -42,7 +42,7 @@ class RigidBody:
         self._first, self._second = (
             Machine(_write_half, (balance.terms, round_up(longest), is_first), 1) for is_first in (True, False)
         )
-        self._free = [(place, own.name) for place, term in enumerate(balance.terms) for own in term.free]
+        self._free = [(place, parameter.name) for place, term in enumerate(balance.terms) for parameter in term.free]
         self.take(balance)
 
     def take(self, balance: TorqueBalance) -> None:

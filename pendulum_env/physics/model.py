@@ -92,7 +92,7 @@ class Model(Mapping[str, Estimate], Shown):
         return tuple(column for term in self.terms for column in term.columns)
 
     def __getitem__(self, name: str) -> Estimate:
-        known = {shorten_name(full): own for full, own in self.estimates.items()}
+        known = {shorten_name(full): estimate for full, estimate in self.estimates.items()}
         return find("parameter", name, {**known, **self.estimates})
 
     def __iter__(self) -> Iterator[str]:
@@ -132,7 +132,7 @@ class Model(Mapping[str, Estimate], Shown):
         """Return the estimates for a reader: a table's coefficients become its largest value, under its id."""
         tables = self.tables
         entries = {column.name for term, _ in tables.values() for column in term.columns}
-        shown = {name: own for name, own in self.estimates.items() if name not in entries}
+        shown = {name: estimate for name, estimate in self.estimates.items() if name not in entries}
         for id, (term, curve) in tables.items():
             k = int(np.argmax(np.abs(curve.value)))
             entry = self.estimates[term.columns[0].name]
@@ -201,9 +201,9 @@ class Model(Mapping[str, Estimate], Shown):
     def convert_units(self, units: JointUnits) -> Self:
         """Return the model with the units of another joint or torque unit, such as `A`."""
         own = {
-            term.get_full_name(one.name): one.get_unit(units)
+            term.get_full_name(parameter.name): parameter.get_unit(units)
             for term in self.terms
-            for one in term.nonlinear_parameters
+            for parameter in term.nonlinear_parameters
         }
         named = {name: replace(e, unit=own.get(name) or units.unit(e.unit)) for name, e in self.estimates.items()}
         return replace(self, estimates=named, torque_unit=units.torque_unit, slides=units.slides)
@@ -291,7 +291,7 @@ class Model(Mapping[str, Estimate], Shown):
         try:
             content = parse_model(data)
             model = cls.build(build_terms(content), 0.0)
-            estimates = read_estimates(content, {name: own.unit for name, own in model.estimates.items()})
+            estimates = read_estimates(content, {name: estimate.unit for name, estimate in model.estimates.items()})
             refuse_excess_friction(model.terms, estimates)
             constant, covariance = content.torque_constant, content.covariance
             model = replace(

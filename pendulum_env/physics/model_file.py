@@ -154,7 +154,9 @@ def _build_term(id: str, data: ModelFile) -> Term:
 
 def refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estimate]) -> None:
     """Refuse a link with more dry or viscous friction than the joint, as the motor would have less than none."""
-    linear = {name: own.value for name, own in estimates.items() if name != "gravity"}  # the weight may be uncertain
+    linear = {
+        name: estimate.value for name, estimate in estimates.items() if name != "gravity"
+    }  # the weight may be uncertain
     for term in terms:
         bound = term.bind(linear).nonlinear_values
         for name, value in term.nonlinear_values.items():

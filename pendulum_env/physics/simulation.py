@@ -376,10 +376,12 @@ class StepPrograms:
 
     def find(self, terms: Sequence[Term], prepare: Callable[..., PreparedStep], *others: Hashable) -> PreparedStep:
         """Return what `prepare` makes of terms and other arguments; terms differ by class and free parameters."""
-        key = (tuple((type(term), tuple(own.name for own in term.free)) for term in terms), *others)
+        key = (tuple((type(term), tuple(parameter.name for parameter in term.free)) for term in terms), *others)
         if key not in self._known:
             self._known[key] = prepare(terms, *others).step
-        return PreparedStep(self._known[key], [getattr(term, own.name) for term in terms for own in term.free])
+        return PreparedStep(
+            self._known[key], [getattr(term, parameter.name) for term in terms for parameter in term.free]
+        )
 
 
 def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[TorqueBalance, Samples, dict[str, ArrayLike]]:

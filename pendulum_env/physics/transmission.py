@@ -99,9 +99,9 @@ class Transmission(Term):
         most = {name: linear.get(base, np.inf) for name, base in of.items()}
         inertia = max(linear.get(self.id, 0.0), LEAST)
         values = {
-            own.name: min(getattr(self, own.name), max(most[own.name] / inertia, own.low))
-            for own in self.nonlinear_parameters
-            if own.name in most
+            parameter.name: min(getattr(self, parameter.name), max(most[parameter.name] / inertia, parameter.low))
+            for parameter in self.nonlinear_parameters
+            if parameter.name in most
         }
         return replace(self, **values)
 

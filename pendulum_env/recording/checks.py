@@ -85,8 +85,8 @@ def _suggest_time_unit(period: float, origin: Origin) -> str:
     """Suggest the unit of time in which the steps [s], as they were read, become plausible."""
     units = list_plausible_units(period / origin.columns["time"].scale)
     hints = [
-        f"read it with {_format_columns(origin.change_column('time', unit=own))} if time is in {own}, or "
-        for own in units
+        f"read it with {_format_columns(origin.change_column('time', unit=unit))} if time is in {unit}, or "
+        for unit in units
     ]
     return "".join(hints[:1])
 

@@ -228,9 +228,9 @@ def _suggest_columns(quantity: str, headers: Sequence[str], free: Sequence[str])
     def write(own: str, text: str) -> str:
         return f"{quote_value(own.strip(), QUOTED)} {text}"
 
-    counters = [own.strip() for own in headers if quantity == "time" and normalise_name(own) in COUNTERS]
-    with_unit = [own for own in free if find_trailing_unit(UNITS[quantity], own)]
-    raw = [own for own in headers if _is_raw(quantity, own)]
+    counters = [header.strip() for header in headers if quantity == "time" and normalise_name(header) in COUNTERS]
+    with_unit = [header for header in free if find_trailing_unit(UNITS[quantity], header)]
+    raw = [header for header in headers if _is_raw(quantity, header)]
     raw.sort(key=_find_header_raw_unit if quantity == "torque" else None)  # currents first
     hints = [
         write(own, f"may count samples: {format_setting('columns', {'time': f'{own}/RATE'})} with their rate [Hz]")

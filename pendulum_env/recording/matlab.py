@@ -75,10 +75,14 @@ def _read_matlab_value(item: Any) -> Any:
 
     if isinstance(item, h5py.Group):
         fields = {name: own for name, own in _find_members(item) if name[0] != "#" and name not in DESCRIPTIONS}
-        arrays = {name: own for name, own in fields.items() if _has_references(own) and "MATLAB_class" not in own.attrs}
-        rows = zip(*(_follow_reference(own) for own in arrays.values()), strict=True)
+        arrays = {
+            name: member
+            for name, member in fields.items()
+            if _has_references(member) and "MATLAB_class" not in member.attrs
+        }
+        rows = zip(*(_follow_reference(array) for array in arrays.values()), strict=True)
         structures = [dict(zip(arrays, row, strict=True)) for row in rows]
-        return structures or {name: _read_matlab_value(own) for name, own in fields.items()}
+        return structures or {name: _read_matlab_value(member) for name, member in fields.items()}
     kind = item.attrs.get("MATLAB_class")
     if "MATLAB_empty" in item.attrs or kind == b"function_handle" or not _is_whole(item):
         return None

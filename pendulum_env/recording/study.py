@@ -160,10 +160,10 @@ def collect_log_format(recordings: Sequence[Recording]) -> JSON:
 
     Beside the settings of a study it has those of a drive in `UNKNOWN`, as `goal`, that were given or decided.
     """
-    loads = ({} if own.load is None else {"load": asdict(own.load)} for own in recordings)
-    formats: list[JSON] = [{**own.log_format, **load} for own, load in zip(recordings, loads, strict=True)]
+    loads = ({} if recording.load is None else {"load": asdict(recording.load)} for recording in recordings)
+    formats: list[JSON] = [{**recording.log_format, **load} for recording, load in zip(recordings, loads, strict=True)]
     alike = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
-    drives = [own.actuator for own in recordings if own.actuator.is_controller]
+    drives = [recording.actuator for recording in recordings if recording.actuator.is_controller]
     words = {name: {getattr(drive, name) for drive in drives} for name in UNKNOWN}
     decided = {name: own.pop() for name, own in words.items() if len(own) == 1 and None not in own}
     return {key: formats[0][key] for key in alike if key in formats[0]} | decided

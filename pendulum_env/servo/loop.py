@@ -158,7 +158,7 @@ class Servos:
         if self.is_sampled:
             acts = [drive.rate is None for drive in self.drives]  # all the time
             names = ("due", "share", "lead", "old")
-            times = [np.column_stack([getattr(own, name) for own in self.looks]) for name in names]
+            times = [np.column_stack([getattr(look, name) for look in self.looks]) for name in names]
             times[3] = np.where(acts, 0.0, times[3])
         return np.stack([self.goal, scale, self.on, times[0], warm, outside, *times[1:]], axis=1)
 

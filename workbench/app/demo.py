@@ -31,7 +31,7 @@ def _record_once(source: Source, seconds: int, seed: int) -> LoadedRecording:
 
 def start(session: Session) -> None:
     """Record the demo into a session in the background; raises InputError if it is loaded."""
-    for one in session.state.loaded:
-        if one.id in (FITTED, HELD_OUT):
-            raise InputError(f"{one.id}: is loaded already: remove it first")
+    for item in session.state.loaded:
+        if item.id in (FITTED, HELD_OUT):
+            raise InputError(f"{item.id}: is loaded already: remove it first")
     session.work("Recording", partial(record_demo, session.place()), lambda loaded: session.keep(*loaded))

@@ -28,7 +28,7 @@ def write_commands(state: State) -> str:
     if is_study_needed(state):
         train = given = [STUDY]  # which says what is held out
     limits, align = state.asked.write_options("fix", "bound"), ["--align"] * state.is_aligned
-    lines = [["record", *one.origin, "-o", one.source.file.name] for one in state.loaded if one.origin]
+    lines = [["record", *item.origin, "-o", item.source.file.name] for item in state.loaded if item.origin]
     model, scheme = state.model_file, list[str]()
     if (robot := state.robot) is not None:
         of_robot = ["--robot", robot.file.name, *["--rotors"] * bool(robot.rotors)]
@@ -52,15 +52,17 @@ def write_commands(state: State) -> str:
 
 def is_study_needed(state: State) -> bool:
     """Return whether a study file is needed for columns or joints."""
-    sources = [one.source for one in state.loaded]
-    return state.robot is not None or any(own.columns or own.unwrap or own.range or own.load for own in sources)
+    sources = [item.source for item in state.loaded]
+    return state.robot is not None or any(
+        source.columns or source.unwrap or source.range or source.load for source in sources
+    )
 
 
 def write_study_text(state: State) -> str:
     """Write a study that names the recordings as they are read, for a folder that holds them."""
     with tempfile.TemporaryDirectory() as folder:
         file, joints = Path(folder) / STUDY, state.robot.joints if state.robot is not None else None
-        sources = [replace(one.source, joints=joints) for one in state.loaded]
+        sources = [replace(item.source, joints=joints) for item in state.loaded]
         write_study([replace(source, file=file.with_name(source.file.name)) for source in sources], file)
         return file.read_text(encoding="utf-8")
 
@@ -70,7 +72,7 @@ def _format_json(content: Any) -> str:
 
 
 def _write_model(state: State) -> str:
-    fitted = [one.recording for one in state.loaded if not one.held_out]
+    fitted = [item.recording for item in state.loaded if not item.held_out]
     return _format_json(replace(state.model, log_format=collect_log_format(fitted)).json())
 
 

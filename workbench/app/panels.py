@@ -44,7 +44,7 @@ def describe_state(state: State) -> tuple[str, str, str]:
         return "Workbench", "What does your model lack?", what
     count = len(state.loaded)
     robot = f"{state.robot.file.name} · " if state.robot is not None else ""
-    seconds = sum(one.recording.duration for one in state.loaded)
+    seconds = sum(item.recording.duration for item in state.loaded)
     kicker = f"{robot}{count} recording{'s' if count != 1 else ''}, {seconds:.3g} s"
     if state.failure_reason:
         title = "Fitting the model" if state.needs_fit else "Nothing can be fitted yet"
@@ -81,7 +81,7 @@ def show_findings(state: State) -> Component:
     can = [] if state.failure_reason or not known else [html.P(["They tell ", html.Strong(join_words(known)), "."])]
     found = state.diagnosis or state.fit
     texts = [state.failure_reason] if state.failure_reason else []
-    texts += [describe(one.finding) for one in (found.disagreements if found is not None else ())]
+    texts += [describe(disagreement.finding) for disagreement in (found.disagreements if found is not None else ())]
     texts += map(describe, state.doubts)
     cannot = html.Ul([html.Li(capitalise(text)) for text in texts])
     nothing = html.P("They determine all parameters of the model.")

@@ -73,7 +73,7 @@ class Session:
         if not self._past:
             raise InputError("there is nothing to undo")
         _, self.state = self._past.pop()
-        known = {one.id for one in self.state.loaded}
+        known = {item.id for item in self.state.loaded}
         self.cards = tuple(card for card in self.cards if not card.known or card.known in known)
 
     def act(self, do: Callable[[], object]) -> None:
@@ -226,7 +226,7 @@ class Session:
 
     def keep(self, *loaded: LoadedRecording) -> None:
         """Add recordings; the ladder starts anew."""
-        names = ", ".join(one.recording.name for one in loaded)
+        names = ", ".join(item.recording.name for item in loaded)
         self.change(f"load {names}", self.state.restart(loaded=(*self.state.loaded, *loaded)))
 
     def remove(self, id: str) -> None:
@@ -256,7 +256,7 @@ class Session:
         """
         rest = self.cards[1:]
         self.cards = rest
-        others = [one for one in self.state.loaded if one.id != card.known]
+        others = [item for item in self.state.loaded if item.id != card.known]
         try:
             first = LoadedRecording.read(card.make_source(), others, read=self.state.read)
         except USER_ERRORS as mistake:

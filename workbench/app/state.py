@@ -100,7 +100,7 @@ class State:
     @cached_property
     def body(self) -> Mechanism:
         """Return the joints of the recordings; those of an arm that do not move are where the recordings have them."""
-        return self.robot.hold_joints([one.recording for one in self.loaded]) if self.robot is not None else PENDULUM
+        return self.robot.hold_joints([item.recording for item in self.loaded]) if self.robot is not None else PENDULUM
 
     @property
     def base_terms(self) -> tuple[Term, ...]:
@@ -110,7 +110,7 @@ class State:
     @cached_property
     def doubts_about_recordings(self) -> list[str]:
         """List doubts about the recordings of an arm, one sentence each."""
-        return find_straying(find_links(self.base_terms), [one.recording for one in self.loaded])
+        return find_straying(find_links(self.base_terms), [item.recording for item in self.loaded])
 
     def restart(self, **choices: Any) -> Self:
         """Return other choices, from which the ladder begins anew."""
@@ -118,7 +118,9 @@ class State:
 
     def make_fit_task(self) -> partial[BaseFit]:
         """Make the task to fit the base model, for a worker."""
-        train, holdout = (tuple(one.recording for one in self.loaded if one.held_out is own) for own in (False, True))
+        train, holdout = (
+            tuple(item.recording for item in self.loaded if item.held_out is own) for own in (False, True)
+        )
         fit = fit_pendulum if self.body.can_simulate else fit_arm
         return partial(fit, train, holdout, self.base_terms, self.is_aligned, self.asked.limits)
 
@@ -133,23 +135,23 @@ class State:
 
     def swap_recording(self, old: LoadedRecording, *new: LoadedRecording) -> Self:
         """Return the state with one recording for another, or for none."""
-        return self.restart(loaded=tuple(own for one in self.loaded for own in (new if one is old else (one,))))
+        return self.restart(loaded=tuple(own for item in self.loaded for own in (new if item is old else (item,))))
 
     def set_robot(self, robot: RobotFile) -> Self:
         """Return the loaded recordings of a robot; raises BodyError or InputError for others."""
         robot.body()  # what is wrong with its file comes first
         try:
-            robot = robot.keep_logged_joints([one.source for one in self.loaded])
+            robot = robot.keep_logged_joints([item.source for item in self.loaded])
             state = type(self)(robot=robot)
-            return state.restart(loaded=tuple(replace(one, recording=state.read(one.source)) for one in self.loaded))
+            return state.restart(loaded=tuple(replace(item, recording=state.read(item.source)) for item in self.loaded))
         except USER_ERRORS as error:
             raise InputError(f"what is loaded is not of this robot: {error}") from None
 
     def find(self, id: str) -> LoadedRecording:
         """Find the recording of an id; raises InputError if there is none."""
-        for one in self.loaded:
-            if one.id == id:
-                return one
+        for item in self.loaded:
+            if item.id == id:
+                return item
         raise InputError(f"{id[:80]}: is not loaded any more")
 
     @property
@@ -157,7 +159,7 @@ class State:
         """Return the reason why there is no model; empty if there is one."""
         if self.fit is not None:
             return ""
-        if all(one.held_out for one in self.loaded):
+        if all(item.held_out for item in self.loaded):
             return ALL_HELD_OUT if self.loaded else NO_RECORDING
         return self.failure or FITTING
 
@@ -172,9 +174,9 @@ class State:
     def recordings(self) -> list[Recording]:
         """Return the loaded recordings, calibrated and aligned as far as known and requested."""
         if self.failure_reason:
-            return [one.recording for one in self.loaded]
+            return [item.recording for item in self.loaded]
         fitted, held_out = iter(self.train), iter(self.holdout)
-        return [next(held_out if one.held_out else fitted) for one in self.loaded]
+        return [next(held_out if item.held_out else fitted) for item in self.loaded]
 
     @property
     def train(self) -> tuple[Recording, ...]:
@@ -226,7 +228,7 @@ class State:
         """Return findings on parameters that the fitted recordings do not determine."""
         if not self.body.can_simulate:
             return ()
-        fitted = [r for r, one in zip(self.recordings, self.loaded, strict=True) if not one.held_out]
+        fitted = [r for r, item in zip(self.recordings, self.loaded, strict=True) if not item.held_out]
         return find_undetermined_parameters(fitted, BASE if self.failure_reason else self.model.terms)
 
     @cached_property

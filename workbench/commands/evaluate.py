@@ -77,14 +77,14 @@ def print_figures(report: JSON, terminal: Terminal) -> None:
     policies = report["policies"]
     first = policies[report["baseline"]]
     errors, gains, use = list[list[str]](), list[list[str]](), list[list[str]]()
-    for name, own in policies.items():
-        bounds = ["" if bound[1] is None else f" ({100 * bound[1]:.3f})" for bound in own["cramer_rao"].values()]
-        sizes = [f"{100 * error[1]:.3f}{bound}" for error, bound in zip(own["error"].values(), bounds, strict=True)]
-        errors.append([name, *sizes, *(_format_number(quartiles[1]) for quartiles in own["time_to"].values())])
-        parts = ([_format_number(gain[part]) for part in ("ratio", "low", "high")] for gain in own["gain"].values())
+    for name, policy in policies.items():
+        bounds = ["" if bound[1] is None else f" ({100 * bound[1]:.3f})" for bound in policy["cramer_rao"].values()]
+        sizes = [f"{100 * error[1]:.3f}{bound}" for error, bound in zip(policy["error"].values(), bounds, strict=True)]
+        errors.append([name, *sizes, *(_format_number(quartiles[1]) for quartiles in policy["time_to"].values())])
+        parts = ([_format_number(gain[part]) for part in ("ratio", "low", "high")] for gain in policy["gain"].values())
         gains.append([name, *(f"{ratio} ({low} to {high})" for ratio, low, high in parts)])
-        medians = [_format_number(own[kind][1]) for kind in ("torque_rms", "speed", "turns")]
-        use.append([name, f"{own['torque_peak']:.2f}", *medians, f"{1e3 * own['seconds_per_action']:.3g}"])
+        medians = [_format_number(policy[kind][1]) for kind in ("torque_rms", "speed", "turns")]
+        use.append([name, f"{policy['torque_peak']:.2f}", *medians, f"{1e3 * policy['seconds_per_action']:.3g}"])
     plants = f"{report['plants']} plants within {100 * report['spread']:g} %"
     terminal.say(f"{plants}, 10 s, constraint {report['constraint']}; medians over plants")
     terminal.heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")

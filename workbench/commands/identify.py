@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("identifying"):
         found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
         if arguments.instruments is not None:  # the remedy of this finding
-            others = [own for own in found.findings if own.kind is not Kind.FEEDBACK_WITH_REFERENCE]
+            others = [finding for finding in found.findings if finding.kind is not Kind.FEEDBACK_WITH_REFERENCE]
             found = replace(found, findings=tuple(others))
         one = found.primary
         nearest = nearest_body(one.model) if not body.can_simulate else None

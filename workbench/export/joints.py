@@ -19,10 +19,10 @@ from workbench.narrator.findings import describe_nearest_body
 
 def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
     """Return the terms at one joint as a model, and the effects there that such a model cannot contain."""
-    own = [one for one in model.terms[1:] if one.at == joint]
+    own = [term for term in model.terms[1:] if term.at == joint]
     tables = tuple(f"{one.id} ({one.law}): it is left out" for one in own if isinstance(one, Table))
     terms = [find_term(one.id.partition("@")[0])(**one.nonlinear_values) for one in own if not isinstance(one, Table)]
-    names = [column.name for one in terms for column in one.columns]
+    names = [column.name for term in terms for column in term.columns]
     theta = np.array([get_value(model, f"{name}@{joint}") for name in names])
     return Model.build(terms, theta), tables
 

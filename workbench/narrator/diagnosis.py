@@ -96,10 +96,10 @@ def describe_result(found: Diagnosis) -> str:
     where = join_words([at for at in dict.fromkeys(region.at for region in found.unexplained) if at])
     place = f" at {where}" if where else ""
     groups = [
-        f"a payload of {measure(Quantity(mass.value, unit=mass.unit))} in {join_words(own.recordings)}"
-        for own in found.findings
-        if own.kind is Kind.PAYLOAD
-        for mass in [own.numbers["mass"]]
+        f"a payload of {measure(Quantity(mass.value, unit=mass.unit))} in {join_words(finding.recordings)}"
+        for finding in found.findings
+        if finding.kind is Kind.PAYLOAD
+        for mass in [finding.numbers["mass"]]
     ]
     groups += [join_words([name_effect(id) for id in group], "or") for group in found.effects]
     if found.searched and found.unexplained and found.is_in_loop:
@@ -112,7 +112,7 @@ def describe_result(found: Diagnosis) -> str:
     if groups:
         rest = f", and more{place} that no known effect explains" if found.unexplained else ""
         return f"{capitalise(join_words(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
-    if not found.unexplained and any(own.kind is Kind.CONTACT for own in found.findings):
+    if not found.unexplained and any(finding.kind is Kind.CONTACT for finding in found.findings):
         return "Nothing is missing between contacts, which no effect explains"
     if not found.unexplained:
         return "Nothing is missing" if found.searched else "The model explains what was measured"
@@ -179,7 +179,7 @@ def describe_detectable(found: Detectable) -> str:
 
 def describe_next_step(found: Diagnosis) -> str:
     """Name the experiment worth doing, or why there is none."""
-    if contacts := [describe(own) for own in found.findings if own.kind is Kind.CONTACT]:
+    if contacts := [describe(finding) for finding in found.findings if finding.kind is Kind.CONTACT]:
         return contacts[0]
     if found.suggestion is not None:
         return describe_suggestion(found.suggestion, found.model.units())
@@ -187,9 +187,9 @@ def describe_next_step(found: Diagnosis) -> str:
         return describe(found.forbidden)
     if found.inseparable:
         return f"No torque would tell {' from '.join(found.inseparable[0])}."
-    if any(own.kind is Kind.SMALL_EFFECT for own in found.findings):
+    if any(finding.kind is Kind.SMALL_EFFECT for finding in found.findings):
         return "Record again, and hold the new recording out: it shows whether the small effect repeats."
-    if hidden := [one.effect for one in found.detectable if not one.is_excited]:
+    if hidden := [size.effect for size in found.detectable if not size.is_excited]:
         experiments = join_words(list(dict.fromkeys(find_description(id).informative_experiment for id in hidden)))
         return f"These recordings show no {join_words(hidden)}, whatever the size: record {experiments}."
     return "No further experiment is needed."

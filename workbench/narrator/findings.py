@@ -182,9 +182,9 @@ def _make_column_text(text: str, otherwise: str = "") -> Callable[[Finding], str
 
     def describe_column(found: Finding) -> str:
         options = [
-            f"Read {'it' if len(found.remedies) == 1 else join_words(own.recordings)} with "
-            f"{format_setting('columns', own.columns)} instead."
-            for own in found.remedies
+            f"Read {'it' if len(found.remedies) == 1 else join_words(remedy.recordings)} with "
+            f"{format_setting('columns', remedy.columns)} instead."
+            for remedy in found.remedies
         ]
         return " ".join([f"{text}.", *(options or filter(None, [otherwise]))])
 

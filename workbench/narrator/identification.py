@@ -19,11 +19,11 @@ TRUST = f"{TIMES}: standard errors of a scheme over the smallest; trust schemes 
 
 def tabulate_by_scheme(found: Identification) -> TextTable:
     """Tabulate estimates of every scheme, a row a parameter, a column a scheme."""
-    models = [one.model.estimates for one in found.schemes.values()]
-    rows = [(name, *(own[name].shown.text for own in models), one.shown.unit) for name, one in models[0].items()]
-    rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
+    models = [scheme.model.estimates for scheme in found.schemes.values()]
+    rows = [(name, *(model[name].shown.text for model in models), one.shown.unit) for name, one in models[0].items()]
+    rows.append(("condition", *(f"{scheme.condition:.3g}" for scheme in found.schemes.values()), ""))
     if len(models) > 1:
-        errors = np.array([[one.std for one in own.values()] for own in models])
+        errors = np.array([[one.std for one in model.values()] for model in models])
         times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
         rows.append((TIMES, *(f"{own:.2g}" for own in times.tolist()), ""))
     return TextTable(("parameter", *found.schemes, "unit"), rows, left=("unit",))
@@ -41,7 +41,7 @@ def tabulate_schemes(found: Identification, by_instruments: Model | None = None)
         values = [result.model.estimates[name].text for name in names]
         rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
     if by_instruments is not None:
-        shown = by_instruments.withhold({name for own in found.findings for name in own.withheld})
+        shown = by_instruments.withhold({name for finding in found.findings for name in finding.withheld})
         rows.append(("instruments", *(shown.estimates[name].text for name in names), ""))
     return TextTable(
         ("scheme", *(f"{column.name} [{units.unit(column.unit)}]" for column in columns), "residual"), rows

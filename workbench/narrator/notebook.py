@@ -100,13 +100,13 @@ def show_model(model: Model) -> str:
 def show_estimates(found: SchemeEstimates) -> str:
     """Render the estimates of several schemes; of a batch, those of the first plant."""
     schemes = {id: own for id, own in found.items() if isinstance(own, SchemeEstimate)}
-    units = {name: of for own in schemes.values() for name, of in own.units.items()}
+    units = {name: of for scheme in schemes.values() for name, of in scheme.units.items()}
     rows = []
     for id, own in schemes.items():
         theta, std = (np.atleast_2d(own[name])[0] for name in ("theta", "std"))
         known = {name: format_estimate(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
         rows.append((id, *(known.get(name, "") for name in units)))
-    batch = [len(own["theta"]) for own in schemes.values() if np.ndim(own["theta"]) > 1]
+    batch = [len(scheme["theta"]) for scheme in schemes.values() if np.ndim(scheme["theta"]) > 1]
     return make_card(
         "Online estimates",
         TextTable(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows),

@@ -69,7 +69,7 @@ def narrate_diagnosis(found: Diagnosis) -> list[Part]:
     if found.refit is not None:
         parts.insert(1, Part(f"Free motion over {found.refit.seconds:g} s", narrate_refit(found.refit, units)))
     parts += narrate_detectable(found)
-    if treatments := tuple(describe_treatment(one) for one in found.treatments):
+    if treatments := tuple(describe_treatment(treatment) for treatment in found.treatments):
         parts.append(Part("Treatments of the recordings that were tried", [treatments], brief=False))
     return [*parts, *narrate_unexplained(found)]
 
@@ -78,7 +78,9 @@ def narrate_detectable(found: Diagnosis) -> list[Part]:
     """Narrate the smallest detectable sizes of effects, if they are known."""
     if not found.detectable:
         return []
-    sizes = [(one.effect, describe_detectable(one)) for one in found.detectable]
+    sizes = [
+        (detectable_effect.effect, describe_detectable(detectable_effect)) for detectable_effect in found.detectable
+    ]
     table = TextTable(("effect", "detectable"), sizes, left=("detectable",))
     return [Part("Smallest effects that would have shown", [table], brief=False)]
 
@@ -109,7 +111,7 @@ def narrate_refit(refit: HorizonRefit, units: JointUnits) -> Content:
     steps = {"before the refit": refit.before} | ({"after it": refit.after} if refit.after is not None else {})
     rows = []
     for name, step in steps.items():
-        sizes = [size for own in step.errors.values() for size in (own.torque_rms, factor * own.position_rms)]
+        sizes = [size for error in step.errors.values() for size in (error.torque_rms, factor * error.position_rms)]
         rows.append((name, *(format_quantity(size, 4) for size in sizes)))
     return [TextTable(headers, rows), describe_refit(refit)]
 
@@ -126,7 +128,12 @@ def narrate_candidates(candidates: Sequence[Candidate], most: int | None = RUNNE
     """
     ranking, more = tabulate_candidates(candidates, most)
     shown = {row[0] for row in ranking.rows}
-    gates = [(one.effect, *gate.cells) for one in candidates if one.effect in shown for gate in one.gates]
+    gates = [
+        (candidate.effect, *gate.cells)
+        for candidate in candidates
+        if candidate.effect in shown
+        for gate in candidate.gates
+    ]
     table = TextTable(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
     more_text = [f"and {more}: --json and --report list all"] if more else []
     return Part("Candidates", [ranking, *more_text, SCORE, *([table] if gates else [])], brief=False)
@@ -223,7 +230,7 @@ def describe_noise(step: Step, floor: float) -> str:
 
 def narrate_payload(found: Payload, body: Body) -> list[Part]:
     """Describe the payload of an arm, and its effect on the errors."""
-    rows = [(name, one.text, one.unit) for name, one in found.estimates.items()]
+    rows = [(name, estimate.text, estimate.unit) for name, estimate in found.estimates.items()]
     rows += [(f"centre {axis}", one.text, one.unit) for axis, one in found.center.items()]
     content: list[TextTable | str] = [TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))]
     if found.hidden:

@@ -96,7 +96,7 @@ def make_loop(case: ReportData, headline: str) -> Section:
     for k, recording in sorted(enumerate(case.data.every), key=lambda one: one[0] < fitted):
         name = recording.name if k < fitted else f"{recording.name} (held out)"
         motions = [loop.select_recording(k) for loop in loops]
-        errors = [factor * float(np.mean(np.abs(own.error))) for own in motions]
+        errors = [factor * float(np.mean(np.abs(motion.error))) for motion in motions]
         rows.append((name, *(format_number(error, padded=True) for error in errors)))
         if len(figures) >= LOOPS:
             continue

@@ -40,7 +40,7 @@ def make_failures(case: ReportData) -> Section:
         noise, units = prepared.floors[joint], prepared.units(joint)
         maps = [compute_profiles(x, left[rows], noise, axes, units) for left in residuals]
         regions = [find_regions_at(prepared, left, joint, axes) for left in residuals]
-        stands_out = [seen or bool(own) for seen, own in zip(stands_out, regions, strict=True)]
+        stands_out = [seen or bool(region) for seen, region in zip(stands_out, regions, strict=True)]
         reach = 1.08 * max(float(np.abs(own.mean).max()) for m in maps for own in m if own.axis != "frequency")
         still = regions[-1] if len(regions) > 1 else []
         name = f"joint-{k}" if joint else "profile"

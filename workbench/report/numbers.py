@@ -29,7 +29,7 @@ COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 def make_errors(case: ReportData) -> Section:
     """Make the section on errors after every step."""
     found, steps, units = case.diagnosis, case.diagnosis.steps, case.units
-    is_simulated = np.isfinite([own.position_rms for step in steps for own in step.errors.values()]).all()
+    is_simulated = np.isfinite([error.position_rms for step in steps for error in step.errors.values()]).all()
     drawn = [plot_errors(case, "torque_rms", f"torque error [{units.unit('N m')}]", found.noise_floor)]
     if is_simulated:
         factor, angle = case.angle

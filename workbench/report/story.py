@@ -62,7 +62,7 @@ def make_story(case: ReportData) -> Section:
 def make_joints(case: ReportData) -> Section:
     """Make the section on an arm: added effects, torque errors of joints, what stays open, and the next step."""
     found = case.diagnosis
-    selected = tuple(_describe_law(found.model, own) for own in found.model.terms if own.id in found.selected)
+    selected = tuple(_describe_law(found.model, term) for term in found.model.terms if term.id in found.selected)
     errors = [step.errors["holdout"] for step in case.ends]
     content: list[Any] = [
         *([Part("Added effects", [selected])] if selected else []),
@@ -145,7 +145,7 @@ def make_candidates(case: ReportData) -> Section:
     """Make the section with the verdict, score, error ratio and reason of every effect."""
     found = case.diagnosis
     content = [*narrate_candidates(found.candidates, most=None).content]
-    if any(one.gates for one in found.candidates):
+    if any(candidate.gates for candidate in found.candidates):
         content[-1:] = [Part("Gates", content[-1:], brief=False)]
     return Section("candidates", "Candidates", "What was considered", [*content, *narrate_detectable(found)])
 
@@ -181,7 +181,11 @@ def make_method(case: ReportData) -> Section:
         "errors allow for residuals that are correlated in time. An effect is added only if it predicts blocks of "
         "the fitted data that it was not fitted to and then lowers the error on held-out data, in torque and in "
         f"free-running simulation over {HORIZON:g} s.{split}",
-        tuple(dict.fromkeys(f"{own.name}: {describe_note(note)}" for own in recordings for note in own.notes)),
+        tuple(
+            dict.fromkeys(
+                f"{recording.name}: {describe_note(note)}" for recording in recordings for note in recording.notes
+            )
+        ),
         *([Part("Do it again", [Code(case.command)])] if case.command else []),
     ]
     return Section("method", "Method", "How this was done", content)

@@ -112,7 +112,9 @@ def make_rows(found: Diagnosis) -> list[JSON]:
     joints, rows = tuple(found.floors), []
     estimates = [(*_split_joint(name, joints), own) for name, own in found.model.readable.items()]
     groups = [(_split_joint(group[0], joints)[0], group) for group in found.effects]
-    small = [_split_joint(own.effects[0], joints) for own in found.findings if own.kind is Kind.SMALL_EFFECT]
+    small = [
+        _split_joint(finding.effects[0], joints) for finding in found.findings if finding.kind is Kind.SMALL_EFFECT
+    ]
     for joint in joints:
         parameters = {name: own for at, name, own in estimates if at == joint}
         effects = [[_split_joint(own, (joint,))[1] for own in group] for at, group in groups if at == joint]
@@ -123,7 +125,7 @@ def make_rows(found: Diagnosis) -> list[JSON]:
                 "selected": sorted(group[0] for group in effects),
                 "small_effects": ", ".join(effect for at, effect in small if at == joint),
                 "unexplained": any(region.at == joint for region in found.unexplained),
-                "biased": any(own.is_biased for own in parameters.values()),
+                "biased": any(parameter.is_biased for parameter in parameters.values()),
                 "error_before": _get_finite(first.get_joint_error(joint)),
                 "error_after": _get_finite(last.get_joint_error(joint)),
                 "noise_floor": _get_finite(found.floors[joint]),
@@ -132,11 +134,11 @@ def make_rows(found: Diagnosis) -> list[JSON]:
                 "position_rms_after": _get_finite(last.position_rms),
                 "parameters": {
                     name: {
-                        "value": None if own.is_unknown else _get_finite(own.value),
-                        "std": None if own.is_unknown else _get_finite(own.std),
-                        "unit": own.unit,
+                        "value": None if parameter.is_unknown else _get_finite(parameter.value),
+                        "std": None if parameter.is_unknown else _get_finite(parameter.std),
+                        "unit": parameter.unit,
                     }
-                    for name, own in parameters.items()
+                    for name, parameter in parameters.items()
                 },
             }
         )

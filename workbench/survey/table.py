@@ -162,7 +162,7 @@ def tabulate_changes(series: Sequence[Series]) -> TextTable:
         size = f"{own.trend.drift:+.3g} ({low:+.3g} to {high:+.3g}) a week"
         if own.change == "jump" and jump is not None:
             size = f"{'+' if jump.size > 0 else ''}{format_estimate(jump.size, jump.std)} on {own.jump_date:%Y-%m-%d}"
-        mean = format_number(float(np.mean([one["value"] for one in own.estimates])))
+        mean = format_number(float(np.mean([estimate["value"] for estimate in own.estimates])))
         effects = f"(with {own.effects})" if own.effects else ""
         label = " ".join(filter(None, (own.machine, own.joint, own.parameter, effects)))
         rows.append((label, own.change, size, own.unit, mean, f"{own.trend.p_value:.1g}"))

@@ -37,7 +37,7 @@ HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": Fa
 def show(session: Session) -> list[Component]:
     """Show the ways to get recordings, then the recordings."""
     state = session.state
-    parts: list[Component] = [card_form.show(one) for one in session.cards[:1]]
+    parts: list[Component] = [card_form.show(card) for card in session.cards[:1]]
     if isinstance(state.body, Body):
         parts.append(_show_robot(state, state.body))
     elif not state.loaded:
@@ -47,8 +47,8 @@ def show(session: Session) -> list[Component]:
     if state.loaded:
         plots = [
             make_graph(figure)
-            for k, own in enumerate(state.recordings[:4])
-            for figure in plot_recording(own, k, state.body)
+            for k, recording in enumerate(state.recordings[:4])
+            for figure in plot_recording(recording, k, state.body)
         ]
         told = [*show_timing(state), show_findings(state)] if state.body.can_simulate else []
         parts += [show_recordings(state), *told, html.Div(plots, className="panel")]
@@ -87,9 +87,9 @@ def plot_recording(recording: Recording, k: int, body: Mechanism) -> list[Figure
 
 def show_recordings(state: State) -> Component:
     """Render the table of recordings; for an arm, turns and torque are the largest of its joints."""
-    rows = [_show_row(one, recording) for one, recording in zip(state.loaded, state.recordings, strict=True)]
+    rows = [_show_row(item, recording) for item, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
-    note = [] if any(one.held_out for one in state.loaded) else [html.P(split, className="note")]
+    note = [] if any(item.held_out for item in state.loaded) else [html.P(split, className="note")]
     how = html.Span("how these are read and used, for the command line and to load again with them", className="note")
     save = html.Div([make_save_button(f"Save {STUDY}", "study"), how], className="row")
     return make_panel("Recordings", make_table(HEADERS, rows, "Recordings"), *note, save, className="recordings")

@@ -59,7 +59,7 @@ def _make_sections(state: State) -> tuple[Section, ...]:
 def _show_gallery(state: State) -> Component:
     """Show the residuals that single effects leave, the likeliest first after a diagnosis."""
     names = list_choices()
-    found = [one.effect for one in state.diagnosis.candidates] if state.diagnosis is not None else []
+    found = [candidate.effect for candidate in state.diagnosis.candidates] if state.diagnosis is not None else []
     rows = []
     for id in sorted(names, key=lambda id: found.index(id) if id in found else len(found)):
         if (GALLERY / f"{id}.svg").is_file():
