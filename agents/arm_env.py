@@ -42,13 +42,13 @@ TIME_SCALE = 5.0  # [s], divisor of the time left in the observation
 def compute_observation(motions: MotionBatch, time_left: float) -> Batch:
     """Compute observations (B, 8 n + 2 P + 1) of motions at a knot with the time left [s]."""
     q, (low, high, speed, torque, acceleration) = motions.position, motions.limits
-    own = np.log(motions.information.diagonal(axis1=1, axis2=2) / INFORMATION_PRIOR)
+    information = np.log(motions.information.diagonal(axis1=1, axis2=2) / INFORMATION_PRIOR)
     known = -np.log(motions.variances * INFORMATION_PRIOR)
     where = [np.sin(q), np.cos(q), (2 * q - low - high) / (high - low), motions.speed / speed]
     rise = speed / acceleration / DEFAULT_LIMITS.rise
     limits = [(high - low) / (2 * np.pi), speed / USUAL_SPEED, torque / TORQUE, rise]
     time = np.full((len(q), 1), time_left / TIME_SCALE)
-    seen = np.concatenate([*where, *limits, own / LOG_SCALE, known / LOG_SCALE, time], axis=1)
+    seen = np.concatenate([*where, *limits, information / LOG_SCALE, known / LOG_SCALE, time], axis=1)
     return np.clip(seen, -OBSERVATION_BOUND, OBSERVATION_BOUND).astype(np.float32)
 
 

@@ -50,11 +50,11 @@ class PolicyComparison:
     def notes(self) -> tuple[str, ...]:
         """List problems of policies that make their figures meaningless, one sentence each."""
         notes = []
-        for name, own in self.outcomes.items():
-            if still := int(np.sum(own.speed == 0)):
-                plants = "" if still == len(own.speed) else f" on {still} of {len(own.speed)} plants"
+        for name, outcome in self.outcomes.items():
+            if still := int(np.sum(outcome.speed == 0)):
+                plants = "" if still == len(outcome.speed) else f" on {still} of {len(outcome.speed)} plants"
                 notes.append(f"{name} never moves the joint{plants}: nothing can be estimated there")
-            if (most := float(own.action.max())) > MAX_ACTION:
+            if (most := float(outcome.action.max())) > MAX_ACTION:
                 notes.append(f"{name} asks for up to {most:.1f} times the peak torque: actions are shares of it")
         return tuple(notes)
 
@@ -77,9 +77,9 @@ class PolicyComparison:
         ]
         base = self.outcomes[self.baseline]
         rows = [
-            [f"{100 * _median(error):.3f}" for error in own.errors]
-            + [f"{_median(own.close[0]):.2f}", f"{compute_gain(own.errors[-1], base.errors[-1]):.2f}"]
-            for own in self.outcomes.values()
+            [f"{100 * _median(error):.3f}" for error in outcome.errors]
+            + [f"{_median(outcome.close[0]):.2f}", f"{compute_gain(outcome.errors[-1], base.errors[-1]):.2f}"]
+            for outcome in self.outcomes.values()
         ]
         widest = max(map(len, ("policy", *self.outcomes)))
         lines = zip(("policy", *self.outcomes), (header, *rows), strict=True)
@@ -203,7 +203,7 @@ def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
     moments, bounds = [f"{moment:g} s" for moment in REPORT_TIMES], [f"{100 * bound:g} %" for bound in ACCURACIES]
     names = [f"error {moment}" for moment in moments] + [f"time to {bound}" for bound in bounds]
     series = zip(names, [*outcome.errors, *outcome.close], [*base.errors, *base.close], strict=True)
-    gains = {name: _ratio_json(compute_gain, own, usual) for name, own, usual in series}
+    gains = {name: _ratio_json(compute_gain, errors, usual) for name, errors, usual in series}
     gains["information"] = _ratio_json(information_ratio, outcome.log_det[-1], base.log_det[-1])
     return {
         "error": dict(zip(moments, map(_quartiles, outcome.errors), strict=True)),

@@ -103,7 +103,7 @@ class Network:
                 raise ValueError(f"it lacks {name}")
         with np.errstate(over="ignore"):  # what is larger than a float is refused below
             *parameters, levels = (np.asarray(arrays[name], dtype=float) for name in [*names, "levels"])
-        if not all((np.abs(own) <= MAX_WEIGHT).all() for own in parameters) or not (np.abs(levels) <= 1.0).all():
+        if not all((np.abs(array) <= MAX_WEIGHT).all() for array in parameters) or not (np.abs(levels) <= 1.0).all():
             raise ValueError(f"it holds weights beyond {MAX_WEIGHT:g}, or levels beyond 1, the peak")
         weights, biases, constraint = parameters[:count], parameters[count:], str(arrays["constraint"])
         if constraint not in POLICY_NAMES:
@@ -113,7 +113,7 @@ class Network:
         seen = weights[0].shape[-1] if weights[0].ndim else 0
         sizes = [seen, *(bias.size for bias in biases)]
         fits = all(w.shape == size for w, size in zip(weights, zip(sizes[1:], sizes, strict=False), strict=True))
-        if not (fits and outputs and outputs == actions * levels.size) or any(own.ndim != 1 for own in biases):
+        if not (fits and outputs and outputs == actions * levels.size) or any(bias.ndim != 1 for bias in biases):
             raise ValueError("its layers, outputs and levels do not follow from one another")
         if constraint != ARM and seen not in (OBSERVATION_SIZE, OBSERVATION_SIZE + 1):  # one more with limited turns
             raise ValueError(f"its observations have {seen} numbers, not {OBSERVATION_SIZE}")

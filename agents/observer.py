@@ -80,8 +80,10 @@ class ObservedState(NamedTuple):
 def decode_observation(observation: Array | Batch) -> ObservedState:
     """Decode observations (B, N)."""
     o = np.asarray(observation, dtype=float)
-    own, upper, deviations = np.split(o[:, 3 : 3 + N_FEATURES], [N_PARAMETERS, N_FEATURES - N_PARAMETERS], axis=1)
-    scale = np.sqrt(INFORMATION_PRIOR * np.exp(LOG_SCALE * own))
+    own_information, upper, deviations = np.split(
+        o[:, 3 : 3 + N_FEATURES], [N_PARAMETERS, N_FEATURES - N_PARAMETERS], axis=1
+    )
+    scale = np.sqrt(INFORMATION_PRIOR * np.exp(LOG_SCALE * own_information))
     correlations = np.tile(np.eye(N_PARAMETERS), (len(o), 1, 1))
     correlations[:, PAIRS[0], PAIRS[1]] = correlations[:, PAIRS[1], PAIRS[0]] = upper
     information = correlations * scale[:, :, None] * scale[:, None, :]

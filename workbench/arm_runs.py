@@ -26,9 +26,9 @@ def record_arm(
     arguments: argparse.Namespace, seconds: float, samples: int, rng: np.random.Generator, terminal: Terminal
 ) -> None:
     """Design a motion, let the simulated arm follow it, and write what it did."""
-    for option, own in (("excitation", (LEARNT,)), ("backend", ("pymunk", "mujoco"))):
-        if (asked := getattr(arguments, option)) not in (None, *own):
-            raise InputError(f"--{option} {asked} is for pendulums: arms know {' and '.join(own)} alone")
+    for option, allowed in (("excitation", (LEARNT,)), ("backend", ("pymunk", "mujoco"))):
+        if (asked := getattr(arguments, option)) not in (None, *allowed):
+            raise InputError(f"--{option} {asked} is for pendulums: arms know {' and '.join(allowed)} alone")
     if arguments.policy is not None and arguments.excitation != LEARNT:
         raise InputError(f"--policy goes with --excitation {LEARNT} only")
     body = make_robot(arguments).body()

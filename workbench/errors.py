@@ -26,7 +26,7 @@ def write_option(name: str, value: object) -> str:
     if value is True:
         return option
     if isinstance(value, Mapping):
-        value = ",".join(f"{key}={own}" for key, own in value.items())
+        value = ",".join(f"{key}={item}" for key, item in value.items())
     return f"{option} {shlex.quote(str(value))}"
 
 

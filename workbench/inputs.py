@@ -49,7 +49,7 @@ class Inputs:
     def read_more(self, names: Sequence[str], arguments: argparse.Namespace, terminal: Terminal) -> list[Recording]:
         """Read other recordings, or studies of them, in the format that the model knows."""
         sources = [source for name in names for source in read_source_names(name, arguments)]
-        known = [apply_log_format(own, self.model.log_format, arguments.model) for own in sources]
+        known = [apply_log_format(source, self.model.log_format, arguments.model) for source in sources]
         return read_all(known, terminal, self.read)
 
     def convert(self, terminal: Terminal, align: bool) -> FitData:
@@ -83,8 +83,8 @@ def open_sources(
         return _open_arm(arguments, sources, path, terminal)
     model = read_model(path) if path else Model()
     sources = tuple(apply_log_format(source, model.log_format, path) for source in sources)
-    recordings = read_all([own for own in sources if holdout or own.role == "fit"], terminal, Source.read)
-    n_fitted = sum(own.role == "fit" for own in sources)
+    recordings = read_all([source for source in sources if holdout or source.role == "fit"], terminal, Source.read)
+    n_fitted = sum(source.role == "fit" for source in sources)
     for name, (low, high) in collect_limits(model.terms).items():
         range_text = f"is fixed at {low:g}" if low == high else f"lies from {low:g} to {high:g}"
         terminal.say(f"{path}: {name} {range_text}, as given when the model was fitted")

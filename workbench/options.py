@@ -277,8 +277,8 @@ def add_robot(
         "--rotors", action="store_true", help="identify the motors' own inertia (default: if the MJCF has any)"
     )
     group.add_argument("--no-gravity", action="store_true", help="the driver subtracts gravity from the logged torque")
-    own = (*OF_PENDULUMS, *pendulums)
-    parser.set_defaults(of_arms=(*OF_ARMS, *arms), of_pendulums=own)
+    of_pendulums = (*OF_PENDULUMS, *pendulums)
+    parser.set_defaults(of_arms=(*OF_ARMS, *arms), of_pendulums=of_pendulums)
 
 
 def make_plant(arguments: argparse.Namespace) -> Model:

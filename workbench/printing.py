@@ -44,7 +44,7 @@ def print_diagnosis(found: Diagnosis, terminal: Terminal, verbose: bool = False,
     estimates = found.model.readable
     if len(found.floors) > 1:
         added = [term.id for term in found.model.terms if term.id in found.selected]
-        estimates = {name: own for id in added for name, own in found.model.get_parameters(id).items()}
+        estimates = {name: estimate for id in added for name, estimate in found.model.get_parameters(id).items()}
     step = describe_next_step(found)
     lines = [*found.laws, describe_errors(found)]
     lines += [describe_refit(found.refit)] if found.refit is not None else []

@@ -50,7 +50,7 @@ class RobotFile:
             return self
         every = find_movable_joints(self.file, bolted=True)
         logged = [find_logged_joints(source.file, every, source.columns) for source in sources]
-        moving = tuple(joint for joint in every if all(joint in own for own in logged))
+        moving = tuple(joint for joint in every if all(joint in joints for joints in logged))
         return replace(self, joints=moving) if moving and moving != every else self
 
     def read(self, source: Source) -> ArmRecording:

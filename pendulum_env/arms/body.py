@@ -161,16 +161,16 @@ class Body(Mechanism):
     def base(self) -> tuple[BaseParameter, ...]:
         """Return the base parameters with their combinations."""
         found = []
-        for own, row in zip(self._independent, self.combine, strict=True):
-            others = [k for k in np.flatnonzero(np.abs(row) > INDEPENDENT) if k != own]
-            parts = [(self.standard[own], 1.0), *((self.standard[k], float(row[k])) for k in others)]
-            found.append(BaseParameter(self.standard[own], self.get_unit(self.standard[own]), tuple(parts)))
+        for place, row in zip(self._independent, self.combine, strict=True):
+            others = [k for k in np.flatnonzero(np.abs(row) > INDEPENDENT) if k != place]
+            parts = [(self.standard[place], 1.0), *((self.standard[k], float(row[k])) for k in others)]
+            found.append(BaseParameter(self.standard[place], self.get_unit(self.standard[place]), tuple(parts)))
         return tuple(found)
 
     @property
     def combined(self) -> dict[str, str]:
         """Return the base parameters that combine several standard parameters."""
-        return {own.name: own.text for own in self.base if len(own.parts) > 1}
+        return {parameter.name: parameter.text for parameter in self.base if len(parameter.parts) > 1}
 
     @property
     def _independent(self) -> Index:

@@ -89,7 +89,7 @@ def read_held_position(label: str, look: Preview, text: str) -> Array:
 
 def note_joint(joint: str, note: Note) -> Note:
     """Return a note on columns of one joint, by their names in the file."""
-    quantities = (f"{own}_{joint}" if own in OF_JOINTS else own for own in note.quantities)
+    quantities = (f"{quantity}_{joint}" if quantity in OF_JOINTS else quantity for quantity in note.quantities)
     named = {q: text for q, text in note.columns.items() if text != NONE}
     columns = {f"{q}_{joint}" if q in OF_JOINTS else q: text for q, text in named.items()}
     text = name_joint(joint, note.text) if note.kind is NoteKind.IMPLAUSIBLE else note.text

@@ -56,8 +56,10 @@ def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Te
     units = JointUnits(slides=slides)
 
     def name_columns(columns: Sequence[Column]) -> tuple[Column, ...]:
-        own = (column for column in columns if column.name not in OF_THE_ARM)
-        return tuple(replace(column, name=f"{column.name}@{joint}", unit=units.unit(column.unit)) for column in own)
+        of_joint = (column for column in columns if column.name not in OF_THE_ARM)
+        return tuple(
+            replace(column, name=f"{column.name}@{joint}", unit=units.unit(column.unit)) for column in of_joint
+        )
 
     made = derive_kind(
         effect, place_effect, joint, slides,

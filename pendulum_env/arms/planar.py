@@ -89,11 +89,11 @@ class JointBalances:
     def start(self, position: Array, velocity: Array) -> None:
         """Begin with joints at positions (n,) with velocities (n,)."""
         self._lines = [CommandLine(balance.terms, self._h, 1) for balance in self._balances]
-        self._now = [begin(*own) for own in zip(self._balances, position, velocity, strict=True)]
+        self._now = [begin(*state) for state in zip(self._balances, position, velocity, strict=True)]
 
     def delay_torque(self, torque: Array) -> Array:
         """Return the torques (n,) that act in the next step after delays of the terms."""
-        return np.array([now for line, own in zip(self._lines, torque, strict=True) for now in line.push(own)])
+        return np.array([now for line, part in zip(self._lines, torque, strict=True) for now in line.push(part)])
 
     def torques(self, position: Array, velocity: Array, torque: Array) -> tuple[Array, Array]:
         """Return the torque left for acceleration and dry friction, and the size of the latter (n,) [N m]."""
@@ -109,8 +109,8 @@ class JointBalances:
         """Advance by a step, the joints moving at mean velocities (n,) meanwhile."""
         each = zip(self._balances, self._samples(position, velocity, torque), mean, strict=True)
         self._now = [
-            Samples(x.time + self._h, x.position, x.velocity, x.torque, balance.advance(x, own, self._h))
-            for balance, x, own in each
+            Samples(x.time + self._h, x.position, x.velocity, x.torque, balance.advance(x, memory, self._h))
+            for balance, x, memory in each
         ]
 
     def _samples(self, position: Array, velocity: Array, torque: Array) -> list[Samples]:
@@ -199,8 +199,8 @@ class PlanarBodies:
         for motor, most in zip(self._motors, dry.tolist(), strict=True):
             if motor.max_force != most:
                 motor.max_force = most
-        for body, own in zip(self._bodies, (net - np.append(net[1:], 0.0)).tolist(), strict=True):
-            body.torque = own
+        for body, part in zip(self._bodies, (net - np.append(net[1:], 0.0)).tolist(), strict=True):
+            body.torque = part
         self._space.step(h)
         return dry
 

@@ -66,7 +66,9 @@ def read_arm_recording(
     _refuse_other_instants(joints, single)
     first = single[0]
     measured = [recording.temperature for recording in single]
-    warm = np.column_stack([np.full(len(first), ROOM) if own is None else own for own in measured])
+    warm = np.column_stack(
+        [np.full(len(first), ROOM) if temperature is None else temperature for temperature in measured]
+    )
     notes = [
         note_joint(joint, note) for joint, recording in zip(joints, single, strict=True) for note in recording.notes
     ]
@@ -77,7 +79,7 @@ def read_arm_recording(
         np.column_stack([recording.torque for recording in single]),
         name=name or first.name,
         notes=tuple(note for k, note in enumerate(notes) if note not in notes[:k]),
-        temperature=None if all(own is None for own in measured) else warm,
+        temperature=None if all(temperature is None for temperature in measured) else warm,
         starts=first.starts,
         start_date=first.start_date,
         log_format=describe_reading(columns or {}, unwrap),
@@ -146,20 +148,20 @@ def _refuse_twice(label: str, joints: Sequence[str], single: Sequence[Recording]
 
 def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str, str], unwrap: bool) -> Recording:
     """Read the columns of one joint, by the columns of quantities of all joints."""
-    own = {quantity: named.get(f"{quantity}_{joint}", NONE) for quantity in OF_JOINTS}
-    own |= {"time": named["time"]} if "time" in named else {}
+    columns_of_joint = {quantity: named.get(f"{quantity}_{joint}", NONE) for quantity in OF_JOINTS}
+    columns_of_joint |= {"time": named["time"]} if "time" in named else {}
     label = get_label(source)
     unused = {"velocity": NONE, "reference": NONE}
     try:
-        if own["torque"] == NONE:
+        if columns_of_joint["torque"] == NONE:
             raise ColumnError("an arm needs the torque of every joint: name its column")
-        parse_column("torque", own["torque"], look.headers, can_find_gain=False)
-        read = read_recording(source, unwrap=unwrap, columns=own | unused)
+        parse_column("torque", columns_of_joint["torque"], look.headers, can_find_gain=False)
+        read = read_recording(source, unwrap=unwrap, columns=columns_of_joint | unused)
     except RecordingError as error:
         text = name_joint(joint, str(error).removeprefix(f"{label}: "))
         raise RecordingError(f"{label}: joint '{joint}': {text}") from None
     if read.torque_unit != NEWTON_METRE:
-        columns = {f"torque_{joint}": own["torque"].replace("*?", "*0.4")}
+        columns = {f"torque_{joint}": columns_of_joint["torque"].replace("*?", "*0.4")}
         raise ColumnError(
             f"{label}: joint '{joint}' has no torque constant: give it, as in {format_setting('columns', columns)}"
         )

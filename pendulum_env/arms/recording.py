@@ -53,10 +53,12 @@ class ArmRecording(Recording):
         """Return each joint alone, with the same meaning of a held torque."""
         series: dict[str, Any] = {name: values for name in OF_JOINTS if (values := getattr(self, name)) is not None}
         of_each: list[dict[str, Any]] = [
-            {name: np.ascontiguousarray(own[:, k]) for name, own in series.items()} for k in range(len(self.names))
+            {name: np.ascontiguousarray(values[:, k]) for name, values in series.items()}
+            for k in range(len(self.names))
         ]
         return tuple(
-            Recording(self.time, name=self.name, starts=self.starts, is_checked=True, **own) for own in of_each
+            Recording(self.time, name=self.name, starts=self.starts, is_checked=True, **quantities)
+            for quantities in of_each
         )
 
     @property
@@ -67,13 +69,13 @@ class ArmRecording(Recording):
     @property
     def columns(self) -> dict[str, Array]:
         """Return time, and `position_<joint>` and so on where recorded, (N,) each."""
-        own = {
+        columns = {
             f"{what}_{at}": getattr(joint, what)
             for what in OF_JOINTS
             if getattr(self, what) is not None
             for at, joint in zip(self.names, self.joints, strict=True)
         }
-        return {"time": self.time, **own}
+        return {"time": self.time, **columns}
 
     @property
     def summary(self) -> str:

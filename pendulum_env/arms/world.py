@@ -39,7 +39,7 @@ def build_specification(body: Body, standard: Array, friction: Mapping[str, tupl
         place = model.jointPlacements[k + 1]
         link = pin.Inertia.FromDynamicParameters(standard[len(STANDARD) * k : len(STANDARD) * (k + 1)])
         tensor = link.inertia
-        own = bodies[model.parents[k + 1]].add_body(
+        body_spec = bodies[model.parents[k + 1]].add_body(
             name=f"{joint}_link",
             pos=place.translation,
             quat=pin.Quaternion(place.rotation).coeffs()[[3, 0, 1, 2]],
@@ -48,9 +48,9 @@ def build_specification(body: Body, standard: Array, friction: Mapping[str, tupl
             fullinertia=[*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]],
             explicitinertial=True,
         )
-        bodies.append(own)
+        bodies.append(body_spec)
         viscous, dry = friction.get(joint, (0.0, 0.0))
-        own.add_joint(
+        body_spec.add_joint(
             name=joint,
             type=mujoco.mjtJoint.mjJNT_SLIDE if joint in body.sliding else mujoco.mjtJoint.mjJNT_HINGE,
             axis=np.ravel(model.joints[k + 1].createData().S).reshape(2, 3).sum(axis=0),  # one of them is zero

@@ -149,7 +149,7 @@ def _write_half(terms: tuple[Term, ...], longest: float, is_first: bool) -> Symb
 
 
 def _flatten_samples(x: Samples) -> Any:
-    return _make_array([value for own in x.memory.values() for value in own])
+    return _make_array([value for memory in x.memory.values() for value in memory])
 
 
 def _make_array(values: Any) -> Any:

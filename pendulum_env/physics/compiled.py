@@ -104,15 +104,15 @@ class Recurrence:
         rows = np.arange(len(states)) if kept is None else np.array(kept)
         given = inputs if inputs.shape[2] > cycle else self.wrap_inputs(inputs)
         padded = -(-lanes // self.width) * self.width
-        own, now = np.empty((len(constants) + self.derived, padded)), np.empty((len(states), padded))
-        for values, place in ((constants, own), (states, now)):
+        parameters, now = np.empty((len(constants) + self.derived, padded)), np.empty((len(states), padded))
+        for values, place in ((constants, parameters), (states, now)):
             place[: len(values), :lanes] = values.reshape(len(values), lanes)
             place[: len(values), lanes:] = place[: len(values), lanes - 1 : lanes]
         steps = len(inputs) * held
         path = np.empty((steps // every + 1, len(rows), padded))
         path[0] = now[rows]
         counts = steps, every, held, padded, cycle, given.shape[2], len(rows)
-        self.program(*counts, *(values.ctypes.data for values in (given, own, now, path, rows)))
+        self.program(*counts, *(values.ctypes.data for values in (given, parameters, now, path, rows)))
         return path[..., :lanes].reshape(len(path), len(rows), *shape[1:])
 
     def wrap_inputs(self, inputs: Array) -> Array:
@@ -272,7 +272,7 @@ def _write_program(
     """
     module, kind = ir.Module(), DOUBLE if width == 1 else ir.VectorType(DOUBLE, width)
     program = ir.Function(module, ir.FunctionType(ir.VoidType(), 7 * [WHOLE] + 5 * [POINTER]), "run")
-    steps, every, held, lanes, cycle, row, count, given, own, now, path, kept = program.args
+    steps, every, held, lanes, cycle, row, count, given, parameters, now, path, kept = program.args
     builder = ir.IRBuilder(program.append_basic_block())
     write = _Instructions(module, builder, kind)
     (inputs, constants, states), size = names, builder.mul(lanes, WHOLE(8))
@@ -287,14 +287,14 @@ def _write_program(
 
     if steady:
         with _build_loop(builder, lanes, width) as lane:
-            values = write.emit(lines, load(own, lane, constants, lanes), steady)
+            values = write.emit(lines, load(parameters, lane, constants, lanes), steady)
             for k, line in enumerate(steady, len(constants)):
-                builder.store(write.number(values[line]), place(own, lane, WHOLE(k), lanes), align=8)
+                builder.store(write.number(values[line]), place(parameters, lane, WHOLE(k), lanes), align=8)
     with _build_loop(builder, steps) as step:
         first = builder.mul(builder.mul(builder.sdiv(step, held), WHOLE(len(inputs))), row)
         with _build_loop(builder, lanes, width) as lane:
             known = load(given, builder.add(first, builder.srem(lane, cycle)), inputs, row)
-            known |= load(own, lane, shared, lanes) | load(now, lane, states, lanes)
+            known |= load(parameters, lane, shared, lanes) | load(now, lane, states, lanes)
             values = write.emit(lines, known, [line for line, _ in results if line is not None])
             for k, (result, number) in enumerate(results):
                 value = kind(number) if result is None else write.number(values[result])

@@ -116,18 +116,18 @@ def _check_torque(term: Term) -> None:
         x = replace(x, memory=term.name_memory(term.start(x)))
     torques = _call_user_function(f"columns of {name}", lambda: [_split_torque(column, x) for column in columns])
     if term.nonlinear_parameters:  # which may switch its torque off, as a stop at infinity
-        has_torque = any(law is not zero for own in columns for law in (own.mass, own.force, own.dry))
+        has_torque = any(law is not zero for column in columns for law in (column.mass, column.force, column.dry))
     else:
         has_torque = any(map(np.any, torques))
     if not has_torque and type(term).delay is Term.delay and type(term).lead is Term.lead:
         raise UserError(f"{name} has no torque: give it columns with a mass, force or dry that is not zero")
-    for column, own in zip(columns, torques, strict=True):
+    for column, parts in zip(columns, torques, strict=True):
         power = _call_user_function(f"columns of {name}", partial(column.power, x))
         if term.kind == "dissipative" and np.max(power) <= 0 > np.min(power):
             raise UserError(f"column '{column.name}' of {name} gains energy in every motion: change its sign")
         for base in (base for known in BASE for base in known.columns if not term.has_memory):
             other = _split_torque(base, x)
-            if np.any(own) and np.allclose(own, np.vdot(own, other) / np.vdot(other, other) * other):
+            if np.any(parts) and np.allclose(parts, np.vdot(parts, other) / np.vdot(other, other) * other):
                 raise UserError(f"column '{column.name}' of {name} has the law of '{base.name}': leave it out")
 
 

@@ -57,8 +57,8 @@ class Estimate:
         return replace(self, value=factor * self.value, std=factor * self.std, unit=unit)
 
     def __str__(self) -> str:
-        own = self.shown
-        return own.text if own.is_unknown or own.unit == "1" else f"{own.text} {own.unit}"
+        shown = self.shown
+        return shown.text if shown.is_unknown or shown.unit == "1" else f"{shown.text} {shown.unit}"
 
     def __repr__(self) -> str:
         return f"<{self}>"
@@ -87,10 +87,10 @@ def derive_estimates(
     found = {}
     for term in terms:
         place = [names.index(name) for name in term.parameter_names]
-        own = values[place]
-        perturbations = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
-        moved = [_derive_quantities(term, own + perturbation) for perturbation in perturbations]
-        for name, (value, unit) in _derive_quantities(term, own).items():
+        theta = values[place]
+        perturbations = np.diag(1e-6 * np.maximum(np.abs(theta), 1e-9))
+        moved = [_derive_quantities(term, theta + perturbation) for perturbation in perturbations]
+        for name, (value, unit) in _derive_quantities(term, theta).items():
             slope = np.array([other[name][0] - value for other in moved]) / perturbations.diagonal()
             std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
             is_biased = any(estimates[names[k]].is_biased for k in place)

@@ -89,8 +89,8 @@ def limit_kind(kind: type[Term], limits: Limits) -> type[Term]:
     limits already, new ones of the same parameters take their place.
     """
     kind, held = getattr(kind, "bare", (kind, ()))
-    own = {column.name for column in kind().columns} | {f"{kind.id}.{p.name}" for p in kind.nonlinear_parameters}
-    merged = {name: (low, high) for name, low, high in held} | {name: limits[name] for name in limits if name in own}
+    names = {column.name for column in kind().columns} | {f"{kind.id}.{p.name}" for p in kind.nonlinear_parameters}
+    merged = {name: (low, high) for name, low, high in held} | {name: limits[name] for name in limits if name in names}
     chosen = tuple(sorted((name, low, high) for name, (low, high) in merged.items()))
     return _make_limited_kind(kind, chosen) if chosen else kind  # type: ignore[arg-type]  # classes can be hashed
 
@@ -98,7 +98,7 @@ def limit_kind(kind: type[Term], limits: Limits) -> type[Term]:
 def collect_limits(terms: Iterable[Term]) -> dict[str, tuple[float, float]]:
     """Collect the limits that a user set to parameters of terms, by name; a known value is both."""
     held = (getattr(type(term), "bare", (type(term), ()))[1] for term in terms)
-    return {name: (low, high) for own in held for name, low, high in own}
+    return {name: (low, high) for entries in held for name, low, high in entries}
 
 
 def write_limits(limits: Limits) -> dict[str, list[float | None]]:

@@ -200,17 +200,20 @@ class Model(Mapping[str, Estimate], Shown):
 
     def convert_units(self, units: JointUnits) -> Self:
         """Return the model with the units of another joint or torque unit, such as `A`."""
-        own = {
+        unit_of_nonlinear = {
             term.get_full_name(parameter.name): parameter.get_unit(units)
             for term in self.terms
             for parameter in term.nonlinear_parameters
         }
-        named = {name: replace(e, unit=own.get(name) or units.unit(e.unit)) for name, e in self.estimates.items()}
+        named = {
+            name: replace(e, unit=unit_of_nonlinear.get(name) or units.unit(e.unit))
+            for name, e in self.estimates.items()
+        }
         return replace(self, estimates=named, torque_unit=units.torque_unit, slides=units.slides)
 
     def get_parameters(self, id: str) -> dict[str, Estimate]:
         """Return the parameters of one of the terms, by name."""
-        (term,) = (own for own in self.terms if own.id == id)
+        (term,) = (term for term in self.terms if term.id == id)
         return {name: self.estimates[name] for name in term.parameter_names}
 
     def mark_biased(self, names: Container[str] | None = None) -> Self:
@@ -238,10 +241,10 @@ class Model(Mapping[str, Estimate], Shown):
     @property
     def has_known_inertia(self) -> bool:
         """Return whether the inertia is positive and not marked as unknown; True for an arm."""
-        own = self.estimates.get("inertia")
-        if own is None:
+        inertia = self.estimates.get("inertia")
+        if inertia is None:
             return any(term.kind == "inertial" for term in self.terms)  # the links of an arm
-        return not own.is_unknown and own.value > 0
+        return not inertia.is_unknown and inertia.value > 0
 
     def refuse_unknown_inertia(self) -> None:
         """Refuse to simulate a model whose inertia is missing or unknown."""

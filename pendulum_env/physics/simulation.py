@@ -286,9 +286,9 @@ def simulate(
     kept = range(1, 3) if observe is None else range(len(states))
     if made.step is not None:
         constants = [*balance.theta, *made.nonlinear, *(load[:2] if balance.loaded else ()), h]
-        own = np.array([np.broadcast_to(value, batch) for value in constants])
+        parameters = np.array([np.broadcast_to(value, batch) for value in constants])
         shape = -1, repeats, *columns
-        path = made.step(inputs, own.reshape(shape), states.reshape(shape), count, held, kept)
+        path = made.step(inputs, parameters.reshape(shape), states.reshape(shape), count, held, kept)
         path = path.reshape(len(path), len(kept), *batch)
     else:
 
@@ -398,6 +398,7 @@ def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[TorqueBa
         load: Any = KnownLoad(*(make_symbol(f"load_{part}") for part in KnownLoad._fields))  # type: ignore[arg-type]
         x = replace(x, load=load)
     memory = {
-        id: tuple(make_symbol(f"memory.{id}.{k}") for k in range(len(own))) for id, own in balance.start(x).items()
+        id: tuple(make_symbol(f"memory.{id}.{k}") for k in range(len(memory)))
+        for id, memory in balance.start(x).items()
     }
-    return balance, replace(x, memory=memory), {text: value for _, own in each for text, value in own.items()}
+    return balance, replace(x, memory=memory), {text: value for _, symbols in each for text, value in symbols.items()}

@@ -138,7 +138,7 @@ class Table(Term):
     def curve(self, theta: Array, covariance: Array | None = None) -> TableCurve:
         """Evaluate the function of linear parameters (P,), with standard errors from their covariance (P, P)."""
         x = np.linspace(self.extent.low, self.extent.high, 241)
-        phi = np.column_stack([np.broadcast_to(own, x.shape) for own in self.basis(x)])
+        phi = np.column_stack([np.broadcast_to(column, x.shape) for column in self.basis(x)])
         variance = np.zeros(len(x)) if covariance is None else np.einsum("np,pq,nq->n", phi, covariance, phi)
         return TableCurve(x, phi @ theta, np.sqrt(np.maximum(variance, 0.0)))
 
@@ -207,7 +207,7 @@ def _make_columns(kind: type[Table]) -> tuple[Column, ...]:
         return _sum(kind, kind.argument(x), weights)
 
     name = kind.id.partition("@")[0]
-    return tuple(kind.column(f"{name}.{k}", partial(at, own)) for k, own in enumerate(_compute_weights(kind)))  # type: ignore[arg-type]
+    return tuple(kind.column(f"{name}.{k}", partial(at, weight)) for k, weight in enumerate(_compute_weights(kind)))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

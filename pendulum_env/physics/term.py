@@ -47,7 +47,7 @@ class KnownLoad(NamedTuple):
 
     def select(self, index: Any) -> KnownLoad:
         """Select samples of the parts that change from sample to sample."""
-        return KnownLoad(*(own if np.ndim(own) == 0 else np.asarray(own)[index] for own in self))
+        return KnownLoad(*(quantity if np.ndim(quantity) == 0 else np.asarray(quantity)[index] for quantity in self))
 
 
 T = TypeVar("T", bound="Term")
@@ -407,14 +407,14 @@ def trace_variants(
     lead = longest if np.isinf(stacked.forgets) else int(np.ceil(stacked.forgets / min(periods)))
     length = max(lead, int(np.ceil(longest / 64))) if lead < longest else longest
     begins = [np.arange(0, count, length) for count in counts]
-    blocks = [len(own) for own in begins]
+    blocks = [len(begin) for begin in begins]
     steps = length if max(blocks) == 1 else length + lead
     offsets = np.arange(-(steps - length), length)[:, None]
     # (steps, blocks) each: index into all recordings in a row
     at = np.concatenate(
         [
-            np.clip(own + offsets, 0, count - 1) + first
-            for own, count, first in zip(begins, counts, np.cumsum([0, *counts[:-1]]), strict=True)
+            np.clip(begin + offsets, 0, count - 1) + first
+            for begin, count, first in zip(begins, counts, np.cumsum([0, *counts[:-1]]), strict=True)
         ],
         axis=1,
     )
@@ -437,7 +437,7 @@ def trace_variants(
         history = repeat(lambda given, rows: _step_memory(stacked, given, rows, period), inputs, states)
     kept = np.moveaxis(history[steps - length :], 0, -1)  # (states, V, blocks, length)
     results = []
-    for own, count in zip(np.split(kept, np.cumsum(blocks)[:-1], axis=2), counts, strict=True):
-        series = own.reshape(len(memory), len(variants), -1)[:, :, :count]
+    for block, count in zip(np.split(kept, np.cumsum(blocks)[:-1], axis=2), counts, strict=True):
+        series = block.reshape(len(memory), len(variants), -1)[:, :, :count]
         results.append([tuple(series[:, v]) for v in range(len(variants))])
     return results

@@ -75,8 +75,8 @@ def set_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike])
     changed = []
     for term in terms:
         names = {parameter.name: term.get_full_name(parameter.name) for parameter in term.nonlinear_parameters}
-        own = {short: np.asarray(values[name]) for short, name in names.items() if name in values}
-        one = {short: float(value.flat[0]) if np.ptp(value) == 0 else value for short, value in own.items()}
+        arrays = {short: np.asarray(values[name]) for short, name in names.items() if name in values}
+        one = {short: float(value.flat[0]) if np.ptp(value) == 0 else value for short, value in arrays.items()}
         changed.append(replace(term, **one) if one else term)
     return tuple(changed)
 

@@ -74,8 +74,10 @@ class Transmission(Term):
         def dry(x: Samples) -> ArrayLike:  # of the link, which is none of the motor
             return -self.link_friction
 
-        own = dry if may_be_true(self.link_friction) else zero
-        return (Column(self.id, "kg m^2", mass=lambda x: -np.ones_like(x.velocity), force=force, dry=own, least=0.0),)
+        link_dry = dry if may_be_true(self.link_friction) else zero
+        return (
+            Column(self.id, "kg m^2", mass=lambda x: -np.ones_like(x.velocity), force=force, dry=link_dry, least=0.0),
+        )
 
     def _pull(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
         """Return the acceleration of the link by the transmission [rad/s^2]."""

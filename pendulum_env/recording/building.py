@@ -55,7 +55,7 @@ def build_recording(
         return np.unwrap(log.values["position"]) if unwrap else log.values["position"]
 
     is_output = unit == OUTPUTS.get(actuator.output)
-    noted = [own for own in columns.values() if not (is_output and own.quantity == "torque")]
+    noted = [column for column in columns.values() if not (is_output and column.quantity == "torque")]
     log = cleaning.Log(values, [*(note for column in noted for note in column.notes), *notes])
     cleaning.fill_unchanged(log)
     cleaning.align_topics(log, checks.BOUNDS.fewest)

@@ -163,9 +163,9 @@ def drop_invalid_rows(log: Log, fewest: int) -> None:
         kept[quantity] = column
         good &= sound
         spoilt.setdefault((came, sound.tobytes()), []).append(quantity)
-    for (came, where), own in spoilt.items():
+    for (came, where), quantities in spoilt.items():
         rows = log.rows[~np.frombuffer(where, dtype=np.bool_)]
-        log.notes.append(note_rows(NoteKind.SPOILT, rows, *own, text=came))
+        log.notes.append(note_rows(NoteKind.SPOILT, rows, *quantities, text=came))
     if np.count_nonzero(good) < min(fewest, count):
         raise RecordingError(
             f"fewer than {fewest} rows have all of time, position and torque: write them in the same rows"

@@ -105,23 +105,23 @@ class FileColumn:
     @property
     def notes(self) -> tuple[Note, ...]:
         """Return the notes on how this column was read."""
-        notes, own, header = [], (self.quantity,), (self.header,)
+        notes, quantities, header = [], (self.quantity,), (self.header,)
         if self.expression.factors or self.expression.offset or self.expression.negative:
-            notes.append(Note(NoteKind.TRANSFORMED, own, text=str(self.expression)))
+            notes.append(Note(NoteKind.TRANSFORMED, quantities, text=str(self.expression)))
         elif self.scale != 1.0:
             si = SI[self.quantity]
             unit = JointUnits(slides=self.unit in LINEAR.get(self.quantity, {})).unit(si)
-            notes.append(Note(NoteKind.CONVERTED, own, headers=header, text=unit))
+            notes.append(Note(NoteKind.CONVERTED, quantities, headers=header, text=unit))
         if self.result_unit != SI[self.quantity]:
-            notes.append(Note(NoteKind.GAIN_UNKNOWN, own, text=self.result_unit))
+            notes.append(Note(NoteKind.GAIN_UNKNOWN, quantities, text=self.result_unit))
         if self.rank is Rank.COMMANDED and normalise_name(self.header) != "u":  # which never means anything else
-            notes.append(Note(NoteKind.COMMANDED_TORQUE, own, headers=header))
+            notes.append(Note(NoteKind.COMMANDED_TORQUE, quantities, headers=header))
         if self.quantity == "torque" and (find_name(normalise_name(self.header)) or ("",))[0] == "load_torque":
-            notes.append(Note(NoteKind.LOAD_TORQUE_ALONE, own, headers=header))
+            notes.append(Note(NoteKind.LOAD_TORQUE_ALONE, quantities, headers=header))
         if self.quantity == "load_torque":
-            notes.append(Note(NoteKind.LOAD_TORQUE, own, headers=header))
+            notes.append(Note(NoteKind.LOAD_TORQUE, quantities, headers=header))
         if self.passed_over:
-            notes.append(Note(NoteKind.PASSED_OVER, own, headers=(self.header, *self.passed_over)))
+            notes.append(Note(NoteKind.PASSED_OVER, quantities, headers=(self.header, *self.passed_over)))
         return tuple(notes)
 
 
@@ -225,19 +225,23 @@ def _refuse_missing(
 def _suggest_columns(quantity: str, headers: Sequence[str], free: Sequence[str]) -> list[str]:
     """Suggest the first column of an unknown name with a unit of the quantity, or that holds it up to a gain."""
 
-    def write(own: str, text: str) -> str:
-        return f"{quote_value(own.strip(), QUOTED)} {text}"
+    def write(header: str, text: str) -> str:
+        return f"{quote_value(header.strip(), QUOTED)} {text}"
 
     counters = [header.strip() for header in headers if quantity == "time" and normalise_name(header) in COUNTERS]
     with_unit = [header for header in free if find_trailing_unit(UNITS[quantity], header)]
     raw = [header for header in headers if _is_raw(quantity, header)]
     raw.sort(key=_find_header_raw_unit if quantity == "torque" else None)  # currents first
     hints = [
-        write(own, f"may count samples: {format_setting('columns', {'time': f'{own}/RATE'})} with their rate [Hz]")
-        for own in counters
+        write(
+            header, f"may count samples: {format_setting('columns', {'time': f'{header}/RATE'})} with their rate [Hz]"
+        )
+        for header in counters
     ]
-    hints += [write(own, f"has its unit: {format_setting('columns', {quantity: own.strip()})}") for own in with_unit]
-    hints += [write(own, f"needs a gain, as in {_write_gain_example(quantity, own.strip())}") for own in raw]
+    hints += [
+        write(header, f"has its unit: {format_setting('columns', {quantity: header.strip()})}") for header in with_unit
+    ]
+    hints += [write(header, f"needs a gain, as in {_write_gain_example(quantity, header.strip())}") for header in raw]
     return hints[:1]
 
 
@@ -249,7 +253,7 @@ def can_be_torque(header: str, place: int) -> bool:
     bare, words = header.strip(), set(WORD.findall(header))
     if not bare or bare.lower() in INDICES:
         return not bare and place > 0  # pandas writes row numbers first
-    known = {match[0] for own in _list_spellings(header) if (match := find_name(normalise_name(own)))}
+    known = {match[0] for spelling in _list_spellings(header) if (match := find_name(normalise_name(spelling)))}
     if known:
         return not known.isdisjoint(("torque", *MOTOR))
     unit = re.search(r"[\[(]([^\])]+)[\])]$", bare)
@@ -332,7 +336,7 @@ def _find_candidates(quantity: str, headers: Sequence[str], taken: set[int]) -> 
     """Find columns that could be a quantity: by their whole names, else by the last or last but one part of a path."""
     spelt = [_list_spellings(header) for header in headers]
     for part in range(len(spelt[0]) if spelt else 0):
-        matches = [(k, find_name(normalise_name(own[part]))) for k, own in enumerate(spelt) if k not in taken]
+        matches = [(k, find_name(normalise_name(spelling[part]))) for k, spelling in enumerate(spelt) if k not in taken]
         fitting = [FileColumn(quantity, headers[k].strip(), k, *m[1:]) for k, m in matches if m and m[0] == quantity]
         if fitting:
             return fitting
@@ -366,8 +370,8 @@ def _write_gain_example(quantity: str, header: str, can_find: bool = True) -> st
     if quantity != "torque":
         unit = "counts/s" if quantity == "velocity" else "counts"
         return f"{format_setting('columns', {quantity: f'{header}:{unit}/4096'})} with the counts of a turn"
-    unit, own = _find_header_raw_unit(header), find_trailing_unit(RAW["torque"], header)
-    told = f"{header}:{ {'ma': 'mA', 'mv': 'mV'}.get(own or '', unit) }"
+    unit, trailing_unit = _find_header_raw_unit(header), find_trailing_unit(RAW["torque"], header)
+    told = f"{header}:{ {'ma': 'mA', 'mv': 'mV'}.get(trailing_unit or '', unit) }"
     known = f"{format_setting('columns', {quantity: f'{told}*0.1'})} with {TORQUE_GAINS[unit]}"
     if not can_find:
         return known

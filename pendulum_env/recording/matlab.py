@@ -74,7 +74,7 @@ def _read_matlab_value(item: Any) -> Any:
     import h5py
 
     if isinstance(item, h5py.Group):
-        fields = {name: own for name, own in _find_members(item) if name[0] != "#" and name not in DESCRIPTIONS}
+        fields = {name: member for name, member in _find_members(item) if name[0] != "#" and name not in DESCRIPTIONS}
         arrays = {
             name: member
             for name, member in fields.items()

@@ -123,7 +123,7 @@ class Recording(Shown):
 
     def _check_unit(self) -> None:
         """Refuse degrees or turns; a note says where a spring over radians may be meant."""
-        part = max(map(slice, self.starts, (*self.starts[1:], len(self))), key=lambda own: own.stop - own.start)
+        part = max(map(slice, self.starts, (*self.starts[1:], len(self))), key=lambda run: run.stop - run.start)
         found = suspect_unit(self.position[part], self.torque[part], self.rate)
         if found is None:
             return

@@ -165,13 +165,13 @@ def collect_log_format(recordings: Sequence[Recording]) -> JSON:
     alike = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
     drives = [recording.actuator for recording in recordings if recording.actuator.is_controller]
     words = {name: {getattr(drive, name) for drive in drives} for name in UNKNOWN}
-    decided = {name: own.pop() for name, own in words.items() if len(own) == 1 and None not in own}
+    decided = {name: values.pop() for name, values in words.items() if len(values) == 1 and None not in values}
     return {key: formats[0][key] for key in alike if key in formats[0]} | decided
 
 
 def parse_log_format(log_format: Mapping[str, Any]) -> Source:
     """Parse the log format of a model as a source without a file; raises ValueError if it is invalid."""
-    said = {key: own for key, own in log_format.items() if key not in UNKNOWN}  # which belong to a drive
+    said = {key: value for key, value in log_format.items() if key not in UNKNOWN}  # which belong to a drive
     return _build_source(Path(), convert({"file": "log", **said}, _Recording), _Study())
 
 
@@ -279,10 +279,10 @@ def write_study(sources: Sequence[Source], path: str | os.PathLike[str]) -> None
 def _build_source(folder: Path, data: _Recording, study: _Study) -> Source:
     if data.range is not None and data.range[0] >= data.range[1]:
         raise StudyError(f"range is {list(data.range)}: expected [from, to] in seconds from the first sample")
-    own = {**study.drive, **data.drive}
+    settings = {**study.drive, **data.drive}
     return Source(
         folder / data.file, data.role, {**study.columns, **_check_columns(data.columns)}, data.unwrap, data.range,
-        None if data.load is None else data.load.known, ServoDrive.from_settings(own) if own else None,
+        None if data.load is None else data.load.known, ServoDrive.from_settings(settings) if settings else None,
     )  # fmt: skip
 
 

@@ -48,8 +48,8 @@ def convert_series(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
         elements = range(min(len(column[0].as_py() or ()), WIDEST))
         series = [convert_series(pc.list_element(column, k)) for k in elements]
         return np.stack(series, axis=1) if series else np.empty((len(column), 0))
-    own = kind.value_type if types.is_dictionary(kind) else kind
-    if types.is_string(own) or types.is_large_string(own) or types.is_string_view(own):
+    value_type = kind.value_type if types.is_dictionary(kind) else kind
+    if types.is_string(value_type) or types.is_large_string(value_type) or types.is_string_view(value_type):
         return np.array([*column.to_pylist(), None], dtype=object)[:-1]
     is_date, is_number = types.is_timestamp(kind), types.is_primitive(kind) or types.is_decimal(kind)
     if is_number and not types.is_temporal(kind):
@@ -65,10 +65,10 @@ def _copy_values(column: pa.ChunkedArray | pa.Array, dtype: type[np.generic], nu
     """Copy floats or integers of 64 bits (N,) from their buffers: a conversion by Arrow imports pandas."""
     parts = [np.empty(0, dtype)]
     for chunk in column.chunks if isinstance(column, pa.ChunkedArray) else [column]:
-        (is_valid, values), own = chunk.buffers(), slice(chunk.offset, chunk.offset + len(chunk))
-        part = np.frombuffer(values or b"", dtype)[own].copy()
+        (is_valid, values), rows = chunk.buffers(), slice(chunk.offset, chunk.offset + len(chunk))
+        part = np.frombuffer(values or b"", dtype)[rows].copy()
         if is_valid is not None:
-            part[np.unpackbits(np.frombuffer(is_valid, np.uint8), bitorder="little")[own] == 0] = null
+            part[np.unpackbits(np.frombuffer(is_valid, np.uint8), bitorder="little")[rows] == 0] = null
         parts.append(part)
     return np.concatenate(parts)
 

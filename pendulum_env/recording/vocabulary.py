@@ -171,8 +171,8 @@ def _list_stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
         stems: dict[str, Rank] = {}
         for alias in aliases.split():
             stems[alias] = Rank.MEASURED
-            for rank, own in words.items():
-                stems |= {stem: rank for word in own for stem in (alias + word, word + alias)}
+            for rank, stems_of_rank in words.items():
+                stems |= {stem: rank for word in stems_of_rank for stem in (alias + word, word + alias)}
             if quantity in ("position", "velocity", "torque") and len(alias) > 2:
                 stems |= dict.fromkeys((carrier + alias for carrier in CARRIERS), Rank.ESTIMATED)
             if quantity != "time":

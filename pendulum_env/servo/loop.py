@@ -151,7 +151,7 @@ class Servos:
     @cached_property
     def inputs(self) -> Array:
         """Inputs of each step, in the order of `ServoInputs` (N, 9, B); without controllers that look, the first 6."""
-        scale = np.column_stack([drive.scale(own) for drive, own in zip(self.drives, self.supply.T, strict=True)])
+        scale = np.column_stack([drive.scale(supply) for drive, supply in zip(self.drives, self.supply.T, strict=True)])
         warm = np.full_like(self.goal, ROOM) if self.temperature is None else self.temperature
         outside = np.broadcast_to(self.load.torque, self.goal.shape)
         times = [np.ones_like(self.goal)]
@@ -230,7 +230,7 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     program = servos.programs.find(terms, _compile_step, *options)
     theta = theta[:, :, None]
     constants = [*theta, *program.nonlinear, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
-    own = np.array([np.broadcast_to(value, shape) for value in constants])
+    parameters = np.array([np.broadcast_to(value, shape) for value in constants])
     q, v, t = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity, servos.start))
     x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=servos.inputs[0, -1]))
     balance = TorqueBalance(terms, theta, loaded)
@@ -240,7 +240,7 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     shown = next(k for k, row in enumerate(rows) if row is seen)
     states = np.array([np.broadcast_to(row, shape) for row in rows])
     if program.step is not None:
-        return np.asarray(program.step(servos.wrap_inputs(program.step), own, states, every, kept=[shown])[:, 0])
+        return np.asarray(program.step(servos.wrap_inputs(program.step), parameters, states, every, kept=[shown])[:, 0])
 
     def simulate_step(given: Array, now: Array) -> list[Any]:  # a law of a user's is no formula
         held, *late = now[len(stack_rows(x)) :]
@@ -312,7 +312,7 @@ def step_servo(
     """Advance servos and their controllers by one step, in symbols or arrays."""
     torque, state = compute_control(read_encoder(x, balance.terms, at_output), state, given, gains, taps, speed)
     measured = {BackEmf.id: (given.on,), TemperatureDependentFriction.id: (given.temperature, 0.0)}
-    memory: Any = {id: measured.get(id, own) for id, own in x.memory.items()}
+    memory: Any = {id: measured.get(id, memory) for id, memory in x.memory.items()}
     load = x.load._replace(torque=given.load_torque)
     after = step(balance, replace(x, torque=torque, memory=memory, load=load), h)
     return after, state

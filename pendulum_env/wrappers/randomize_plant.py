@@ -65,7 +65,7 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         """Reset the environment with a new plant; the same seed draws the same plants."""
         if seed is not None:
             self.np_random = np.random.default_rng([seed, 1])  # not the numbers that the measurement's noise draws
-        theta = {name: np.squeeze(own) for name, own in self._spread.draw(self.np_random, 1, options).items()}
+        theta = {name: np.squeeze(values) for name, values in self._spread.draw(self.np_random, 1, options).items()}
         return self.env.reset(seed=seed, options={**(options or {}), "theta": theta})
 
 

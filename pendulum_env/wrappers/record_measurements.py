@@ -72,8 +72,8 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         observation, reward, terminated, truncated, info = self.env.step(action)
         last, self._last = self._last, info
         if "fault" not in info:  # else nothing was measured
-            own = (last["position"], info["torque"])
-            values = own if self._joints is None else (*own[0], *own[1])
+            measured = (last["position"], info["torque"])
+            values = measured if self._joints is None else (*measured[0], *measured[1])
             row = (last["time"], *values, *(last[name] for name in TIMING if name in last))
             self._rows.append(",".join(repr(float(value)) for value in row) + "\n")
         if terminated or truncated or not math.isfinite(info["time"]) or info["time"] >= self._written + self.interval:

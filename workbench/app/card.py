@@ -110,8 +110,8 @@ class ColumnCard:
     @property
     def roles(self) -> tuple[str, ...]:
         """List the possible roles of a column; for an arm, positions and torques of its joints."""
-        own = (f"{what}_{joint}" for joint in self.joints for what in ("position", "torque"))
-        return ("time", *own) if self.joints else tuple(ALIASES)
+        roles = (f"{what}_{joint}" for joint in self.joints for what in ("position", "torque"))
+        return ("time", *roles) if self.joints else tuple(ALIASES)
 
     def set_choices(self, choices: Sequence[ColumnChoice], unwrap: bool) -> ColumnCard:
         """Return the card with other choices."""
@@ -135,7 +135,7 @@ class ColumnCard:
         """
         columns: dict[str, str] = {}
         for role in dict.fromkeys(choice.role for choice in self.choices if choice.role):
-            pairs = [own for own in zip(self.preview.headers, self.choices, strict=True) if own[1].role == role]
+            pairs = [pair for pair in zip(self.preview.headers, self.choices, strict=True) if pair[1].role == role]
             if len(pairs) > 1:
                 named = join_words([repr(header) for header, _ in pairs])
                 raise ColumnError(f"{self.source.file}: columns {named} are all to be {role}: choose one")

@@ -95,10 +95,10 @@ def show_timing(state: State) -> list[Component]:
     press = []
     if state.fit.late:
         said = "It is corrected in all that follows." if state.is_aligned else WHY
-        texts = [describe_late(own, said) for own in state.fit.late]
+        texts = [describe_late(law, said) for law in state.fit.late]
         press = [] if state.is_aligned else [make_button("Correct it", "align", primary=True)]
     else:
-        texts = [describe(own) for own in state.fit.slow]
+        texts = [describe(law) for law in state.fit.slow]
     return [make_panel("Torque and motion in time", *map(html.P, texts), *press)]
 
 

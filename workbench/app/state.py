@@ -119,7 +119,8 @@ class State:
     def make_fit_task(self) -> partial[BaseFit]:
         """Make the task to fit the base model, for a worker."""
         train, holdout = (
-            tuple(item.recording for item in self.loaded if item.held_out is own) for own in (False, True)
+            tuple(item.recording for item in self.loaded if item.held_out is is_held_out)
+            for is_held_out in (False, True)
         )
         fit = fit_pendulum if self.body.can_simulate else fit_arm
         return partial(fit, train, holdout, self.base_terms, self.is_aligned, self.asked.limits)

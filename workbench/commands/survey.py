@@ -64,14 +64,18 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             rows = run_survey(found, settings, output, start, arguments.workers, show_progress)
         except KeyboardInterrupt:
             raise Interrupted(f"results are kept in {output}: run again to continue") from None
-    known, failed, machines = counts[0], sum("error" in row for row in rows), len({own.machine for own in found})
+    known, failed, machines = (
+        counts[0],
+        sum("error" in row for row in rows),
+        len({recording.machine for recording in found}),
+    )
     terminal.say(
         f"{len(found)} recording{'s' * (len(found) != 1)} of {machines} machine{'s' * (machines != 1)}: {known} known "
         f"from before, {len(found) - known - failed} diagnosed, {failed} failed"
     )
     series = find_series(rows)
-    for own in series:
-        own.mark_changes()
+    for estimate_series in series:
+        estimate_series.mark_changes()
     write_table(output, rows)
     recordings, changes = tabulate_recordings(rows), tabulate_changes(series)
     terminal.heading("Recordings")

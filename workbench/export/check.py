@@ -48,13 +48,13 @@ def _check_free_runs(
 ) -> CheckResult:
     """Run the exported XML against recordings, over windows that each start from the measured state."""
     segments = RegressionData.from_recordings(recordings).with_link_states(model).segments
-    own = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
+    simulated = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
     theirs = [_simulate(model, exported, segment) for segment in segments]
     measured = [segment.position for segment in segments]
     errors = {
-        "this project's simulation against the recording": _compute_rms(own, measured),
+        "this project's simulation against the recording": _compute_rms(simulated, measured),
         "MuJoCo with the exported model against the recording": _compute_rms(theirs, measured),
-        "one against the other": _compute_rms(theirs, own),
+        "one against the other": _compute_rms(theirs, simulated),
     }
     motion = _compute_rms(measured, [q.mean(0) for q in measured])
     return CheckResult("Free run over windows of one second, RMS", errors, motion)
@@ -72,10 +72,10 @@ def _check_in_loop(model: Model, exported: Exported, request: Request, recording
         raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
     rollouts = Rollouts(tuple(recordings), steps, grain=GRAIN)
 
-    own = rollouts.position_errors([Point(model.terms, model.theta)])
+    simulated = rollouts.position_errors([Point(model.terms, model.theta)])
     theirs = rollouts.compare_paths(_simulate_servos(model, request, rollouts.servos, steps))
     errors = {
-        "this project's simulation": _compute_mean_size(own),
+        "this project's simulation": _compute_mean_size(simulated),
         "MuJoCo with what is exported": _compute_mean_size(theirs),
     }
     motion = _compute_mean_size(rollouts.position - rollouts.position.mean())

@@ -196,7 +196,7 @@ class _Parts:
         on: Any = make_symbol("on")
         given = ServoInputs(make_symbol("goal"), scale, on, due, share=share, lead=lead, old=old)
         torque, after = compute_control(x, state, given, gains, weights, drive.acts_on_speed)
-        memory = {id: (on,) if id == BackEmf.id else own for id, own in x.memory.items()}
+        memory = {id: (on,) if id == BackEmf.id else memory for id, memory in x.memory.items()}
         self.x = replace(x, torque=torque, memory=memory)
         turn = np.where(due > 0, phase + 1.0, phase) - looks
         self.after = {"held": after.held, "integral": after.integral, "speed": after.speed, "phase": turn}

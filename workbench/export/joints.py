@@ -19,9 +19,11 @@ from workbench.narrator.findings import describe_nearest_body
 
 def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
     """Return the terms at one joint as a model, and the effects there that such a model cannot contain."""
-    own = [term for term in model.terms[1:] if term.at == joint]
-    tables = tuple(f"{one.id} ({one.law}): it is left out" for one in own if isinstance(one, Table))
-    terms = [find_term(one.id.partition("@")[0])(**one.nonlinear_values) for one in own if not isinstance(one, Table)]
+    of_joint = [term for term in model.terms[1:] if term.at == joint]
+    tables = tuple(f"{one.id} ({one.law}): it is left out" for one in of_joint if isinstance(one, Table))
+    terms = [
+        find_term(one.id.partition("@")[0])(**one.nonlinear_values) for one in of_joint if not isinstance(one, Table)
+    ]
     names = [column.name for term in terms for column in term.columns]
     theta = np.array([get_value(model, f"{name}@{joint}") for name in names])
     return Model.build(terms, theta), tables
@@ -38,11 +40,13 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
     standard = np.array([links.parameters[name].value for name in body.standard])
     missing = [] if links.exists else [f"the links as identified: {describe_nearest_body(links)}"]
     for joint in body.joints:
-        own, tables = select_joint(model, joint)
-        joints[joint] = Friction.from_model(own, ("spring",) if is_spring_linear(own) else ())
+        friction_model, tables = select_joint(model, joint)
+        joints[joint] = Friction.from_model(friction_model, ("spring",) if is_spring_linear(friction_model) else ())
         missing += [f"{text} (at {joint})" for text in (*joints[joint].missing, *tables)]
     notes = note_missing(missing, request, others="")
-    spec = build_specification(body, standard, {joint: (own.viscous, own.dry) for joint, own in joints.items()})
+    spec = build_specification(
+        body, standard, {joint: (friction.viscous, friction.dry) for joint, friction in joints.items()}
+    )
     spec.option.timestep = request.step
     for joint in spec.joints:
         joint.solref_friction = STEPS * request.step, 1.0

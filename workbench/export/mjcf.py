@@ -173,7 +173,7 @@ def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
     mujoco = import_mujoco()
     links = [term for term in model.terms if isinstance(term, JointFlexibility)]
     # there is a motor and a link, each with an inertia of its own
-    link = next((own for own in links if 0.0 < get_value(model, own.id) < get_value(model, "inertia")), None)
+    link = next((term for term in links if 0.0 < get_value(model, term.id) < get_value(model, "inertia")), None)
     held = {*BODILY, *([] if link is None else [link.id])}
     if get_value(model, "quadratic_drag") < 0:  # MuJoCo's dampers brake
         held.remove("quadratic_drag")

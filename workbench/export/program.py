@@ -155,5 +155,5 @@ class ProgramText:
 
 
 def _enclose(part: tuple[str, int], tight: int) -> str:
-    text, own = part
-    return text if own >= tight else f"({text})"
+    text, precedence = part
+    return text if precedence >= tight else f"({text})"

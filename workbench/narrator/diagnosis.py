@@ -75,7 +75,7 @@ def describe_unexplained(found: Diagnosis, region: Region) -> str:
 
 def describe_suggestion(found: Suggestion, units: JointUnits = TURNING) -> str:
     """Describe a suggested experiment."""
-    aims = ", ".join(describe_aim(own.effect, own.instead) for own in found.settles)
+    aims = ", ".join(describe_aim(aim.effect, aim.instead) for aim in found.settles)
     angle, speed = units.unit("rad"), measure(Quantity(found.peak_speed, unit=units.unit("rad/s")), 2)
     if found.signal is None:
         return (
@@ -283,10 +283,10 @@ def describe_likeness(found: Likeness, slides: bool = False) -> str:
 def write_comparison(found: Comparison) -> JSON:
     """Return the content of the file of `compare --json`: results, and recordings that disagree in words."""
     data = found.json()
-    for own, region in zip(data["regions"], found.regions, strict=True):
-        own["text"] = describe_region(region)
-    for own, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
-        own["text"] = describe(disagreement.finding)
+    for entry, region in zip(data["regions"], found.regions, strict=True):
+        entry["text"] = describe_region(region)
+    for entry, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
+        entry["text"] = describe(disagreement.finding)
     return data
 
 
@@ -294,17 +294,19 @@ def write_comparison(found: Comparison) -> JSON:
 def write_diagnosis(found: Diagnosis) -> JSON:
     """Return the content of the file of `diagnose --json`: results, findings, and these in words."""
     data = found.json()
-    for own, candidate in zip(data["candidates"], found.candidates, strict=True):
-        own["reason"] = describe_reason(candidate)
+    for entry, candidate in zip(data["candidates"], found.candidates, strict=True):
+        entry["reason"] = describe_reason(candidate)
     data["advice"] = list_advice(found)
     data["forbidden"] = None if found.forbidden is None else describe(found.forbidden)
-    for own, alignment in zip(data["alignments"], found.alignments, strict=True):
-        own["text"] = None if alignment.finding is None else describe(alignment.finding)
-    for own, region in zip(data["regions"], found.unexplained, strict=True):
-        own["text"] = describe_region(region)
-    data["unexplained"]["where"] = "; ".join(describe_unexplained(found, own) for own in found.unexplained) or None
-    for own, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
-        own["text"] = describe(disagreement.finding)
+    for entry, alignment in zip(data["alignments"], found.alignments, strict=True):
+        entry["text"] = None if alignment.finding is None else describe(alignment.finding)
+    for entry, region in zip(data["regions"], found.unexplained, strict=True):
+        entry["text"] = describe_region(region)
+    data["unexplained"]["where"] = (
+        "; ".join(describe_unexplained(found, region) for region in found.unexplained) or None
+    )
+    for entry, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
+        entry["text"] = describe(disagreement.finding)
     if found.suggestion is not None:
         data["suggestion"]["text"] = describe_suggestion(found.suggestion, found.model.units())
     if found.refit is not None:

@@ -67,7 +67,9 @@ class _Measured(Quantity):
 
 def _collect_words(found: Finding) -> dict[str, Any]:
     """Collect the names that the texts in `DESCRIBED` may contain."""
-    words: dict[str, Any] = {id: _Measured(own.value, own.std, own.unit) for id, own in found.numbers.items()}
+    words: dict[str, Any] = {
+        id: _Measured(quantity.value, quantity.std, quantity.unit) for id, quantity in found.numbers.items()
+    }
     words |= {kind: join_words(getattr(found, kind)) for kind in ("parameters", "effects", "recordings")}
     words |= {"begin": _begin(found), "without_torque": format_setting("columns", {"torque": "none"})}
     if "torque_constant" in found.numbers:
@@ -76,9 +78,9 @@ def _collect_words(found: Finding) -> dict[str, Any]:
         words["logged"], words["channel"] = logged, LOGGED.get(logged, logged)
         words["unknown"] = f"The {words['name']} is unknown, and every parameter is per {logged}"
     if "number" in found.numbers:
-        own, *others = found.recordings
+        recording, *others = found.recordings
         than = "the others" if len(others) > 1 else f"'{others[0]}'" if others else "the model"
-        words["disagrees"] = f"Recording {found.numbers['number'].value:g} ({own}) disagrees with {than}"
+        words["disagrees"] = f"Recording {found.numbers['number'].value:g} ({recording}) disagrees with {than}"
     return words
 
 
@@ -166,10 +168,10 @@ def _describe_rival(found: Finding) -> str:
 def _describe_differences(found: Finding) -> str:
     parts = []
     for parameter in found.parameters:
-        own, others = found.numbers[parameter], found.numbers[f"others.{parameter}"]
-        share = (own.value - others.value) / max(abs(others.value), 1e-300)
+        value, others = found.numbers[parameter], found.numbers[f"others.{parameter}"]
+        share = (value.value - others.value) / max(abs(others.value), 1e-300)
         if abs(share) > 1:  # of a parameter near zero
-            plain = replace(own, std=0.0), replace(others, std=0.0)
+            plain = replace(value, std=0.0), replace(others, std=0.0)
             parts.append(f"{parameter} {' instead of '.join(measure(one, is_parameter=True) for one in plain)}")
         else:
             percent = float(f"{100 * abs(share):.2g}")
@@ -318,7 +320,7 @@ def _compare_goals(found: Finding, reading: str, other: str, key: str) -> str:
     if "gain" not in found.numbers:  # decided by the effects that were found
         return f"Goals are read as {reading}. Goals {other} predict worse."
     gain = found.numbers["gain"]
-    sizes = [f"{own.value * 1000:.1f} ms" for id, own in found.numbers.items() if id != "gain"]
+    sizes = [f"{quantity.value * 1000:.1f} ms" for id, quantity in found.numbers.items() if id != "gain"]
     late = f" with {name_effect(found.effects[0])} of {sizes[0]}" if sizes else ""
     size = f"{format_estimate(abs(gain.value), gain.std)} nat of log likelihood"
     fit = f"Goals {other}{late} are less likely by {size}."
@@ -365,7 +367,7 @@ def _describe_gate(found: Finding) -> str:
     if name in ("gain", "p_value"):
         gain, p_value = found.numbers["gain"], found.numbers["p_value"]
         std = f" ± {gain.std:.2g}" if gain.std else ""
-        penalty, most = (found.numbers[f"limit.{own}"].value for own in ("gain", "p_value"))
+        penalty, most = (found.numbers[f"limit.{id}"].value for id in ("gain", "p_value"))
         compared = "the selected effects" if found.effects else "the base model"
         limits = f"{format_p_value(p_value.value)} with a penalty of {penalty:.2g} nat, limit {most:.2g}"
         return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"

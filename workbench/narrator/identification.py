@@ -25,7 +25,7 @@ def tabulate_by_scheme(found: Identification) -> TextTable:
     if len(models) > 1:
         errors = np.array([[one.std for one in model.values()] for model in models])
         times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
-        rows.append((TIMES, *(f"{own:.2g}" for own in times.tolist()), ""))
+        rows.append((TIMES, *(f"{seconds:.2g}" for seconds in times.tolist()), ""))
     return TextTable(("parameter", *found.schemes, "unit"), rows, left=("unit",))
 
 
@@ -68,4 +68,4 @@ def list_warnings(found: Identification) -> list[str]:
 def write_identification(found: Identification) -> JSON:
     """Return the content of the file of `identify --json`: results, findings, and these in words as `doubts`."""
     doubts = zip(list_warnings(found), found.findings, strict=True)
-    return found.json() | {"doubts": [{"text": text, "withheld": [*own.withheld]} for text, own in doubts]}
+    return found.json() | {"doubts": [{"text": text, "withheld": [*finding.withheld]} for text, finding in doubts]}

@@ -71,7 +71,7 @@ def show_recording(recording: Recording) -> str:
     plots = [
         make_plot(f"{label} [{format_unit(symbol)}] over {recording.duration:.3g} s", recording.time, curves)
         for label, values, symbol, color in signals
-        for curves in [[PlotCurve(own, color) for own in np.atleast_2d(values.T)]]  # a joint each
+        for curves in [[PlotCurve(series, color) for series in np.atleast_2d(values.T)]]  # a joint each
     ]
     return make_card(f"Recording {recording.name}", recording.summary, tuple(lines), *plots)
 
@@ -99,12 +99,12 @@ def show_model(model: Model) -> str:
 @render_html.register
 def show_estimates(found: SchemeEstimates) -> str:
     """Render the estimates of several schemes; of a batch, those of the first plant."""
-    schemes = {id: own for id, own in found.items() if isinstance(own, SchemeEstimate)}
+    schemes = {id: scheme for id, scheme in found.items() if isinstance(scheme, SchemeEstimate)}
     units = {name: of for scheme in schemes.values() for name, of in scheme.units.items()}
     rows = []
-    for id, own in schemes.items():
-        theta, std = (np.atleast_2d(own[name])[0] for name in ("theta", "std"))
-        known = {name: format_estimate(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
+    for id, scheme in schemes.items():
+        theta, std = (np.atleast_2d(scheme[name])[0] for name in ("theta", "std"))
+        known = {name: format_estimate(*pair) for name, *pair in zip(scheme.units, theta, std, strict=True)}
         rows.append((id, *(known.get(name, "") for name in units)))
     batch = [len(scheme["theta"]) for scheme in schemes.values() if np.ndim(scheme["theta"]) > 1]
     return make_card(

@@ -43,4 +43,4 @@ def list_figures(content: Content) -> Iterator[Figure]:
         elif isinstance(item, Part):
             yield from list_figures(item.content)
         elif isinstance(item, tuple):
-            yield from (own for own in item if isinstance(own, Figure))
+            yield from (part for part in item if isinstance(part, Figure))

@@ -174,7 +174,7 @@ def narrate_addition(found: Addition) -> list[Part]:
 def narrate_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     """Narrate the errors of a model, and where it fails: a profile as a table, unless it is drawn."""
     body, several = found.model.body, len(found.distances)
-    regions = [(own.at, describe_region(own)) for own in found.regions]
+    regions = [(region.at, describe_region(region)) for region in found.regions]
     texts = [f"{at}: {text}" if at else text for at, text in regions]
     where: list[TextTable | str | tuple[str, ...]] = [tuple(texts)]
     axes = [region.axis for region in found.regions if region.axis != "frequency"]

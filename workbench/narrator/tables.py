@@ -58,7 +58,11 @@ def tabulate_parameters(*models: Model, headers: Sequence[str] = ("estimate",)) 
     """Tabulate the parameters of the last model with standard errors, beside those of the models before."""
     named = [{**model.readable, **model.derived} for model in models]
     rows = [
-        (shorten_name(name), *(own[name].shown.text if name in own else "" for own in named), last.shown.unit)
+        (
+            shorten_name(name),
+            *(estimates[name].shown.text if name in estimates else "" for estimates in named),
+            last.shown.unit,
+        )
         for name, last in named[-1].items()
     ]
     return TextTable(("parameter", *headers, "unit"), rows, left=("unit",))

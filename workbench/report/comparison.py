@@ -33,7 +33,7 @@ def make_comparison(case: ReportData) -> Section:
     for k in order:
         name, time = prepared.recordings[k].name, np.asarray(prepared.data.windows[k].at_centers().time)
         left = [part[k] for part in split]
-        position = plot_position(case, f"position-{k}", [own.segments[k] for own in case.parts[1]])
+        position = plot_position(case, f"position-{k}", [part.segments[k] for part in case.parts[1]])
         drawn = plot_torque(case, f"torque-{k}", f"recording {name}", time, torque[k], left, noise)
         runs += [Part(f"Torque, {name}", [drawn]), Part(f"Position in free run, {name}", [position])]
     held_out = "Held-out data. " * (not case.data.is_comparison)
@@ -75,12 +75,14 @@ def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> Figure
     x = join_arrays(list((start + at[:, None] / recording.rate).T))
     measured = join_arrays(list(segments.position[at].T))
     models = zip(each, (step.model for step in case.ends), strict=True)
-    errors = [join_arrays(list(simulate_errors(own, m.terms, m.theta)[at].T)) for own, m in models]
+    errors = [
+        join_arrays(list(simulate_errors(segments_of_model, m.terms, m.theta)[at].T)) for segments_of_model, m in models
+    ]
     simulated = [measured + error for error in errors]
     label = f"Measured position and free-running simulation over time, recording {recording.name}"
     factor, unit = case.angle
     names, measured = ("position", "error", unit), factor * measured
-    above, below = [factor * own for own in simulated], [factor * own for own in errors]
+    above, below = [factor * values for values in simulated], [factor * values for values in errors]
     figure = before_and_after(id, label, x, measured, case.model_labels, above, below, names)
     dots = {"color": "--measured", "size": 5}
     more = {"mode": "markers", "marker": dots, "hoverinfo": "skip", "hovertemplate": None}
@@ -101,8 +103,8 @@ def make_loop(case: ReportData, headline: str) -> Section:
         if len(figures) >= LOOPS:
             continue
         lines = [line(motions[0].time, factor * motions[0].measured, "measured", "--measured", unit)]
-        for (label, color), own in zip(case.model_labels, motions, strict=True):
-            lines.append(line(own.time, factor * own.simulated_position, label, color, unit))
+        for (label, color), motion in zip(case.model_labels, motions, strict=True):
+            lines.append(line(motion.time, factor * motion.simulated_position, label, color, unit))
         if recording.goal is not None:
             dotted = {"color": "--muted", "dash": "dot", "width": 1}
             time = recording.time - recording.time[0]

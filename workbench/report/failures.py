@@ -41,7 +41,9 @@ def make_failures(case: ReportData) -> Section:
         maps = [compute_profiles(x, left[rows], noise, axes, units) for left in residuals]
         regions = [find_regions_at(prepared, left, joint, axes) for left in residuals]
         stands_out = [seen or bool(region) for seen, region in zip(stands_out, regions, strict=True)]
-        reach = 1.08 * max(float(np.abs(own.mean).max()) for m in maps for own in m if own.axis != "frequency")
+        reach = 1.08 * max(
+            float(np.abs(bin_map.mean).max()) for m in maps for bin_map in m if bin_map.axis != "frequency"
+        )
         still = regions[-1] if len(regions) > 1 else []
         name = f"joint-{k}" if joint else "profile"
         figures = [plot_profile(curves, drawn, regions[0], still, reach, name) for drawn in zip(*maps, strict=True)]

@@ -77,7 +77,7 @@ def make_joints(case: ReportData) -> Section:
 
 def _describe_law(model: Model, term: Term) -> str:
     """Describe an added effect by its law and its parameters."""
-    values = ", ".join(f"{name} {own.shown}" for name, own in model.get_parameters(term.id).items())
+    values = ", ".join(f"{name} {estimate.shown}" for name, estimate in model.get_parameters(term.id).items())
     return f"{term.id}: {term.law}; {values}"
 
 

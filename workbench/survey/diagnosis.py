@@ -110,14 +110,14 @@ def make_rows(found: Diagnosis) -> list[JSON]:
     """Make a row for each joint of a diagnosis; a pendulum has one, without a name."""
     first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
     joints, rows = tuple(found.floors), []
-    estimates = [(*_split_joint(name, joints), own) for name, own in found.model.readable.items()]
+    estimates = [(*_split_joint(name, joints), estimate) for name, estimate in found.model.readable.items()]
     groups = [(_split_joint(group[0], joints)[0], group) for group in found.effects]
     small = [
         _split_joint(finding.effects[0], joints) for finding in found.findings if finding.kind is Kind.SMALL_EFFECT
     ]
     for joint in joints:
-        parameters = {name: own for at, name, own in estimates if at == joint}
-        effects = [[_split_joint(own, (joint,))[1] for own in group] for at, group in groups if at == joint]
+        parameters = {name: estimate for at, name, estimate in estimates if at == joint}
+        effects = [[_split_joint(effect, (joint,))[1] for effect in group] for at, group in groups if at == joint]
         rows.append(
             {
                 "joint": joint,
@@ -148,8 +148,8 @@ def make_rows(found: Diagnosis) -> list[JSON]:
 def _split_joint(name: str, joints: tuple[str, ...]) -> tuple[str, str]:
     """Split `stribeck@elbow.velocity` into joint and `stribeck.velocity`; of two joints, the first one counts."""
     _, _, place = name.partition("@")
-    own = [joint for joint in joints if place == joint or place.startswith((f"{joint}.", f"{joint},"))]
-    joint = max(own, key=len, default=joints[0])
+    matching = [joint for joint in joints if place == joint or place.startswith((f"{joint}.", f"{joint},"))]
+    joint = max(matching, key=len, default=joints[0])
     return joint, name.replace(f"@{joint}", "", 1)
 
 

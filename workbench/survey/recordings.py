@@ -54,7 +54,7 @@ def find_recordings(folder: Path, reading: Namespace) -> list[SurveyedRecording]
     found = [_label_source(source, folder) for source in _find_sources(folder, reading)]
     if not found:
         raise InputError(f"{folder}: holds no recording: their names end in {', '.join(ENDINGS)}")
-    return sorted(found, key=lambda own: own.name)
+    return sorted(found, key=lambda recording: recording.name)
 
 
 def _find_sources(folder: Path, reading: Namespace) -> Iterator[Source]:

@@ -45,8 +45,8 @@ def run_survey(
     the cluster is lost.
     """
     (output / RESULTS).mkdir(parents=True, exist_ok=True)
-    hashes = [hash_content(own.source.file) for own in found]
-    keys = [settings.make_key(own.source, content) for own, content in zip(found, hashes, strict=True)]
+    hashes = [hash_content(recording.source.file) for recording in found]
+    keys = [settings.make_key(recording.source, content) for recording, content in zip(found, hashes, strict=True)]
     files = [output / RESULTS / f"{key}.json" for key in keys]
     # by index in `found`: several recordings may have the same name, or be of the same file
     results: dict[int, JSON] = {k: kept for k, file in enumerate(files) if (kept := read_result(file)) is not None}
@@ -58,9 +58,9 @@ def run_survey(
         results[k] = result
         tell(len(results), len(found))
 
-    todo = {k: own.source for k, own in enumerate(found) if k not in results}
+    todo = {k: recording.source for k, recording in enumerate(found) if k not in results}
     _diagnose_all(todo, settings, start, workers, task, keep)
-    return [row for k, own in enumerate(found) for row in label_rows(own, results[k], hashes[k])]
+    return [row for k, recording in enumerate(found) for row in label_rows(recording, results[k], hashes[k])]
 
 
 def _diagnose_all(

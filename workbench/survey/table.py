@@ -32,7 +32,7 @@ SURVEY = {  # columns; those of the parameters follow
 PARAMETER = {"": "value", "_std": "std", "_drift_per_week": "drift", "_jump": "jump", "_p_value": "p_value"}
 
 
-def label_rows(own: SurveyedRecording, result: JSON, content: str | None) -> list[JSON]:
+def label_rows(recording: SurveyedRecording, result: JSON, content: str | None) -> list[JSON]:
     """Add what is known of the recording to the rows of a result; make one row where there is no diagnosis.
 
     A date of the recording's clock that lies in the future is not believed.
@@ -42,10 +42,10 @@ def label_rows(own: SurveyedRecording, result: JSON, content: str | None) -> lis
     if date is not None and is_future(date):
         date = None
     label = {
-        "recording": own.name,
-        "machine": own.machine,
-        "date": date or own.date,
-        "dated_by": "clock" if date else own.dated_by,
+        "recording": recording.name,
+        "machine": recording.machine,
+        "date": date or recording.date,
+        "dated_by": "clock" if date else recording.dated_by,
         "hash": content,
         "version": find_version(),
     }
@@ -99,16 +99,16 @@ def find_series(rows: Iterable[JSON]) -> list[Series]:
     """
     points: dict[tuple[str, str, str, str, str], list[JSON]] = {}
     for row in sorted((row for row in rows if not row.get("biased")), key=lambda row: row["date"]):
-        for name, own in row["parameters"].items():
-            if own["value"] is not None and own["std"]:
-                key = (row["machine"], row["joint"], name, own["unit"], ", ".join(row["selected"]))
+        for name, parameter in row["parameters"].items():
+            if parameter["value"] is not None and parameter["std"]:
+                key = (row["machine"], row["joint"], name, parameter["unit"], ", ".join(row["selected"]))
                 points.setdefault(key, []).append(row)
     series = []
     for key, own_rows in sorted(points.items(), key=lambda point: point[0]):
         weeks = np.array([row["date"].timestamp() / WEEK for row in own_rows])
         value, std = np.array([[row["parameters"][key[2]][part] for row in own_rows] for part in ("value", "std")])
         series.append(Series(*key, tuple(own_rows), fit_trend(weeks, value, std)))
-    p_values = np.array([own.trend.p_value for own in series])
+    p_values = np.array([estimate_series.trend.p_value for estimate_series in series])
     tested = np.flatnonzero(np.isfinite(p_values))
     for k, adjusted in zip(tested, scipy.stats.false_discovery_control(p_values[tested]), strict=True):
         if adjusted <= LEVEL:
@@ -122,8 +122,8 @@ def write_table(folder: Path, rows: Sequence[JSON]) -> None:
     columns = SURVEY | {f"{name}{ending}": NUMBER for name in names for ending in PARAMETER}
     flat = [row.copy() for row in rows]
     for row in flat:
-        for name, own in row["parameters"].items():
-            row |= {f"{name}{end}": own.get(key) for end, key in PARAMETER.items()}
+        for name, parameter in row["parameters"].items():
+            row |= {f"{name}{end}": parameter.get(key) for end, key in PARAMETER.items()}
     table = pa.Table.from_pylist(flat, schema=pa.schema(columns))
     for name, write in zip(TABLES, (pq.write_table, pyarrow.csv.write_csv), strict=True):
         with replace_file(folder / name) as file:
@@ -157,13 +157,15 @@ def _format_result(row: JSON) -> str:
 def tabulate_changes(series: Sequence[Series]) -> TextTable:
     """Make the table of the parameters that change, for a reader."""
     rows = []
-    for own in (own for own in series if own.change):
-        jump, low, high = own.trend.jump, *own.trend.interval
-        size = f"{own.trend.drift:+.3g} ({low:+.3g} to {high:+.3g}) a week"
-        if own.change == "jump" and jump is not None:
-            size = f"{'+' if jump.size > 0 else ''}{format_estimate(jump.size, jump.std)} on {own.jump_date:%Y-%m-%d}"
-        mean = format_number(float(np.mean([estimate["value"] for estimate in own.estimates])))
-        effects = f"(with {own.effects})" if own.effects else ""
-        label = " ".join(filter(None, (own.machine, own.joint, own.parameter, effects)))
-        rows.append((label, own.change, size, own.unit, mean, f"{own.trend.p_value:.1g}"))
+    for changed in (item for item in series if item.change):
+        jump, low, high = changed.trend.jump, *changed.trend.interval
+        size = f"{changed.trend.drift:+.3g} ({low:+.3g} to {high:+.3g}) a week"
+        if changed.change == "jump" and jump is not None:
+            size = (
+                f"{'+' if jump.size > 0 else ''}{format_estimate(jump.size, jump.std)} on {changed.jump_date:%Y-%m-%d}"
+            )
+        mean = format_number(float(np.mean([estimate["value"] for estimate in changed.estimates])))
+        effects = f"(with {changed.effects})" if changed.effects else ""
+        label = " ".join(filter(None, (changed.machine, changed.joint, changed.parameter, effects)))
+        rows.append((label, changed.change, size, changed.unit, mean, f"{changed.trend.p_value:.1g}"))
     return TextTable(("parameter", "change", "size", "unit", "mean", "p-value"), rows, left=("change", "size", "unit"))

@@ -79,8 +79,10 @@ def _guard(server: flask.Flask) -> None:
 
     @server.before_request
     def only_from_here() -> None:
-        own = f"http://{flask.request.host}"
-        if urlsplit(own).hostname not in NAMES or any(one != own for one in flask.request.headers.getlist("Origin")):
+        origin = f"http://{flask.request.host}"
+        if urlsplit(origin).hostname not in NAMES or any(
+            one != origin for one in flask.request.headers.getlist("Origin")
+        ):
             flask.abort(403)
 
     @server.after_request

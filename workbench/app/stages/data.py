@@ -69,15 +69,17 @@ def _show_robot(state: State, body: Body) -> Component:
 def plot_recording(recording: Recording, k: int, body: Mechanism) -> list[Figure]:
     """Plot the position and torque of the k-th recording over time, of an arm joint by joint."""
     figures, height = [], 340 if len(recording.joints) == 1 else 260
-    for n, (joint, own) in enumerate(zip(recording.names, recording.joints, strict=True)):
+    for n, (joint, series_of_joint) in enumerate(zip(recording.names, recording.joints, strict=True)):
         title, units = f"{joint}, {recording.name}" if joint else recording.name, body.units(joint, recording.units)
         data, (angle, torque) = [], (units.unit("rad"), units.unit("N m"))
         for series, label, color, unit, where in (
-            (own.position, "position", "--final", angle, "y"),
-            (own.torque, "torque", "--train", torque, "y2"),
+            (series_of_joint.position, "position", "--final", angle, "y"),
+            (series_of_joint.torque, "torque", "--train", torque, "y2"),
         ):
             kept = thin(series)
-            data.append(line(own.time[kept], series[kept], label, color, unit, yaxis=where, showlegend=False))
+            data.append(
+                line(series_of_joint.time[kept], series[kept], label, color, unit, yaxis=where, showlegend=False)
+            )
         layout = make_stacked_layout(f"position [{angle}]", f"{units.name('torque')} [{torque}]", "time [s]")
         layout["margin"] = {"t": 40}
         layout["title"] = {"text": title, "x": 0, "xref": "paper", "font": {"size": 14}}
