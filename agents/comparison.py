@@ -154,7 +154,7 @@ def compare_policies(
     if not contenders:
         raise UserError("there is nothing to compare: give a policy or a baseline")
     limits = {"max_speed": max_speed, "max_turns": max_turns}
-    task: dict[str, float] = {"spread": spread} | {name: one for name, one in limits.items() if one is not None}
+    task: dict[str, float] = {"spread": spread} | {name: limit for name, limit in limits.items() if limit is not None}
     sizes = [min(PLANTS_PER_JOB, plants - first) for first in range(0, plants, PLANTS_PER_JOB)]
     setting: dict[str, Any] = {"effects": list_effects(effects), "task": task, "scheme_id": scheme}
     jobs = [

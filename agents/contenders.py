@@ -31,7 +31,7 @@ class CheckedPolicy:
     def __init__(self, name: str, policy: Any) -> None:
         """Wrap a policy that messages call by a name."""
         parameters = inspect.signature(policy.predict).parameters
-        takes_all = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+        takes_all = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
         self.name, self._policy = name, policy
         self._arguments = [argument for argument in ARGUMENTS if takes_all or argument in parameters]
 

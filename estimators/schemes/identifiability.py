@@ -182,7 +182,9 @@ def find_undetermined_links(model: Model, position: Array, velocity: Array, torq
         large |= {f"viscous{at}": most / max(fast, 1e-300), f"coulomb{at}": most}
     if isinstance(model.body, Body):
         large |= _find_large_errors(model, model.body, position, largest)
-    return [name for name, own in model.estimates.items() if name in large and not is_determined(own, large[name])]
+    return [
+        name for name, estimate in model.estimates.items() if name in large and not is_determined(estimate, large[name])
+    ]
 
 
 def _find_large_errors(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
