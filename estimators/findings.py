@@ -51,7 +51,7 @@ class Kind(StrEnum):
     BACK_EMF_INCLUDED = "back_emf_included"
     GOALS_HELD = "goals_held"  # gain over goals that run on; the size of an effect that these need
     GOALS_RUN_ON = "goals_run_on"  # gain over held goals; the size of an effect that these need
-    INTEGRAL_READ = "integral_read"  # gain over the likeliest other convention; pairs: settings of the drive
+    CONTROLLER_READ = "controller_read"  # gain over the likeliest other convention; pairs: settings of the drive
     PAYLOAD = "payload"  # mass, x, y, z; of each joint the torque error `.before` and `.after`
 
     # recordings

@@ -14,6 +14,7 @@ from pendulum_env.physics import PENDULUM, Mechanism, Model, ModelError
 from pendulum_env.physics.limits import collect_limits
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import apply_log_format
+from workbench.narrator import describe
 from workbench.narrator.findings import describe_late
 from workbench.reading import read_all, read_source_names
 from workbench.robot import make_robot, report_held
@@ -65,6 +66,8 @@ class Inputs:
         """Calibrate torque by known loads or known values, and report its timing."""
         known = find_known_values(self.model.terms) | dict(fixed or {})
         given = FitData.from_recordings(self.recordings, self.holdout, self.model.terms, known=known)
+        for finding in given.conventions:
+            terminal.say(describe(finding))
         if not self.body.can_simulate:
             align = align or None  # looking takes long, so none is warned unasked
         return report_timing(given, align, terminal)

@@ -117,4 +117,4 @@ def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Reco
                 f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: "
                 "record under known loads that differ, or identify the model with a torque constant"
             )
-    return in_loop.decide_conventions(recordings, model)
+    return in_loop.complete_conventions(recordings, model)

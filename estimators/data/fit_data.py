@@ -12,6 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from estimators import in_loop
 from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
 from estimators.checks.homogeneity import Disagreement
@@ -22,7 +23,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import find_known_values
 from estimators.in_loop.motion import LoopMotion, simulate_in_loop
 from pendulum_env.arms.joints import find_body
-from pendulum_env.physics import Model, Term
+from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording, TorqueConstant
 
 
@@ -89,10 +90,12 @@ class FitData:
             return cls(tuple(recordings), tuple(holdout), terms=tuple(terms))
         known = find_known_values([term for term in terms if isinstance(term, Term)]) if known is None else known
         data = cls(*calibrate(recordings, holdout, constant, known))
-        if data.constant is None:
+        if data.constant is not None:
+            quantity = Quantity(data.constant.value, data.constant.std, data.constant.unit)
+            data = data.with_treatment(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": quantity}))
+        if not in_loop.has_open_torque(data.every):
             return data
-        quantity = Quantity(data.constant.value, data.constant.std, data.constant.unit)
-        return data.with_treatment(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": quantity}))
+        return data.with_conventions([term for term in terms if isinstance(term, Term)] or BASE)
 
     def with_treatment(self, treatment: Finding, **changes: Any) -> Self:
         """Return the data with changed fields, and a finding on the treatment added to `treatments`."""
@@ -154,6 +157,11 @@ class FitData:
             excluded=tuple(outliers),
             whole=self,
         )
+
+    def with_conventions(self, base: Sequence[Term]) -> Self:
+        """Return the data with the conventions of their drives, decided by a base model, see `decide_conventions`."""
+        recordings, holdout, findings = in_loop.decide_conventions(self.recordings, self.holdout, base)
+        return replace(self, recordings=recordings, holdout=holdout, treatments=(*self.treatments, *findings))
 
     def with_changes(self, change: Callable[[Recording], Recording], numbers: Collection[int]) -> Self:
         """Return the data, also untimed, with some recordings changed, numbered from 0, fitted ones first."""
@@ -246,6 +254,13 @@ class FitData:
             or (alignment.is_late == counterpart.is_late and alignment.agrees(counterpart))
             for alignment, counterpart in zip(self.alignments, other.alignments, strict=True)
         )
+
+    @property
+    def conventions(self) -> tuple[Finding, ...]:
+        """Findings on what drives leave open: how controllers act, and the reading of goals that is in force."""
+        controller = [treatment for treatment in self.treatments if treatment.kind is Kind.CONTROLLER_READ]
+        goals = [treatment for treatment in self.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
+        return (*controller, *goals[-1:])
 
     @property
     def corrections(self) -> list[Finding]:

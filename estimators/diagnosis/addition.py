@@ -17,7 +17,7 @@ from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
-from estimators.in_loop import decide_conventions
+from estimators.in_loop import apply_conventions
 from estimators.progress import Progress, no_progress
 from estimators.selection.errors import explain_rejection
 from estimators.selection.search import SearchResult, fit_without_and_with
@@ -61,8 +61,7 @@ def add(
     body = model.body
     recordings = select_recordings(recordings, body=body, log_format=model.log_format)
     holdout = select_recordings(holdout, empty=True, body=body, log_format=model.log_format)
-    if "goal" in model.log_format:  # the model was fitted with goals that were read so
-        recordings, holdout = (decide_conventions(own, model) for own in (recordings, holdout))
+    recordings, holdout = (apply_conventions(own, model.log_format) for own in (recordings, holdout))
     kind = find_kind(id, body)
     model.add(kind())  # raises if the model has it
     select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that no recording has

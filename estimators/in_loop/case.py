@@ -15,12 +15,11 @@ from estimators.diagnosis.setting import Setting
 from estimators.in_loop.back_emf import include_back_emf, present, setting_with_back_emf
 from estimators.in_loop.conclusion import conclude, find_regions
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.goal_reading import reread_goals, with_goal_reading
+from estimators.in_loop.goal_reading import reread_goals
 from estimators.in_loop.goals import make_base
-from estimators.in_loop.integral import find_declared_settings, read_integral, with_integral
 from estimators.in_loop.refit import refine, refit
 from estimators.in_loop.rollouts import are_driven
-from estimators.in_loop.split import choose_parts, split_rollouts
+from estimators.in_loop.split import split_rollouts
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
 from pendulum_env.recording import Recording
@@ -36,14 +35,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     share = max(setting.criterion.explained_share, LOOP.needed)
     criterion = replace(setting.criterion, explained_share=share, needed_share=share)
-    declared = find_declared_settings(data.every)
-    data = replace(
-        data, recordings=with_integral(data.recordings, declared), holdout=with_integral(data.holdout, declared)
-    )
-    if (integral := read_integral(data.recordings, base, choose_parts(data.holdout)[0])) is not None:
-        read = [with_integral(part, dict(integral.pairs)) for part in (data.recordings, data.holdout)]
-        data = data.with_treatment(integral, recordings=read[0], holdout=read[1])
-    data = with_goal_reading(data, base)
+    data = data.with_conventions(setting.base)
     return data, replace(setting, base=base, library=library, criterion=criterion)
 
 

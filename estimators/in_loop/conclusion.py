@@ -27,8 +27,6 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     data = trial.data
     dropped = list_ids(trial.found.terms) - list_ids(trial.final.terms)
     doubts = (data.doubt, find_speed_rate(found.model, data.recordings), find_torque_scale(data.recordings))
-    readings = [treatment for treatment in data.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
-    integral = [treatment for treatment in data.treatments if treatment.kind is Kind.INTEGRAL_READ]
     return replace(
         found,
         candidates=tuple(
@@ -37,8 +35,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         ),
         floors=refine_rows(trial.evaluator)[0].rollouts.encoder,
         findings=(
-            *integral,
-            *readings[-1:],  # the one in force
+            *data.conventions,
             *find_remedies(trial.release_bounds(found.model), data.recordings, found.ambiguous, not found.unexplained),
             *filter(None, doubts),
         ),

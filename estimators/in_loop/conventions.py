@@ -1,33 +1,94 @@
-"""Decide the conventions that a log of a servo leaves open: how goals run between rows, and how an integral acts."""
+"""Decide the conventions that a log of a servo leaves open: how its controller acts, and how goals run between rows.
+
+Every command that uses a described servo takes its recordings from here, so that all have the same torque and motion.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
-from estimators.findings import Kind
+from estimators.findings import Finding, Kind
+from estimators.in_loop.controller import read_controller
 from estimators.in_loop.goals import make_base, read_goals, with_goals
-from estimators.in_loop.integral import read_integral, with_integral
 from estimators.in_loop.rollouts import are_driven
+from estimators.in_loop.split import choose_parts
 from estimators.regression.least_squares import IdentificationError
-from pendulum_env.physics import Model
+from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording
+from pendulum_env.servo.drive import find_declared_conventions
+from pendulum_env.servo.torque import depends_on_past, with_drive
+
+Recordings = tuple[Recording, ...]
 
 
-def decide_conventions(recordings: Sequence[Recording], model: Model) -> tuple[Recording, ...]:
+class Conventions(NamedTuple):
+    """Recordings to fit and to hold out whose drives leave nothing open, and findings on what was decided."""
+
+    recordings: Recordings
+    holdout: Recordings
+    findings: tuple[Finding, ...]
+
+
+def decide_conventions(
+    recordings: Sequence[Recording], holdout: Sequence[Recording] = (), base: Sequence[Term] = BASE
+) -> Conventions:
+    """Decide once, by the base model and the fitted recordings, what the drives of all recordings leave open.
+
+    The convention of a controller that one drive declares holds for all. Recordings without drives stay as they are.
+
+    Raises:
+        IdentificationError: if there is too little motion.
+    """
+    both = tuple(recordings), tuple(holdout)
+    if not are_driven(recordings):
+        return Conventions(*both, ())
+    base, part = make_base(recordings, base), choose_parts(holdout)[0]
+    declared = find_declared_conventions([r.actuator for r in (*recordings, *holdout)])
+    recordings, holdout = (_with_settings(own, declared) for own in both)
+    findings: list[Finding] = []
+    if (controller := read_controller(recordings, base, part)) is not None:
+        recordings, holdout = (_with_settings(own, dict(controller.pairs)) for own in (recordings, holdout))
+        findings.append(controller)
+    goals = read_goals(recordings, base, part)
+    if goals is not None and any(r.drive is not None and r.drive.goal for r in holdout):
+        undeclared = tuple(r.name for r in recordings if r.drive is None or not r.drive.goal)
+        goals = replace(goals, recordings=undeclared)  # a reading of some recordings is not reversed
+    findings += [goals] if goals is not None else []
+    is_held = goals is None or goals.kind is Kind.GOALS_HELD
+    return Conventions(with_goals(recordings, is_held), with_goals(holdout, is_held), tuple(findings))
+
+
+def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, str]) -> Recordings:
+    """Return the recordings with the conventions of the log format of a model, where their drives leave them open."""
+    recordings = _with_settings(recordings, log_format)
+    goal = log_format.get("goal")
+    return recordings if goal is None else with_goals(recordings, goal == "held")
+
+
+def complete_conventions(recordings: Sequence[Recording], model: Model) -> Recordings:
     """Return the recordings with the conventions of a model, or else those that a diagnosis would find.
 
-    Goals are held or run on; an integral has its order and its end at the limit. Goals of a joint that moves too little
-    for the decision are held. Recordings without drives stay as they are.
+    Goals of a joint that moves too little for the decision are held.
     """
-    if not are_driven(recordings):
-        return tuple(recordings)
-    recordings, base = with_integral(recordings, model.log_format), make_base(recordings)
-    goal = model.log_format.get("goal")
+    recordings = apply_conventions(recordings, model.log_format)
     try:
-        if (integral := read_integral(recordings, base)) is not None:
-            recordings = with_integral(recordings, dict(integral.pairs))
-        reading = read_goals(recordings, base) if goal is None else None
+        return decide_conventions(recordings).recordings
     except IdentificationError:
-        reading = None
-    is_held = goal == "held" if goal is not None else reading is None or reading.kind is Kind.GOALS_HELD
-    return with_goals(recordings, is_held)
+        return with_goals(recordings, is_held=True)
+
+
+def has_open_torque(recordings: Sequence[Recording]) -> bool:
+    """Return whether the torque of a recording is what its drive asked for, and depends on conventions."""
+    asked = [r.actuator for r in recordings if not r.has_logged_torque]
+    return any(depends_on_past(drive) or drive.open_conventions for drive in asked)
+
+
+def _with_settings(recordings: Sequence[Recording], settings: Mapping[str, str | None]) -> Recordings:
+    """Return the recordings with conventions of the controller, and the torque that their drives ask for then."""
+    return tuple(
+        r if r.drive is None else with_drive(r, drive)
+        for r in recordings
+        for drive in [r.actuator.with_conventions(settings)]
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,27 +10,12 @@ from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding, Kind
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.goals import change_reading, read_goals, with_goals
+from estimators.in_loop.goals import change_reading
 from estimators.in_loop.refit import refine_rows
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.in_loop.split import choose_parts
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, drop_effect
 from estimators.simulation.output_error import Point
-from pendulum_env.physics import Term
-
-
-def with_goal_reading(data: FitData, base: Sequence[Term]) -> FitData:
-    """Return the data with goals that are held or run on between rows, decided once, by the base model."""
-    reading = read_goals(data.recordings, base, choose_parts(data.holdout)[0])
-    if reading is None and all(r.drive is None or r.drive.goal for r in data.holdout):
-        return data
-    if reading is not None and any(r.drive is not None and r.drive.goal for r in data.holdout):
-        undeclared = [r.name for r in data.recordings if r.drive is None or not r.drive.goal]
-        reading = replace(reading, recordings=tuple(undeclared))  # a reading of some recordings is not reversed
-    is_held = reading is None or reading.kind is Kind.GOALS_HELD
-    data = replace(data, recordings=with_goals(data.recordings, is_held), holdout=with_goals(data.holdout, is_held))
-    return data if reading is None else data.with_treatment(reading)
 
 
 def reread_goals(trial: Trial) -> FitData | None:

@@ -26,6 +26,8 @@ from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.physics.actuation import ActuatorLag, BackEmf, DeadTime
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
+from pendulum_env.servo.drive import Goal
+from pendulum_env.servo.torque import with_drive
 
 LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
 TIE = 2.0  # standard errors of a gain
@@ -98,11 +100,9 @@ def change_reading(recordings: Sequence[Recording], reading: Finding) -> tuple[R
 
 def with_goals(recordings: Sequence[Recording], is_held: bool) -> tuple[Recording, ...]:
     """Return the recordings with held goals, or goals that run on; goals that a drive declares stay as they are."""
+    goal: Goal = "held" if is_held else "ramp"
     return tuple(
-        replace(r, drive=replace(r.drive, goal=r.drive.goal or ("held" if is_held else "ramp")))
-        if r.drive is not None
-        else r
-        for r in recordings
+        r if r.drive is None or r.drive.goal else with_drive(r, replace(r.drive, goal=goal)) for r in recordings
     )
 
 

@@ -70,10 +70,10 @@ def identify(
     results, undetermined = withhold_estimates(results, segments, swing_terms, fit_data.recordings[0].units)
     data, findings, results = check_results(first_model, results, fit_data, swing_terms)
     constant_findings = (fit_data.doubt,) if fit_data.doubt is not None else ()
-    log_format = collect_log_format(recordings)
+    log_format = collect_log_format(fit_data.recordings)
     return Identification(
         {id: replace(result, model=replace(result.model, log_format=log_format)) for id, result in results.items()},
-        (*filter_findings, *undetermined, *constant_findings, *findings),
+        (*filter_findings, *undetermined, *constant_findings, *fit_data.conventions, *findings),
         tuple(recording.name for recording in recordings),
         tuple(np.cumsum([sum(len(m) * m.period for m, *_ in group) for group in segments]).tolist()),
         fit_data.unit,

@@ -139,8 +139,12 @@ def refuse_too_fast(recording: Recording, origin: Origin) -> None:
 
 
 def check_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
-    """Refuse turns or degrees that were read as radians; note a motion that a spring over radians explains as well."""
-    if not origin.can_be_degrees():
+    """Refuse turns or degrees that were read as radians; note a motion that a spring over radians explains as well.
+
+    The torque that a drive asked for tells nothing while its conventions are open.
+    """
+    has_torque = recording.has_logged_torque or not recording.actuator.open_conventions
+    if not (has_torque and origin.can_be_degrees()):
         return ()
     part = max(recording.segments, key=len)
     is_guess = origin.columns["position"].unit is None

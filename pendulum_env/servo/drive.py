@@ -1,6 +1,6 @@
 """Drive of a servo: its controller and motor, from the goal and the motion of the joint to the torque.
 
-    u = kp (goal - q) - kd q' + ki int (goal - q) dt        position control
+    u = kp (goal - q) - kd q' + ki int (goal - q) dt        position control; perhaps + kd (goal - q)' for - kd q'
     u = kp (goal - q') + ki int (goal - q') dt              velocity control
 
 held between its turns, within a limit, late by a delay, and off while the motor is open; q' is the speed between the
@@ -27,6 +27,7 @@ Goal = Literal["held", "ramp"]
 Shaft = Literal["motor", "output"]
 Windup = Literal["stop", "clamp", "free"]
 Order = Literal["after", "before"]
+Derivative = Literal["velocity", "error"]
 CHOICES: Mapping[str, Any] = {
     "control": Control,
     "output": Output,
@@ -34,8 +35,10 @@ CHOICES: Mapping[str, Any] = {
     "encoder": Shaft,
     "windup": Windup,
     "integral": Order,
+    "derivative": Derivative,
 }
-UNKNOWN = ("goal", "windup", "integral")  # may be None: an identification tries all choices
+CONVENTIONS = ("windup", "integral", "derivative")  # of a controller's law
+UNKNOWN = ("goal", *CONVENTIONS)  # may be None: an identification tries all choices
 LONGEST = 0.1  # [s], of a delay
 UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what the motor's torque is in, unless known
 
@@ -62,6 +65,8 @@ class ServoDrive:
             not known, simulated as `stop`.
         integral: whether a turn adds its error to the integral after or before the output is computed, where `rate` is
             known; None: not known, simulated as `after`.
+        derivative: whether kd acts on the measured velocity or on the derivative of the error, which has also the speed
+            of the goal; None: not known, simulated as `velocity`.
     """
 
     control: Control = "position"
@@ -79,6 +84,7 @@ class ServoDrive:
     encoder: Shaft = "motor"
     windup: Windup | None = None
     integral: Order | None = None
+    derivative: Derivative | None = None
     is_controller: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -111,7 +117,7 @@ class ServoDrive:
         return min(self.limit, 1.0) if self.output == "duty" else self.limit
 
     def torque(self, goal: Array, position: Array, velocity: Array, supply: Array, on: Array) -> Array:
-        """Return the torque asked for along a measured motion, in its `unit` (N,), without the integral."""
+        """Return the torque asked for along a measured motion, in its `unit` (N,), of kp and -kd q' alone."""
         error = goal - (velocity if self.acts_on_speed else position)
         output = self.kp * error - (0.0 if self.acts_on_speed else self.kd * velocity)
         return np.asarray(on * self.scale(supply) * np.clip(output, -self.max_output, self.max_output))
@@ -121,15 +127,22 @@ class ServoDrive:
         volts = supply if self.output == "duty" else np.ones_like(supply)
         return volts if self.gain is None else volts * self.gain
 
-    def with_integral(self, settings: Mapping[str, Any]) -> Self:
-        """Return the drive with `windup` and `integral` of the settings where it has an integral and declares neither.
+    @property
+    def open_conventions(self) -> dict[str, tuple[str, ...]]:
+        """Return the choices of each of `CONVENTIONS` that matters and is not declared, by name.
 
         The order of a turn has no meaning without the `rate` of the controller.
         """
-        if not self.ki:
-            return self
-        order = self.integral or (settings.get("integral") if self.rate is not None else None)
-        return replace(self, windup=self.windup or settings.get("windup"), integral=order)
+        matters = {
+            "windup": self.ki > 0 and math.isfinite(self.max_output),
+            "integral": self.ki > 0 and self.rate is not None,
+            "derivative": self.kd > 0 and self.acts_on_position,
+        }
+        return {name: get_args(CHOICES[name]) for name in CONVENTIONS if matters[name] and getattr(self, name) is None}
+
+    def with_conventions(self, settings: Mapping[str, Any]) -> Self:
+        """Return the drive with settings of its `open_conventions`; others are ignored."""
+        return replace(self, **{name: settings[name] for name in self.open_conventions if name in settings})
 
     def with_gain(self, gain: float, unit: str) -> Self:
         """Return the drive with a gain per unit of its output; the same if its torque is in another unit."""
@@ -202,26 +215,19 @@ PRESETS = {  # those of duty as github.com/Rhoban/bam measured them; their encod
     "sts3215": Preset({"supply": 7.4, "limit": 0.97, "encoder": "output"}, 0.166),
     # MIT mode of quasi-direct drives (Mini Cheetah, Damiao, CubeMars): torque = kp (goal - position) - kd velocity at
     # the output, with neither a goal of the speed nor a torque fed forward
-    "mit": Preset({"output": "torque"}),
+    "mit": Preset({"output": "torque", "derivative": "velocity"}),
 }
 WORDS = tuple(CHOICES)  # keys whose value is a word
 KEYS = dict.fromkeys(("preset", *vars(ServoDrive())), True)
 
 
-def find_declared_integral(drives: Sequence[ServoDrive]) -> dict[str, str]:
-    """Return the first `windup` and `integral` that a drive with an integral declares, by name."""
-    found: dict[str, str] = {}
-    for drive in (drive for drive in drives if drive.ki):
-        declared = {"windup": drive.windup, "integral": drive.integral}
-        found = {name: value for name, value in declared.items() if value is not None} | found
-    return found
+def find_declared_conventions(drives: Sequence[ServoDrive]) -> dict[str, str]:
+    """Return the first value of each of `CONVENTIONS` that a drive declares, by name."""
+    values = {name: [v for drive in drives if (v := getattr(drive, name)) is not None] for name in CONVENTIONS}
+    return {name: declared[0] for name, declared in values.items() if declared}
 
 
-def list_integral_settings(drives: Sequence[ServoDrive]) -> list[dict[str, str]]:
-    """Return all combinations of `windup` and `integral` that drives leave open and that may matter, by name."""
-    choices: dict[str, tuple[str, ...]] = {}
-    if any(drive.ki and drive.windup is None and math.isfinite(drive.max_output) for drive in drives):
-        choices["windup"] = get_args(Windup)
-    if any(drive.ki and drive.integral is None and drive.rate is not None for drive in drives):
-        choices["integral"] = get_args(Order)
+def list_open_conventions(drives: Sequence[ServoDrive]) -> list[dict[str, str]]:
+    """Return all combinations of `open_conventions` of drives, by name; one empty combination if none is open."""
+    choices = {name: own for name in CONVENTIONS for drive in drives if (own := drive.open_conventions.get(name))}
     return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]

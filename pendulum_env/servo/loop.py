@@ -139,6 +139,11 @@ class Servos:
         return StepPrograms()
 
     @property
+    def has_derivative(self) -> bool:
+        """Return whether a controller acts on the derivative of its error."""
+        return any(drive.kd > 0 and drive.derivative == "error" for drive in self.drives)
+
+    @property
     def is_sampled(self) -> bool:
         """Return whether a controller looks at certain times only."""
         return any(drive.rate is not None for drive in self.drives)
@@ -150,16 +155,24 @@ class Servos:
 
     @cached_property
     def inputs(self) -> Array:
-        """Inputs of each step, in the order of `ServoInputs` (N, 9, B); without controllers that look, the first 6."""
+        """Inputs of each step, in the order of `ServoInputs` (N, C, B).
+
+        C is 6 without controllers that look, 10 with one that acts on the derivative of its error, else 9.
+        """
         scale = np.column_stack([drive.scale(supply) for drive, supply in zip(self.drives, self.supply.T, strict=True)])
         warm = np.full_like(self.goal, ROOM) if self.temperature is None else self.temperature
         outside = np.broadcast_to(self.load.torque, self.goal.shape)
         times = [np.ones_like(self.goal)]
-        if self.is_sampled:
+        if self.is_sampled or self.has_derivative:
             acts = [drive.rate is None for drive in self.drives]  # all the time
             names = ("due", "share", "lead", "old")
             times = [np.column_stack([getattr(look, name) for look in self.looks]) for name in names]
             times[3] = np.where(acts, 0.0, times[3])
+        if self.has_derivative:
+            latest = np.maximum.accumulate(np.where(times[0] > 0, np.arange(len(self.goal))[:, None], 0))
+            change = np.diff(np.take_along_axis(self.goal, latest, axis=0), axis=0, prepend=self.goal[:1])
+            turns = [max(self.step, 1.0 / look.rate) for look in self.looks]
+            times.append(np.where([drive.derivative == "error" for drive in self.drives], change / turns, 0.0))
         return np.stack([self.goal, scale, self.on, times[0], warm, outside, *times[1:]], axis=1)
 
     @cached_property
@@ -190,7 +203,8 @@ class ServoInputs(NamedTuple):
     """Inputs of a servo over a step: goal, scale of its output, on or off, due to update, temperature, load.
 
     A controller that is due acts over the last `share` of the step. It reads the position `lead` [s] after the begin,
-    and a share `old` of its speed is that of the last look.
+    and a share `old` of its speed is that of the last look. `goal_speed` is 0 unless it acts on the derivative of the
+    error.
     """
 
     goal: Any
@@ -202,6 +216,7 @@ class ServoInputs(NamedTuple):
     share: Any = 1.0
     lead: Any = 0.0
     old: Any = 0.0
+    goal_speed: Any = 0.0
 
 
 def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) -> Array:
@@ -324,15 +339,12 @@ def compute_control(
     """Return the torque that a motor is asked for over a step, and the controller's state; symbols or arrays."""
     looks = given.due > 0
     measured = x.velocity - given.old * (x.velocity - state.velocity)
+    measured = measured - given.goal_speed if may_be_true(given.goal_speed != 0.0) else measured
     seen = np.where(looks, state.speed + gains["seen"] * (measured - state.speed), state.speed)
     position = x.position + given.lead * x.velocity if may_be_true(given.lead != 0.0) else x.position
     error = given.goal - (seen if speed else position)
-    summed = np.maximum(np.minimum(state.integral + gains["first"] * error, gains["room"]), -gains["room"])
-    wanted = gains["kp"] * error + gains["ki"] * summed - (0.0 if speed else gains["kd"] * seen)
-    output = np.maximum(np.minimum(wanted, gains["most"]), -gains["most"])
-    winds = (np.abs(wanted) > gains["halt"]) & (wanted * error > 0)
-    integral = state.integral + np.where(looks, np.where(winds, 0.0, gains["turn"] * error), 0.0)
-    integral = np.maximum(np.minimum(integral, gains["room"]), -gains["room"])
+    output, grown = compute_output(error, 0.0 if speed else gains["kd"] * seen, state.integral, gains)
+    integral = np.where(looks, grown, state.integral)
     integral = np.where(given.on > 0, integral, 0.0)  # begins anew with power
     held = np.where(looks, output * given.scale, state.held)
     acting = state.held + given.share * (held - state.held) if may_be_true(given.share != 1.0) else held
@@ -341,6 +353,16 @@ def compute_control(
     return torque, ControllerState(
         held, line[: len(state.before)], integral, seen, np.where(looks, x.velocity, state.velocity)
     )
+
+
+def compute_output(error: Any, damping: Any, integral: Any, gains: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return the output of a controller at a look, and its integral after it; symbols, arrays or numbers."""
+    summed = np.maximum(np.minimum(integral + gains["first"] * error, gains["room"]), -gains["room"])
+    wanted = gains["kp"] * error + gains["ki"] * summed - damping
+    output = np.maximum(np.minimum(wanted, gains["most"]), -gains["most"])
+    winds = (np.abs(wanted) > gains["halt"]) & (wanted * error > 0)
+    grown = integral + np.where(winds, 0.0, gains["turn"] * error)
+    return output, np.maximum(np.minimum(grown, gains["room"]), -gains["room"])
 
 
 def _compile_step(

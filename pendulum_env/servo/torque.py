@@ -3,12 +3,17 @@
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.vocabulary import OUTPUTS
+from pendulum_env.servo.drive import ServoDrive
+from pendulum_env.servo.loop import GAINS, compute_gains, compute_output
+
+FINE = 500.0  # [Hz], at least, of a controller that acts all the time
 
 
 def has_unknown_integral(recording: Recording) -> bool:
@@ -24,14 +29,57 @@ def get_bus_voltage(recording: Recording) -> Array:
 
 
 def compute_asked_torque(recording: Recording) -> Array:
-    """Return the torque (N,) that the drive asked for along a recording with a reference, in the drive's unit."""
+    """Return the torque (N,) that the drive asked for along a recording with a reference, in the drive's unit.
+
+    An integral is zero at the begin of each segment. With one, or with the derivative of the error, it is the mean
+    torque over each sample.
+    """
     parts = []
     for part in recording.segments:
         assert part.reference is not None  # there is no drive without one
         # a drive acts on its own estimate of the speed, which a log may have
         velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
-        parts.append(part.actuator.torque(part.reference, part.position, velocity, get_bus_voltage(part), part.powered))
+        if depends_on_past(part.actuator):
+            output = part.powered * _follow_controller(part, velocity, part.reference)
+            parts.append(part.actuator.scale(get_bus_voltage(part)) * output)
+        else:
+            given = part.reference, part.position, velocity, get_bus_voltage(part), part.powered
+            parts.append(part.actuator.torque(*given))
     return np.concatenate(parts)
+
+
+def depends_on_past(drive: ServoDrive) -> bool:
+    """Return whether the output of a controller depends on earlier errors."""
+    return drive.ki > 0 or (drive.kd > 0 and drive.derivative == "error")
+
+
+def _follow_controller(part: Recording, velocity: Array, goal: Array) -> Array:
+    """Return the mean output (N,) over each sample of a controller that looks at a measured motion in its turns."""
+    drive = part.actuator
+    rate = drive.rate or max(part.rate, FINE)
+    gains = dict(zip(GAINS, compute_gains(drive, 1.0 / rate), strict=True))
+    samples, known = np.arange(int(len(part) * rate / part.rate) + 1) * part.rate / rate, np.arange(len(part))
+    last = np.minimum((samples + 1e-6).astype(np.intp), len(part) - 1)
+    position, speed, ramp = (np.interp(samples, known, series) for series in (part.position, velocity, goal))
+    wanted = ramp if drive.goal == "ramp" else goal[last]
+    error = wanted - (speed if drive.acts_on_speed else position)
+    if drive.derivative == "error":
+        speed = speed - np.diff(wanted, prepend=wanted[0]) * rate
+    seen = scipy.signal.lfilter([gains["seen"]], [1.0, gains["seen"] - 1.0], speed)
+    damping, integral, outputs = (0.0 if drive.acts_on_speed else drive.kd) * seen, 0.0, []
+    for k, on in enumerate(part.powered[last]):
+        output, grown = compute_output(error[k], damping[k], integral, gains)
+        integral = grown if on else 0.0
+        outputs.append(output)
+    edges, path = np.arange(len(part) + 1.0), np.append(0.0, np.cumsum(outputs))
+    return np.diff(np.interp(edges * rate / part.rate, np.arange(len(path)), path)) * part.rate / rate
+
+
+def with_drive(recording: Recording, drive: ServoDrive) -> Recording:
+    """Return a recording with another drive, and the torque that this one asks for if none was logged."""
+    changed = replace(recording, drive=drive)
+    is_asked = depends_on_past(drive) and not recording.has_logged_torque
+    return replace(changed, torque=compute_asked_torque(changed)) if is_asked else changed
 
 
 def complete_torque(recording: Recording) -> Recording:

@@ -21,6 +21,10 @@ PLANT = {"inertia": 0.012, "gravity": 0.9, "viscous": 0.05, "coulomb": 0.08}
 DRIVES = {
     "position": ServoDrive(output="torque", kp=6.0, limit=4.0),
     "damped, at a rate": ServoDrive(output="torque", kp=2.5, kd=0.03, limit=4.0, rate=300.0),
+    "derivative of the error, at a rate": ServoDrive(
+        output="torque", kp=2.5, kd=0.03, limit=4.0, rate=300.0, cutoff=40.0, derivative="error"
+    ),
+    "derivative of the error": ServoDrive(output="torque", kp=2.5, kd=0.03, limit=4.0, derivative="error"),
     "duty, late": ServoDrive(output="duty", kp=1.2, supply=9.0, gain=0.5, delay=0.0034),
     "voltage, integral": ServoDrive(output="voltage", kp=5.0, ki=8.0, limit=6.0, gain=0.8),
     "clamped integral": ServoDrive(
@@ -104,6 +108,8 @@ def test_what_mujoco_does_not_have_of_a_servo_is_named():
     pytest.importorskip("mujoco")
     with pytest.raises(ExportError, match=r"mjcf cannot hold .*\(ki\).*; nor a controller at 500 Hz.*cutoff"):
         export(joint(), "mjcf", Request(drive=DRIVES["speed"]))
+    with pytest.raises(ExportError, match="a derivative of the goal"):
+        export(joint(), "mjcf", Request(drive=DRIVES["derivative of the error"]))
     noted = export(joint("stribeck"), "mjcf", Request(approximate=True, drive=DRIVES["speed"])).notes
     assert len(noted) == 4 and "stribeck" in noted[0]
 

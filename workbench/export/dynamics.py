@@ -26,7 +26,7 @@ RESERVED = frozenset(  # names that the exported programs and their languages ha
     switch typedef union unsigned void volatile fabs sin cos tan exp log sqrt tanh atan pow fmax fmin gamma
     round hypot y0 y1 j0 j1 inline restrict memset INFINITY NAN NamedTuple pendulum_step
     np Any Value SimpleNamespace NUMBERS _functions temperature
-    goal supply on phase held speed last_velocity integral limit kp ki kd gain""".split()
+    goal supply on phase held speed last_velocity last_goal integral limit kp ki kd gain""".split()
 )
 
 
@@ -194,17 +194,22 @@ class _Parts:
         last = make_symbol("last_velocity") if drive.rate else x.velocity
         state = ControllerState(make_symbol("held"), before, make_symbol("integral") if drive.ki else 0.0, speed, last)
         on: Any = make_symbol("on")
-        given = ServoInputs(make_symbol("goal"), scale, on, due, share=share, lead=lead, old=old)
+        goal, last_goal = (cast(Any, make_symbol(name)) for name in ("goal", "last_goal"))
+        has_goal_speed = drive.kd > 0 and drive.acts_on_position and drive.derivative == "error"
+        goal_speed = (goal - last_goal) / max(seconds, period) if has_goal_speed else 0.0
+        given = ServoInputs(goal, scale, on, due, share=share, lead=lead, old=old, goal_speed=goal_speed)
         torque, after = compute_control(x, state, given, gains, weights, drive.acts_on_speed)
         memory = {id: (on,) if id == BackEmf.id else memory for id, memory in x.memory.items()}
         self.x = replace(x, torque=torque, memory=memory)
         turn = np.where(due > 0, phase + 1.0, phase) - looks
         self.after = {"held": after.held, "integral": after.integral, "speed": after.speed, "phase": turn}
         self.after |= {"last_velocity": after.velocity, "last_lead": np.where(due > 0, lead, last_lead)}
+        self.after |= {"last_goal": np.where(due > 0, goal, last_goal)}
         self.after |= {symbol.label: value for symbol, value in zip(before, after.before, strict=True)}
         self.start |= dict.fromkeys(self.after, 0.0) | {
             "speed": make_symbol("velocity"),
             "last_velocity": make_symbol("velocity"),
+            "last_goal": make_symbol("position"),
         }
 
     def dynamics(self, after: Mapping[str, Any]) -> Dynamics:

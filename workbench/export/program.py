@@ -42,6 +42,7 @@ STATE = {  # what its parts are, and their units
     "integral": "of the error",
     "held": "output of the controller",
     "speed": "as the controller sees it [{rad}/s]",
+    "last_goal": "of the last turn of the controller",
     "phase": "turns of the controller, which looks again at 1",
 }
 

@@ -53,6 +53,8 @@ class Servo:
         drive, missing = self.controller, []
         if drive.ki:
             missing.append("an integral of the error (ki): it is left out")
+        if drive.kd and drive.derivative == "error":
+            missing.append("a derivative of the goal: kd acts on the speed alone")
         if drive.rate is not None:
             missing.append(f"a controller at {drive.rate:g} Hz: it looks at every step")
         if drive.cutoff is not None:

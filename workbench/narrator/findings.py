@@ -319,25 +319,24 @@ GEAR_LOSSES = (
 def _compare_goals(found: Finding, reading: str, other: str, key: str) -> str:
     if "gain" not in found.numbers:  # decided by the effects that were found
         return f"Goals are read as {reading}. Goals {other} predict worse."
-    gain = found.numbers["gain"]
     sizes = [f"{quantity.value * 1000:.1f} ms" for id, quantity in found.numbers.items() if id != "gain"]
     late = f" with {name_effect(found.effects[0])} of {sizes[0]}" if sizes else ""
-    size = f"{format_estimate(abs(gain.value), gain.std)} nat of log likelihood"
-    fit = f"Goals {other}{late} are less likely by {size}."
-    if gain.value < 2 * gain.std:
-        fit = f"Goals {other}{late} fit about equally well ({size})."
-    return f'Goals are read as {reading}. {fit} If they are so, give `goal = "{key}"` in `[drive]`.'
+    fit = _compare_fits(found.numbers["gain"], f"The other reading, goals {other}{late},")
+    return f'Goals are read as {reading}. {fit} If it is right, give `goal = "{key}"` in `[drive]`.'
 
 
-def _compare_integrals(found: Finding) -> str:
-    gain, given = found.numbers["gain"], ", ".join(f'{name} = "{value}"' for name, value in found.pairs)
-    size = f"{abs(gain.value):.0f} ± {gain.std or 0.0:.0f} nat of log likelihood"
-    is_tied = gain.value <= 2 * (gain.std or 0.0)
-    other = f"fits about equally well ({size})" if is_tied else f"is less likely by {size}"
-    return (
-        f"The controller is taken to integrate by {given}. The likeliest other convention {other}. "
-        "If the convention above is right, give it in `[drive]`."
-    )
+def _compare_controllers(found: Finding) -> str:
+    given = ", ".join(f'`{name} = "{value}"`' for name, value in found.pairs)
+    fit = _compare_fits(found.numbers["gain"], "The likeliest other convention")
+    return f"The controller is simulated with {given}. {fit} Give the right one in `[drive]`."
+
+
+def _compare_fits(gain: Quantity, other: str) -> str:
+    """State whether another convention fits worse, by the gain of the chosen one [nat] over its standard error."""
+    times = gain.value / max(gain.std or 0.0, 1e-9)
+    if times > 2:
+        return f"{other} fits worse, by {times:.1f} standard errors."
+    return f"{other} fits about as well: the difference is {abs(times):.1f} standard errors. The log does not decide."
 
 
 def describe_reason(candidate: Candidate) -> str:
@@ -468,7 +467,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         "The torque drives {share.value:.0%} of the motion. Friction of mu times the torque, as in gears, would not "
         "show: all parameters would be 1 / (1 - mu) times too large. To see it, let gravity or a load turn the motor."
     ),
-    Kind.INTEGRAL_READ: _compare_integrals,
+    Kind.CONTROLLER_READ: _compare_controllers,
     Kind.SMALL_EFFECT: lambda found: (
         f"{capitalise(name_effect(found.effects[0]))} may be missing: it predicts better "
         f"({format_p_value(found.numbers['p_value'].value)}), but explains only "

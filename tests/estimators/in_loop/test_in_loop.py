@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import servos
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import add, compare, diagnose
+from estimators import add, compare, diagnose, identify
 from estimators.arguments import apply_limits
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
@@ -18,10 +18,10 @@ from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.case import SERVO
 from estimators.in_loop.conclusion import find_torque_scale
+from estimators.in_loop.controller import read_controller
 from estimators.in_loop.fit import compute_likelihood, fit, linearise_errors
 from estimators.in_loop.goal_reading import reread_goals
 from estimators.in_loop.goals import read_goals, with_goals
-from estimators.in_loop.integral import read_integral
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.selection.search import SearchResult
@@ -190,21 +190,25 @@ def test_what_a_motor_brakes_is_told_from_viscous_friction_where_the_gear_rubs_u
     assert "back_emf" not in found.steps[0].model.estimates
 
 
-def integrating(kp: float, seed: int, windup: str, order: str) -> Recording:
-    """Ten seconds of a servo with an integral that jumps between goals, by firmware that looks 100 times a second."""
-    rng, step, rate, ki, limit = np.random.default_rng(seed), 2e-4, 100, 12.0, 1.2
+def integrating(
+    kp: float, seed: int, windup: str, order: str, ki: float = 12.0, kd: float = 0.0, derivative: str = "velocity"
+) -> Recording:
+    """Ten seconds of a servo that jumps between goals, by firmware that looks 100 times a second; without torque."""
+    rng, step, rate, limit = np.random.default_rng(seed), 2e-4, 100, 1.2
     goals, q, v, total, asked, rows = rng.uniform(-1.2, 1.2, 11), 0.0, 0.0, 0.0, 0.0, []
-    goals[0] = 0.0
+    goals[0] = last = last_goal = 0.0
     for k in range(round(10.0 / step)):
         if k % round(1 / rate / step) == 0:
             goal = goals[int(k * step)]
             error, before = goal - q, total
             total += error / rate
-            wanted = kp * error + ki * (total if order == "before" else before)
+            change = (goal - last_goal if derivative == "error" else 0.0) - (q - last)
+            wanted = kp * error + ki * (total if order == "before" else before) + kd * change * rate
+            last, last_goal = q, goal
             asked = min(max(wanted, -limit), limit)
             if windup == "stop" and wanted != asked and wanted * error > 0:
                 total = before
-            if windup == "clamp":
+            if windup == "clamp" and ki:
                 total = min(max(total, -limit / ki), limit / ki)
             if k % round(0.01 / step) == 0:
                 rows.append((k * step, np.round(q / 1.5e-3) * 1.5e-3, goal))
@@ -212,8 +216,9 @@ def integrating(kp: float, seed: int, windup: str, order: str) -> Recording:
         v = float(np.sign(pushed) * max(abs(pushed) - step * TRUE["coulomb"] / TRUE["inertia"], 0.0))
         q += step * v
     time, position, goal = np.array(rows).T
-    drive = ServoDrive(output="torque", kp=kp, ki=ki, limit=limit, rate=float(rate), goal="held")
-    return Recording(time, position, kp * (goal - position), reference=goal, drive=drive, name=f"gain-{kp}")
+    drive = ServoDrive(output="torque", kp=kp, ki=ki, kd=kd, limit=limit, rate=float(rate), goal="held")
+    logged = {"time": time, "position": position, "reference": goal}
+    return replace(read_recording(logged, drive=drive), name=f"gain-{kp}")
 
 
 @pytest.mark.parametrize(("windup", "order"), [("stop", "after"), ("clamp", "before"), ("free", "before")])
@@ -221,12 +226,42 @@ def test_convention_of_an_integral_is_found_by_the_motion(windup, order):
     """Wound up, the integral of another convention biases the inertia and leaves errors that no joint has."""
     recordings = [integrating(kp, k, windup, order) for k, kp in enumerate((3.0, 5.0, 4.0))]
     found = diagnose(recordings[:2], recordings[2:], only=("stribeck", "quadratic_drag"))
-    (read,) = (own for own in found.findings if own.kind is Kind.INTEGRAL_READ)
+    (read,) = (own for own in found.findings if own.kind is Kind.CONTROLLER_READ)
     assert dict(read.pairs) == {"windup": windup, "integral": order}
     assert not found.selected and not found.unexplained
     assert found.model.estimates["inertia"].value == pytest.approx(TRUE["inertia"], rel=0.01)
     declared = [replace(own, drive=replace(own.drive, windup=windup, integral=order)) for own in recordings]
-    assert read_integral(declared, TILTED) is None
+    assert read_controller(declared, TILTED) is None
+
+
+@pytest.mark.parametrize("derivative", ["velocity", "error"])
+def test_quantity_that_the_derivative_part_acts_on_is_found_by_the_motion(derivative):
+    """The derivative of the error kicks at each step of the goal; taken for that of the velocity, it leaves drag."""
+    recordings = [integrating(kp, k, "stop", "after", 0.0, 0.04, derivative) for k, kp in enumerate((3.0, 5.0, 4.0))]
+    found = diagnose(recordings[:2], recordings[2:], only=("quadratic_drag", "torque_saturation"))
+    (read,) = (own for own in found.findings if own.kind is Kind.CONTROLLER_READ)
+    assert dict(read.pairs) == {"derivative": derivative} == {"derivative": found.model.log_format["derivative"]}
+    assert not found.selected and not found.unexplained
+    for name, value in (TRUE | {"viscous": 0.2}).items():
+        assert abs(found.model.estimates[name].value - value) < 4 * found.model.estimates[name].std
+
+
+def test_every_command_uses_the_torque_with_the_integral():
+    """Without its integral, a servo that holds a weight seems to need no torque, so that gravity is lost."""
+    recordings = [integrating(kp, k, "clamp", "before") for k, kp in enumerate((3.0, 5.0, 4.0))]
+    identified = identify(recordings[:2], schemes="filtered_dynamic")
+    model, conventions = identified.primary.model, {"windup": "clamp", "integral": "before"}
+    assert model.estimates["gravity"].value == pytest.approx(TRUE["gravity"], rel=0.01)
+    assert conventions.items() <= model.log_format.items()
+    assert [own.kind for own in identified.findings if own.kind is Kind.CONTROLLER_READ]
+    compared = compare(identified.windows, recordings[2:])
+    assert compared.data is not None
+    assert compared.joint.errors.torque_rms < 0.1 * np.sqrt(np.mean(recordings[2].torque ** 2))
+    (held_out,) = compared.data.recordings
+    declared = replace(recordings[2], drive=replace(recordings[2].drive, **conventions))
+    added = add(MODEL, "stribeck", recordings[:2], [declared])  # what one drive declares holds for all
+    assert conventions.items() <= added.after.model.log_format.items()
+    assert held_out.drive is not None and held_out.drive.windup == "clamp" and held_out.drive.integral == "before"
 
 
 @pytest.mark.parametrize(("size", "is_kept"), [(0.0005, False), (0.002, True)])

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from pendulum_env.physics import BASE, KnownLoad, effect, simulate
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.transmission import Backlash, JointFlexibility
+from pendulum_env.recording import Recording
 from pendulum_env.servo import ServoDrive
 from pendulum_env.servo.loop import Looks, Servos, simulate_servos
+from pendulum_env.servo.torque import compute_asked_torque
 from tests.runge_kutta import stepped
 from tests.terms import Clipped, Table
 
@@ -104,6 +106,28 @@ def test_integral_of_a_drive_follows_its_convention(windup, order):
         errors[other] = np.abs(told - exact).max()
     own = errors.pop((windup, order))
     assert own < 2e-3 * np.ptp(exact) and own < 0.1 * min(errors.values())
+
+
+@pytest.mark.parametrize("derivative", ["velocity", "error"])
+def test_derivative_part_acts_on_the_velocity_or_on_the_derivative_of_the_error(derivative):
+    goal = np.where(np.arange(40_000) // 10_000 % 2, -0.8, 0.8) + 0.2 * np.sin(5e-4 * np.arange(40_000))
+    drive = ServoDrive(kp=0.5, kd=0.02, limit=0.6, gain=0.4, rate=100.0, cutoff=10.0, derivative=derivative)
+    q = v = speed = output = before = 0.0
+    last, exact, period = goal[0], [0.0], 100 * STEP
+    for k, wanted in enumerate(goal):
+        if k % 100 == 0:
+            change = q - before - (wanted - last if derivative == "error" else 0.0)
+            speed += (1.0 - math.exp(-math.tau * drive.cutoff * period)) * (change / period - speed)
+            before, last = q, wanted
+            output = min(max(drive.kp * (wanted - q) - drive.kd * speed, -drive.limit), drive.limit)
+        v += STEP * (10.0 * drive.gain * output - GRAVITY * math.sin(q + 0.5 * STEP * v) - VISCOUS * v) / INERTIA
+        q += STEP * v
+        exact.append(q)
+    right, other = (
+        np.abs(path(replace(drive, derivative=name), goal) - exact).max()
+        for name in (derivative, {"velocity": "error", "error": "velocity"}[derivative])
+    )
+    assert right < 5e-3 * np.ptp(exact) and right < 0.1 * other
 
 
 def test_servo_comes_to_rest_where_its_law_balances_the_load_and_dry_friction_holds_it():
@@ -328,3 +352,31 @@ def test_a_load_torque_drives_a_servo_that_hardly_follows():
     found = path(drive, 0 * load, load=KnownLoad(torque=load[:, None]))
     alone = simulate(BASE, SMOOTH, STEP, load, 0.0, 0.0).position[:, 0]
     np.testing.assert_allclose(found, alone, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        ServoDrive(kp=0.5, ki=2.0, limit=0.25, gain=0.4, rate=100.0, windup="clamp", integral="before"),
+        ServoDrive(kp=0.5, ki=2.0, limit=0.25, gain=0.4, rate=200.0, windup="free"),
+        ServoDrive(kp=0.5, kd=0.02, limit=0.6, gain=0.4, rate=100.0, cutoff=10.0, derivative="error"),
+    ],
+)
+def test_torque_that_a_controller_asks_for_along_a_motion_is_that_which_moves_the_joint(drive):
+    """The impulse of the torque, less that of gravity and friction, is the momentum of the joint."""
+    goal = np.where(np.arange(40_000) // 10_000 % 2, -0.8, 0.8)
+    motion = path(drive, goal)[:-1]
+    volts = np.full(len(goal[::50]), 10.0)
+    moved = Recording(
+        50 * STEP * np.arange(len(volts)),
+        motion[::50],
+        np.zeros(len(volts)),
+        reference=goal[::50],
+        supply=volts,
+        drive=replace(drive, goal="held"),
+    )
+    torque = np.repeat(compute_asked_torque(moved), 50)
+    velocity = np.gradient(motion, STEP)
+    impulse = STEP * np.cumsum(torque - GRAVITY * np.sin(motion) - VISCOUS * velocity)
+    error = impulse[::50] - INERTIA * velocity[::50]
+    assert np.abs(error).max() < 0.03 * np.abs(INERTIA * velocity).max()

@@ -1,0 +1,67 @@
+"""Decide how the controllers of a log act where their description leaves it open.
+
+Controllers add the error of a turn to their integral before or after they compute the output, and differ in what the
+integral does while the output is at its limit. The derivative part acts on the measured velocity, or on the derivative
+of the error. Each convention is fitted by the base model. The first one, in the order of the choices of a drive, that
+no other predicts significantly better is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.data.regression_data import RegressionData
+from estimators.data.rows import BLOCK
+from estimators.findings import Finding, Kind, Quantity
+from estimators.in_loop.fit import Linear, choose_likeliest_point, densities
+from estimators.in_loop.rollout_rows import RolloutRows
+from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.selection.criterion import Criterion
+from estimators.selection.score import Bootstrap
+from estimators.weak_form.windows import WHOLE, Part
+from pendulum_env.physics import Term
+from pendulum_env.recording import Recording
+from pendulum_env.servo.drive import list_open_conventions
+
+SAME = 1e-3  # [nat], below which two conventions give one motion: the output does not reach its limit
+
+
+def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part: Part = WHOLE) -> Finding | None:
+    """Decide how the controllers act; return None if no drive leaves a convention open.
+
+    The finding has the gain over the likeliest other convention [nat], and the settings of the drives as pairs.
+    """
+    conventions = list_open_conventions([r.drive for r in recordings if r.drive is not None])
+    if len(conventions) == 1:
+        return None
+    variants = [
+        tuple(r if r.drive is None else replace(r, drive=r.drive.with_conventions(settings)) for r in recordings)
+        for settings in conventions
+    ]
+    torque = RegressionData.from_recordings(recordings, part=part).torque
+    rollouts = [Rollouts(variant, FINE, shares=part) for variant in variants]
+    fits: dict[int, Linear] = {}
+    for _ in range(3):  # a wrong convention leads a fit astray, and others begin where it ended
+        for k, simulated in enumerate(rollouts):
+            rows = RolloutRows(simulated, torque)
+            if fits:
+                known = [fits[n].point for n in sorted(fits, key=lambda n: n != k)]  # its own first
+                start = choose_likeliest_point(simulated, known)[0]
+                if k in fits and start is known[0]:
+                    continue
+                rows.begin_at(start, tuple(base))
+            rows.fit(base, exactly=True)
+            fits[k] = rows.near(base)
+    blocks, _, of_block = rollouts[0].blocks(BLOCK)
+    scores = [np.bincount(blocks, densities(own, fits[k].error)).astype(float) for k, own in enumerate(rollouts)]
+    bootstrap = Bootstrap(of_block, np.random.default_rng(0))
+    best, *others = sorted(range(len(scores)), key=lambda k: -scores[k].sum())
+    gains = [bootstrap.gain(scores[best], score, float(np.log(len(scores)))) for score in scores]
+    chosen = next(k for k, gain in enumerate(gains) if k == best or gain.p_value > Criterion().p_value)
+    different = [k for k in others if abs(scores[best].sum() - scores[k].sum()) > SAME] or others
+    gain = bootstrap.gain(scores[chosen], scores[best if chosen != best else different[0]])
+    pairs = tuple(conventions[chosen].items())
+    return Finding(Kind.CONTROLLER_READ, {"gain": Quantity(gain.total, gain.error)}, pairs=pairs)
