@@ -42,6 +42,7 @@ class ChannelSettings:
     p_value: float = Criterion.p_value  # below which more columns explain more
     by_chance: float = float(np.log(2 * reach / 1e-3))  # [nat], gained by chance by the best of so many delays
     error_margin: float = Criterion.error_margin  # share by which errors differ by chance
+    kept_inertia: float = Criterion.kept_inertia  # share of it that a delay leaves by which torque acts late
     fewest_equations: int = 3  # equations for each column
     friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # of the highest velocity: where friction, too, may bend
     orders: int = 48  # of sines of the angle, where torque of another kind is left

@@ -34,7 +34,7 @@ from estimators.checks.channel_rows import (
 from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
-from estimators.regression.least_squares import IdentificationError, project_out
+from estimators.regression.least_squares import IdentificationError, project_out, solve_least_squares
 from estimators.selection.score import cross_validated
 from estimators.signals.channel import Channel
 from pendulum_env._typing import Array
@@ -124,8 +124,24 @@ class ChannelFits(ChannelRows):
     def with_drift(self) -> ChannelFits:
         """Return the fits with parameters of the base model that change linearly along each recording."""
         time_share = np.concatenate([2 * w.centers / len(w.recording) - 1 for w in self.data.windows])
-        base = np.column_stack([self.data.columns([term])[0][0] for term in BASE])
-        return self.with_columns((base * time_share[:, None])[self.rows])
+        return self.with_columns(self.base_columns * time_share[self.rows, None])
+
+    @cached_property
+    def base_columns(self) -> Array:
+        """Return the columns of the base model (R, 4), not weighted."""
+        return np.column_stack([self.data.columns([term])[0][0] for term in BASE])[self.rows]
+
+    def keeps_inertia(self, law: Alignment) -> bool:
+        """Return whether torque that acts late by a law leaves the base model its inertia.
+
+        A joint with inertia J and viscous friction b answers torque as late as by J/b, and an encoder shows the speed
+        better than the acceleration: a delay may take the place of the inertia.
+        """
+        columns = self.base_columns * self.data.weights[self.rows, None]
+        logged, corrected = (
+            solve_least_squares(columns, self.torque(channel))[0] for channel in (Channel(), law.channel)
+        )
+        return bool(corrected >= SEARCH.kept_inertia * logged)
 
     def with_angle_columns(self) -> ChannelFits:
         """Return the fits with sines of the angle, of as many orders as there are equations for, as any cogging has."""
@@ -338,16 +354,17 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     In a closed loop the controller answers each torque that the columns lack, and a delay fits its answer: there a law
     needs a residual of noise (see `closed_loop`), with `with_angle_columns` if these explain more.
 
-    Recordings too short to tell, and closed loops without such a residual, give an alignment without a finding and with
-    infinite standard errors.
+    Recordings too short to tell, closed loops without such a residual, delays in the place of the inertia, and torque
+    that a drive asked for give an alignment without a finding and with infinite standard errors.
 
     Raises:
         TypeError: if something else is given than recordings and terms.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else recordings
     recordings = [_apply_torque_laws(recording, beside) for recording in recordings]
+    is_logged = any(r.torque.any() for r in recordings) and all(r.has_logged_torque for r in recordings)
     try:
-        fits = ChannelFits.from_recordings(recordings, beside) if any(r.torque.any() for r in recordings) else None
+        fits = ChannelFits.from_recordings(recordings, beside) if is_logged else None
     except IdentificationError:
         fits = None
     if fits is None:
@@ -358,6 +375,8 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     fits = fits.select_most_precise()
     if not (found := _choose_hold(fits)).is_found:
         return found
+    if not (found.is_late or fits.keeps_inertia(found)):
+        return NO_ALIGNMENT
     if find_feedback(recordings) and (finer := fits.with_angle_columns()).explains_more(fits, found):
         fits, found = finer, _choose_hold(finer)
     return found if fits.is_consistent(recordings, found) else NO_ALIGNMENT
@@ -402,14 +421,16 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
 
     All have the same drive and log, so a law that all show together, or one alone, holds for all, unless half of them
     contradict it. A recording that contradicts it keeps its own law. If by that law torque acts late, it is not the log
-    that is late, and the shared law holds there, too. In closed loops all share the law that all together
-    determine, if they do: with fewer motions, a delay fits a controller's answer more easily.
+    that is late, and the shared law holds there, too. In closed loops all share the law that all together determine,
+    or none unless each determines its own: with fewer motions, a delay fits a controller's answer more easily.
     """
     joint = align(recordings, beside)
-    is_determined = np.isfinite(joint.delay_std) and all(find_feedback([recording]) for recording in recordings)
-    if len(recordings) == 1 or is_determined:
+    is_closed = all(find_feedback([recording]) for recording in recordings)
+    if len(recordings) == 1 or (is_closed and np.isfinite(joint.delay_std)):
         return [joint] * len(recordings)
     each = [align([recording], beside) for recording in recordings]
+    if is_closed and not all(np.isfinite(alignment.delay_std) for alignment in each):
+        return [joint] * len(recordings)
     for law in (joint, *sorted(each, key=lambda alignment: alignment.delay_std + alignment.lag_std)):
         agree = [alignment.agrees(law) for alignment in each]
         is_shared = (law.is_late and joint.agrees(law)) or (law is joint and law.is_found)

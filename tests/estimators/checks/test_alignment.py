@@ -246,3 +246,22 @@ def test_nothing_reaches_across_a_gap():
     acted = dict(zip(good.time.tolist(), good.torque.tolist(), strict=True))
     assert len(mended.segments) == 2
     np.testing.assert_allclose(mended.torque, [acted[t] for t in mended.time.tolist()], atol=1e-12)
+
+
+def test_a_delay_does_not_take_the_place_of_the_inertia_of_a_motor():
+    """Through a coarse encoder, the lag J / b of the speed behind the torque is clearer than the acceleration."""
+    inertia, viscous, coulomb, step, rng = 1e-3, 0.15, 0.05, 1e-4, np.random.default_rng(2)
+    recordings = []
+    for phase in rng.uniform(0.0, 6.0, 2):
+        velocity = position = 0.0
+        rows = []
+        for k in range(120_000):
+            if k % 40 == 0:  # the torque is held for 4 ms
+                time = k * step
+                torque = 1.2 * np.sin(3.1 * time + phase) + 0.8 * np.sin(9.7 * time)
+                rows.append((time, np.round(position * 2048 / (2 * np.pi)) * 2 * np.pi / 2048, torque))
+            pushed = velocity + step * (torque - viscous * velocity) / inertia
+            velocity = float(np.sign(pushed) * max(abs(pushed) - step * coulomb / inertia, 0.0))
+            position += step * velocity
+        recordings.append(Recording(*np.array(rows).T, name=f"phase-{phase:.1f}"))
+    assert not any(alignment.is_found for alignment in align_each(recordings))
