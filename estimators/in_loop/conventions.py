@@ -47,17 +47,19 @@ def decide_conventions(
     base, part = make_base(recordings, base), choose_parts(holdout)[0]
     declared = find_declared_conventions([r.actuator for r in (*recordings, *holdout)])
     recordings, holdout = (_with_settings(own, declared) for own in both)
-    findings: list[Finding] = []
-    if (controller := read_controller(recordings, base, part)) is not None:
-        recordings, holdout = (_with_settings(own, dict(controller.pairs)) for own in (recordings, holdout))
-        findings.append(controller)
+    opened = recordings, holdout
+    controller = read_controller(recordings, base, part)
+    recordings, holdout = (_with_finding(own, controller) for own in opened)
     goals = read_goals(recordings, base, part)
+    is_held = goals is None or goals.kind is Kind.GOALS_HELD
+    if controller is not None and not is_held:  # was read with held goals, whose error hides that of a controller
+        controller = read_controller(with_goals(opened[0], is_held), base, part)
+        recordings, holdout = (_with_finding(own, controller) for own in opened)
     if goals is not None and any(r.drive is not None and r.drive.goal for r in holdout):
         undeclared = tuple(r.name for r in recordings if r.drive is None or not r.drive.goal)
         goals = replace(goals, recordings=undeclared)  # a reading of some recordings is not reversed
-    findings += [goals] if goals is not None else []
-    is_held = goals is None or goals.kind is Kind.GOALS_HELD
-    return Conventions(with_goals(recordings, is_held), with_goals(holdout, is_held), tuple(findings))
+    findings = tuple(finding for finding in (controller, goals) if finding is not None)
+    return Conventions(with_goals(recordings, is_held), with_goals(holdout, is_held), findings)
 
 
 def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, str]) -> Recordings:
@@ -92,3 +94,8 @@ def _with_settings(recordings: Sequence[Recording], settings: Mapping[str, str |
         for r in recordings
         for drive in [r.actuator.with_conventions(settings)]
     )
+
+
+def _with_finding(recordings: Sequence[Recording], controller: Finding | None) -> Recordings:
+    """Return the recordings with the conventions of a finding of `read_controller`, if there is one."""
+    return _with_settings(recordings, {} if controller is None else dict(controller.pairs))

@@ -141,14 +141,13 @@ def refuse_too_fast(recording: Recording, origin: Origin) -> None:
 def check_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
     """Refuse turns or degrees that were read as radians; note a motion that a spring over radians explains as well.
 
-    The torque that a drive asked for tells nothing while its conventions are open.
+    Turns are found by small differences, which need a logged torque: that which a drive asked for is less exact.
     """
-    has_torque = recording.has_logged_torque or not recording.actuator.open_conventions
-    if not (has_torque and origin.can_be_degrees()):
+    if not origin.can_be_degrees():
         return ()
     part = max(recording.segments, key=len)
     is_guess = origin.columns["position"].unit is None
-    found = suspect_unit(part.position, part.torque, part.rate, turns=is_guess)
+    found = suspect_unit(part.position, part.torque, part.rate, turns=is_guess and recording.has_logged_torque)
     if found is None:
         return ()
     if not found.is_certain:
