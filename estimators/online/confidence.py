@@ -15,8 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.online.recursion import Recursion
+from estimators.online.recursion import Recursion, expand_triangle
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.physics.compiled import Machine, SymbolicStep
+from pendulum_env.physics.symbols import make_symbols
 
 
 @dataclass(frozen=True)
@@ -42,9 +44,7 @@ class ClusterCovariance:
         self._max_length = COVARIANCE.max_memory_share / (1.0 - forgetting) if forgetting < 1 else np.inf
         self._min_length = max(2, round(min(COVARIANCE.cluster_time / period, self._max_length)))
         self._clusters = np.zeros((COVARIANCE.max_clusters, *batch, parameters, parameters + 1))  # A and b
-        self._current = np.zeros((*batch, parameters, parameters + 1))  # of the current cluster, without `_rows`
-        self._rows = np.zeros((self._min_length, *batch, parameters + 1))  # its last equations
-        self._n_used = np.zeros(batch)  # usable equations in the current cluster
+        self._machine = Machine(_add_products, (parameters + 1,), *batch[::-1])
         self._scores = np.zeros((*batch, parameters, parameters))
         self._n_clusters = np.zeros(batch, dtype=int)  # clusters with equations
         self._length, self._n_rows, self._n_closed = self._min_length, 0, 0
@@ -52,11 +52,10 @@ class ClusterCovariance:
     def reset(self, which: Mask) -> None:
         """Restart plants (B,); the others keep their clusters."""
         self._clusters[:, which] = 0.0
-        self._rows[:, which] = 0.0
+        self._machine.reset(which)
         # covariance functions in use keep the old arrays
         self._scores, self._n_clusters = self._scores.copy(), self._n_clusters.copy()
-        for series in (self._current, self._n_used, self._scores, self._n_clusters):
-            series[which] = 0
+        self._scores[which] = self._n_clusters[which] = 0
         if which.all():
             self._length, self._n_rows, self._n_closed = self._min_length, 0, 0
 
@@ -66,11 +65,10 @@ class ClusterCovariance:
         Returns:
             True if the current cluster is long enough to be closed.
         """
-        np.multiply(equations, usable[..., None], out=self._rows[self._n_rows % self._min_length])
-        self._n_used += usable
+        given = self._machine.given
+        given["row"].T[:], given["used"].T[:] = equations, usable
+        self._machine.step()
         self._n_rows += 1
-        if self._n_rows % self._min_length == 0:
-            self._current += np.einsum("r...i,r...j->...ij", self._rows[..., :-1], self._rows)
         return self._n_rows >= self._length
 
     def close(self, squares: Recursion) -> None:
@@ -79,16 +77,17 @@ class ClusterCovariance:
         A cluster without equations is dropped; others lower the weight of the earlier clusters by forgetting. At
         `max_clusters`, neighbours are merged, or the oldest is dropped.
         """
-        if not self._n_used.any():
-            self._n_rows = 0
+        self._n_rows, now = 0, self._machine.now
+        n_used = now["count"].T.copy()
+        if not n_used.any():
             return
         theta, P = squares.theta, squares.P
         if self._forgetting < 1:
-            self._clusters[: self._n_closed] *= (self._forgetting**self._n_used)[..., None, None]
-        self._clusters[self._n_closed] = self._current
-        self._n_closed, self._n_rows = self._n_closed + 1, 0
-        has_equations = self._n_used > 0
-        self._current[:], self._n_used[:] = 0.0, 0.0
+            self._clusters[: self._n_closed] *= (self._forgetting**n_used)[..., None, None]
+        self._clusters[self._n_closed] = expand_triangle(now["products"].T)[..., :-1, :]
+        self._n_closed += 1
+        has_equations = n_used > 0
+        self._machine.reset(np.True_)
         if self._n_closed == COVARIANCE.max_clusters and 2 * self._length <= self._max_length:
             half = COVARIANCE.max_clusters // 2
             self._clusters[:half] = self._clusters[0::2] + self._clusters[1::2]
@@ -108,6 +107,17 @@ class ClusterCovariance:
         """Return a function that computes P and the covariance of now, also later; `compute_P` computes P of now."""
         state = squares.squares, squares.count, squares.prior
         return functools.partial(_compute_covariances, compute_P, self._scores, self._n_clusters, *state)
+
+
+@functools.cache
+def _add_products(size: int) -> SymbolicStep:
+    """Build the sums over a cluster, in symbols: the upper triangle of products of phi and y, and their number."""
+    inputs = {"row": make_symbols("row", size), "used": make_symbols("used")}
+    left, right = np.triu_indices(size)
+    row, before = inputs["row"] * inputs["used"], {"products": make_symbols("products", len(left))}
+    before["count"] = make_symbols("count")
+    after = {"products": before["products"] + row[left] * row[right], "count": before["count"] + inputs["used"]}
+    return SymbolicStep(inputs, before, after)
 
 
 def _compute_covariances(

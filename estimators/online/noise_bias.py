@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.online.recursion import Recursion
+from estimators.online.recursion import Recursion, expand_triangle
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics.compiled import Machine, SymbolicStep
 from pendulum_env.physics.symbols import make_symbols
@@ -44,12 +44,11 @@ class NoiseBias:
 
     def __init__(self, batch: tuple[int, int], parameters: int, forgetting: float) -> None:
         """Create the sums with the forgetting factor of the recursion."""
-        self._batch, self._size = batch, parameters + 1
-        self._machine = Machine(_add_excess, (parameters + 1, forgetting), int(np.prod(batch)))
+        self._machine = Machine(_add_excess, (parameters + 1, forgetting), *batch[::-1])
 
     def reset(self, which: Mask) -> None:
         """Restart plants (B,)."""
-        self._machine.reset(np.broadcast_to(which[:, None], self._batch).ravel())
+        self._machine.reset(which)
 
     def take(self, copies: Array, usable: Mask) -> None:
         """Add one equation of each regression, phi and y (C, B, S, P + 1), where usable (B, S).
@@ -59,38 +58,37 @@ class NoiseBias:
         if len(copies) < len(COPIES):
             return
         given = self._machine.given
-        given["copies"].reshape(len(COPIES), self._size, *self._batch)[:] = copies.transpose(0, 3, 1, 2)
-        given["used"][:] = usable.ravel()
+        given["copies"][:], given["used"].T[:] = copies.transpose(0, 3, 2, 1), usable
         self._machine.step()
 
     def make_correction(self, squares: Recursion, compute_P: Callable[[], Array]) -> Callable[[], Correction]:
         """Return a function that computes the correction of now, also later; `compute_P` computes P of now."""
-        return functools.partial(
-            _correct, self._machine.now["excess"].copy(), squares.theta, compute_P, squares.squares
-        )
+        excess = self._machine.now["excess"].copy().T
+        return functools.partial(_correct, excess, squares.theta, compute_P, squares.squares)
 
 
 @functools.cache
 def _add_excess(size: int, forgetting: float) -> SymbolicStep:
-    """Build the sum of the excess of products of phi and y by noise, in symbols."""
+    """Build the sum of the excess of products of phi and y by noise, in symbols: its upper triangle."""
     inputs = {"copies": make_symbols("copies", len(COPIES), size), "used": make_symbols("used")}
-    excess, used = make_symbols("excess", size, size), inputs["used"]
+    (left, right), used = np.triu_indices(size), inputs["used"]
+    excess = make_symbols("excess", len(left))
     measured, *noisy = inputs["copies"] * used
     fade = 1.0 if forgetting == 1 else np.where(used > 0, forgetting, 1.0)
     # E = lambda E + (r+ r+' + r- r-') / 2 - r r'
-    added = 0.5 * sum(np.outer(row, row) for row in noisy) - np.outer(measured, measured)
+    added = 0.5 * sum(row[left] * row[right] for row in noisy) - measured[left] * measured[right]
     return SymbolicStep(inputs, {"excess": excess}, {"excess": fade * excess + added})
 
 
 def _correct(excess: Array, theta: Array, compute_P: Callable[[], Array], residual: Array) -> Correction:
-    """Compute the correction from the excess by noise (P + 1, P + 1, B S) and the sum of squared errors (B, S).
+    """Compute the correction from the triangle of the excess by noise (B, S, N) and the sum of squared errors (B, S).
 
     Noise that explains more than the errors was taken too large, and is scaled down. If it has more than
     `MAX_NOISE_SHARE` of the information, only a part is subtracted, and the remaining bias is counted.
     """
     if not excess.any():
         return Correction.none()
-    P, excess = compute_P(), excess.transpose(2, 0, 1).reshape(*residual.shape, *excess.shape[:2])
+    P, excess = compute_P(), expand_triangle(excess)
     errors = np.append(-theta, np.ones((*theta.shape[:-1], 1)), axis=-1)  # times an equation
     noise = np.einsum("...i,...ij,...j", errors, excess, errors)
     scale = np.where(noise > residual, residual / np.where(noise > residual, noise, 1.0), 1.0)

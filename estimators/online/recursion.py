@@ -28,8 +28,8 @@ class SquareRootLeastSquares:
     def __init__(self, batch: tuple[int, int], parameters: int, prior: float = PRIOR, forgetting: float = 1.0) -> None:
         """Create the recursions of a batch (B, S), with P(0) = prior on the diagonal and the factor lambda."""
         check_ranges(prior, forgetting)
-        self.prior, self.forgetting, self._batch = prior, forgetting, batch
-        self._machine = Machine(_update, (parameters, forgetting, prior), int(np.prod(batch)))
+        self.prior, self.forgetting = prior, forgetting
+        self._machine = Machine(_update, (parameters, forgetting, prior), *batch[::-1])
         self.theta = np.zeros((*batch, parameters))
         self.root = np.sqrt(prior) * np.tile(np.eye(parameters), (*batch, 1, 1))
         self.error, self.squares, self.count, self.variance = np.zeros((4, *batch))
@@ -43,22 +43,20 @@ class SquareRootLeastSquares:
     @theta.setter
     def theta(self, theta: Array) -> None:
         self._theta = np.array(theta)
-        self._machine.now["theta"][:] = theta.reshape(-1, theta.shape[-1]).T
+        self._machine.now["theta"].T[:] = theta
 
     @property
     def root(self) -> Array:
         """Return the current factor of P for unit noise (B, S, P, P)."""
-        lanes_last = self._machine.now["root"]
-        return lanes_last.transpose(2, 0, 1).copy().reshape(*self._batch, *lanes_last.shape[:2])
+        return self._machine.now["root"].copy().transpose(3, 2, 0, 1)
 
     @root.setter
     def root(self, root: Array) -> None:
-        self._machine.now["root"][:] = root.reshape(-1, *root.shape[2:]).transpose(1, 2, 0)
+        self._machine.now["root"][:] = root.transpose(2, 3, 1, 0)
 
     def reset(self, which: Mask) -> None:
         """Restart plants (B,): theta and sums are 0, P is P(0)."""
-        lanes = np.broadcast_to(which[:, None], self._batch).ravel()
-        self._machine.reset(lanes)
+        self._machine.reset(which)
         self._read_state()
         root = self.root
         root[which] = np.sqrt(self.prior) * np.eye(root.shape[-1])
@@ -76,18 +74,27 @@ class SquareRootLeastSquares:
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
         """Update with one equation y = phi' theta each: phi (B, S, P), y (B, S); unusable ones change nothing."""
         given, size = self._machine.given, phi.shape[-1]
-        given["phi"][:] = phi.reshape(-1, size).T
-        given["y"][:], given["used"][:] = y.ravel(), usable.ravel()
+        given["phi"].T[:], given["y"].T[:], given["used"].T[:] = phi, y, usable
         if self.forgetting < 1:
-            given["turn"][:] = np.arange(size)[:, None] == self._n_updates % size
+            given["turn"][:] = 0.0
+            given["turn"][self._n_updates % size] = 1.0
             self._n_updates += 1
         self._machine.step()
         self._read_state()
 
     def _read_state(self) -> None:
         now = self._machine.now
-        self._theta = now["theta"].T.copy().reshape(*self._batch, -1)  # a copy: returned arrays must not change
-        self.error, self.squares, self.count, self.variance = now["sums"].copy().reshape(4, *self._batch)
+        # copies: returned arrays must not change
+        self._theta, sums = now["theta"].copy().T, now["sums"].copy()
+        self.error, self.squares, self.count, self.variance = sums.swapaxes(-1, -2)
+
+
+def expand_triangle(values: Array) -> Array:
+    """Return symmetric matrices (..., N, N) of the elements of their upper triangles (..., N (N + 1) / 2)."""
+    size = int(np.sqrt(2 * values.shape[-1]))
+    place = np.zeros((size, size), dtype=int)
+    place[np.triu_indices(size)] = np.arange(values.shape[-1])
+    return values[..., np.maximum(place, place.T)]
 
 
 def check_ranges(prior: float, forgetting: float) -> None:

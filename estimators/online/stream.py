@@ -98,8 +98,7 @@ class Stream:
             if scheme.borrows is not None:
                 raise ValueError(f"{scheme.id} borrows its inertia, which needs a whole recording: set borrows=None")
         self._terms, self._period = tuple(terms), period
-        self._noises, self._batch = noise * COPIES[: len(COPIES) if noise else 1] * SIGNS, batch  # of copies
-        batch *= len(self._noises)  # lanes
+        lanes = len(COPIES) if noise else 1, batch  # copies of each pendulum
         self._balance = TorqueBalance(terms, np.ones(sum(len(term.columns) for term in terms)))
         length, dead_time = 2 * smoothing.reach + 1, sum(term.delay for term in terms) / period
         lead_in = round(LEAD_IN / period) if self._balance.has_states else 0
@@ -111,7 +110,7 @@ class Stream:
         behind = max([1, *(distance for distance in distances if distance is not None)])
         stick_guards = StickGuards(distances, behind, lead_in, smoothing.slowest)
         self.delay, self._behind = smoothing.reach + behind, behind
-        self._machine = Machine(write_step, (self._terms, tuple(schemes), stick_guards, period), batch)
+        self._machine = Machine(write_step, (self._terms, tuple(schemes), stick_guards, period), *lanes)
         self._numeric_laws = self._list_numeric_laws()
         # weights of the last samples, the oldest first; a sample is time, position, its increment and torque, where the
         # newest torque acted until the newest position
@@ -121,16 +120,17 @@ class Stream:
         weights[VELOCITY:TORQUE, 1:, 2] = smoothing.make_step_kernels(period)[:, ::-1]
         weights[TORQUE:, 1:, 3] = smoothing.make_torque_kernels()[:, :0:-1]
         self._weights = weights.reshape(INSTANT, 4 * length)
+        self._noise = noise * _smooth_signs(weights) if noise else None
         # each sample is written twice, so that the last ones are contiguous
         self._samples = np.zeros((2, length, 4, batch))
         self._instants = np.zeros((behind + int(dead_time) + 2, INSTANT, batch))
         self._halts = np.full((behind + 1, batch), NEVER)  # index of the last halt, as of the last instants
         self._shorter_guards = [(k, behind - n) for k, n in enumerate(distances) if n is not None and n < behind]
         width = self._machine.now["total"].shape[1]
-        self._sums = [(k, np.zeros((n, width, batch))) for k, n in enumerate(list_windows(schemes, period)) if n]
+        self._sums = [(k, np.zeros((n, width, *lanes))) for k, n in enumerate(list_windows(schemes, period)) if n]
         self._arrival = Machine(_receive_sample, (SAMPLING.long * period,), batch)
         self._index = np.full(batch, -length, dtype=np.intp)
-        self._no_restart = np.zeros(self._batch, dtype=bool)
+        self._no_restart = np.zeros(batch, dtype=bool)
         self._last_instant: Samples | None = None
         self._count = 0
         self.reset(self._no_restart | True)
@@ -149,11 +149,11 @@ class Stream:
 
     def reset(self, which: Mask) -> None:
         """Restart pendulums (B,) with their next sample; smoothing and filters start from rest."""
-        which = np.tile(which, len(self._noises))
         self._index[which] = -self._samples.shape[1]
-        self._machine.reset(which)
         self._samples[..., which] = self._instants[..., which] = 0.0
-        self._halts[:, which] = self._machine.now["halt"][which] = NEVER
+        self._halts[:, which] = NEVER
+        self._machine.reset(which)
+        self._machine.now["halt"][:, which] = NEVER
         for _, sums in self._sums:
             sums[..., which] = 0.0
 
@@ -167,14 +167,13 @@ class Stream:
             position: (B,) [rad].
             torque: over the period that ends with the sample (B,) [N m].
         """
-        arrival, batch = self._arrival, self._batch
-        sample = arrival.given["sample"].reshape(3, -1, batch)
-        sample[0], sample[2] = time, torque
-        np.add(position, self._noises[:, self._index[:batch] % len(SIGNS)], out=sample[1])
+        arrival = self._arrival
+        sample = arrival.given["sample"]
+        sample[0], sample[1], sample[2] = time, position, torque
         arrival.step()
         restarted = self._no_restart
         if np.count_nonzero(arrival.now["restarted"]):
-            restarted = arrival.now["restarted"][:batch] > 0
+            restarted = arrival.now["restarted"] > 0
             self.reset(restarted)
         self._smooth(arrival.now["taken"])
         return (self._advance(restarted),)
@@ -197,34 +196,35 @@ class Stream:
         given, now, count, ring = self._machine.given, self._machine.now, self._count, self._instants
         row = count - self._behind
         following = ring[(row + 1) % len(ring)]
-        batch = self._batch
-        given["index"][:] = self._index
-        given["newest"].reshape(-1, batch)[:] = ring[count % len(ring), VELOCITY, :batch]
-        given["instant"][:] = following
+        given["index"][:], given["newest"][:] = self._index, ring[count % len(ring), VELOCITY]
+        given["instant"][:] = following[:, None]
         index = self._index - self._behind
+        if self._noise is not None:
+            given["instant"][POSITION:TORQUE] += COPIES * self._noise[:, None, (index + 1) % len(SIGNS)]
         if self._dead_time is not None:
-            given["supplied"][:] = self._delay_torque(row, *self._dead_time)
+            given["supplied"][:] = self._delay_torque(row, *self._dead_time)[:, None]
         for k, past in self._shorter_guards:
             given["halts"][k] = self._halts[(count - past) % len(self._halts)]
         for k, sums in self._sums:
             given["oldest"][k] = sums[count % len(sums)]
         if self._numeric_laws or self._balance.has_states:
-            self._evaluate_laws(index + 1, following.copy())
+            self._evaluate_laws(
+                np.tile(index + 1, given["index"].shape[0]), given["instant"].reshape(INSTANT, -1).copy()
+            )
         self._machine.step()
         if self._shorter_guards:
-            self._halts[count % len(self._halts)] = now["halt"]
+            self._halts[count % len(self._halts)] = now["halt"][0]
         for k, sums in self._sums:
             sums[count % len(sums)] = now["total"][k]
         self._count += 1
-        equations = now["equations"]
         return StreamEquations(
-            index[:batch],
-            self._arrival.now["taken"][TIME, :batch] - self.delay * self._period,
-            equations.reshape(*equations.shape[:2], -1, batch).transpose(2, 3, 0, 1),
-            now["usable"][:, :batch].T > 0,
-            now["regressor"][:, :batch].T.copy(),
+            index,
+            self._arrival.now["taken"][TIME] - self.delay * self._period,
+            now["equations"].transpose(2, 3, 0, 1),
+            now["usable"][:, 0].T > 0,
+            now["regressor"][:, 0].T.copy(),
             restarted,
-            following[:, :batch],
+            following,
         )
 
     def _delay_torque(self, row: int, whole: int, share: float) -> Array:
@@ -258,10 +258,21 @@ class Stream:
                     for id, states in memory.items()
                 }
             for id, states in memory.items():
-                given[f"memory.{id}"][:] = states
+                given[f"memory.{id}"].reshape(len(states), -1)[:] = states
             self._last_instant = x = replace(x, memory=memory)
         for label, law in self._numeric_laws.items():
-            given[label][:] = law(x)
+            given[label].reshape(-1)[:] = law(x)
+
+
+def _smooth_signs(weights: Array) -> Array:
+    """Smooth `SIGNS` as positions with weights of samples (INSTANT, L, 4).
+
+    Returns:
+        Position, velocity and acceleration of the instant whose window ends before each sign (3, signs).
+    """
+    signs = np.array([SIGNS, SIGNS - np.roll(SIGNS, 1)])
+    of_window = np.arange(-weights.shape[1], 0)[:, None] + np.arange(len(SIGNS))
+    return np.asarray(np.einsum("ils,slk->ik", weights[POSITION:TORQUE, :, 1:3], signs[:, of_window % len(SIGNS)]))
 
 
 def _receive_sample(longest: float) -> SymbolicStep:

@@ -30,7 +30,7 @@ from pendulum_env.physics.symbols import (
     merge_equal,
 )
 
-MANY, SMALL = 64, 50  # lanes from which on, and values up to which, a faster program is worth the time to compile it
+MANY, SMALL = 64, 50  # lanes that are worth a program of vectors, and values up to which it is also optimised
 WIDTH = 16  # lanes that are computed at once, by two instructions of a processor that need not wait for each other
 DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
 CALLS = {  # by operation: LLVM's functions; some call those of the C library
@@ -140,30 +140,31 @@ class SymbolicStep:
     before: Mapping[str, Any]
     after: Mapping[str, Any]
 
-    def compile(self, quickly: bool) -> Recurrence:
-        """Compile the program, see `compile_recurrence`."""
+    def compile(self, lanes: int) -> Recurrence:
+        """Compile the program for a number of lanes: the fewer, and the larger the program, the more quickly."""
         states = {
             label: self.before.get(label, make_symbols(label, *np.shape(box(value))))
             for label, value in self.after.items()
         }
         inputs, names_after = ([symbol.label for symbol in _flatten_parts(each)] for each in (self.given, states))
-        return compile_recurrence(inputs, [], names_after, _flatten_parts(self.after), quickly)
+        after = _flatten_parts(self.after)
+        level, width = (int(len(after) <= SMALL), WIDTH) if lanes >= MANY else (0, 1)
+        return compile_recurrence(inputs, [], names_after, after, level, width)
 
 
 class Machine:
     """Recurrence that is taken one step at a time; each lane of a batch is a system of its own.
 
     Attributes:
-        given: what is given, by label, each (..., B): to be filled in place before a step.
-        now: the states, by label, each (..., B): a step changes them in place, and so may others.
+        given: what is given, by label, each (..., *lanes): to be filled in place before a step.
+        now: the states, by label, each (..., *lanes): a step changes them in place, and so may others.
     """
 
-    def __init__(self, write: Callable[..., SymbolicStep], arguments: tuple[Any, ...], lanes: int) -> None:
-        """Take what writes the step, with its arguments, which are what is pickled, and the number of lanes B."""
-        self._made = write, arguments, lanes
+    def __init__(self, write: Callable[..., SymbolicStep], arguments: tuple[Any, ...], *lanes: int) -> None:
+        """Take what writes the step, with its arguments, which are what is pickled, and the shape of the lanes."""
+        self._made, self._lanes = (write, arguments, *lanes), lanes
         step = write(*arguments)
-        is_quick = lanes < MANY or len(_flatten_parts(step.after)) > SMALL
-        self._program = step.compile(is_quick)  # and with it, LLVM's engine
+        self._program = step.compile(math.prod(lanes))  # and with it, LLVM's engine
         self._inputs, self.given = _allocate_rows(step.given, lanes, self._program.width)
         self._states, self.now = _allocate_rows(step.after, lanes, self._program.width)
         padded = self._states.strides[0] // self._states.itemsize
@@ -171,8 +172,8 @@ class Machine:
         self.step = partial(self._program.program, *counts, self._inputs.ctypes.data, 0, self._states.ctypes.data, 0, 0)
 
     def reset(self, which: Mask) -> None:
-        """Restart lanes (B,) from zero."""
-        self._states[:, which] = 0.0
+        """Restart lanes from zero; the mask is broadcast to their shape."""
+        self._states[:, np.broadcast_to(which, self._lanes).ravel()] = 0.0
 
     def __reduce__(self) -> Any:
         return Machine, self._made, (self._inputs, self._states)
@@ -181,14 +182,18 @@ class Machine:
         self._inputs[:], self._states[:] = values
 
 
-def _allocate_rows(parts: Mapping[str, Any], lanes: int, width: int) -> tuple[Array, dict[str, Array]]:
-    """Allocate the values of some parts in a row (N, B), padded to a multiple of the width, and views of each."""
-    rows = np.zeros((len(_flatten_parts(parts)), -(-lanes // width) * width))[:, :lanes]
+def _allocate_rows(parts: Mapping[str, Any], lanes: tuple[int, ...], width: int) -> tuple[Array, dict[str, Array]]:
+    """Allocate the values of some parts in rows (N, L) of all lanes, and views of each part (..., *lanes).
+
+    The rows are padded to a multiple of the width.
+    """
+    count = math.prod(lanes)
+    rows = np.zeros((len(_flatten_parts(parts)), -(-count // width) * width))[:, :count]
     places, first = {}, 0
     for label, part in parts.items():
         shape = np.shape(box(part))
         last = first + math.prod(shape)
-        places[label] = rows[first:last].reshape(*shape, lanes)
+        places[label] = rows[first:last].reshape(*shape, *lanes)
         first = last
     return rows, places
 
@@ -202,14 +207,15 @@ def compile_recurrence(
     constants: Sequence[str],
     states: Sequence[str],
     after: Sequence[Operand],
-    quickly: bool = False,
+    level: int = 1,
+    width: int = WIDTH,
 ) -> Recurrence:
     """Compile the states after a step, as expressions in the names of inputs, constants and the states before it.
 
-    The same expressions are compiled once: for speed or, for a program that runs beside a pendulum that waits, quickly.
+    The same expressions are compiled once, with LLVM's level of optimisation and the lanes that are computed at once.
     """
     results = [x if isinstance(x, Symbol) else float(x) for x in after]  # `np.where` of numbers is an array
-    return _compile((tuple(inputs), tuple(constants), tuple(states)), *_write_lines(results), quickly)
+    return _compile((tuple(inputs), tuple(constants), tuple(states)), *_write_lines(results), level, width)
 
 
 def _write_lines(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Place, ...]]:
@@ -227,10 +233,11 @@ def _write_lines(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Pl
 
 
 @lru_cache(maxsize=256)
-def _compile(names: Names, lines: tuple[Line, ...], results: tuple[Place, ...], quickly: bool) -> Recurrence:
+def _compile(names: Names, lines: tuple[Line, ...], results: tuple[Place, ...], level: int, width: int) -> Recurrence:
     _prepare()
-    target, level, width = llvm.Target.from_default_triple(), *((0, 1) if quickly else (1, WIDTH))
-    machine = target.create_target_machine(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), opt=level)
+    machine = llvm.Target.from_default_triple().create_target_machine(
+        llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), opt=level
+    )
     steady = _list_steady_lines(names[1], lines, results)
     module = llvm.parse_assembly(str(_write_program(names, lines, results, steady, width)))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
