@@ -24,7 +24,7 @@ from estimators.arms.excitation import INFORMATION_PRIOR, design_excitation, inf
 from estimators.arms.following import follow
 from estimators.arms.limits import find_limits
 from estimators.arms.reference import TICK, condition_number, torque_rows
-from estimators.online import OnlineEstimator
+from estimators.online import OnlineEstimator, stream_recording
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers.options import find_body
@@ -185,9 +185,7 @@ def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Gene
     names = [*file.names, *(f"{kind}@{joint}" for kind in ("viscous", "coulomb") for joint in file.joints)]
     places = [estimator.names.index(name) for name in names]
     found, relative = [], parameter_scales(truth)
-    acted = np.vstack([np.zeros((1, len(file.joints))), recording.torque[:-1]])  # over the period that ends then
-    for time, *sample in zip(recording.time, recording.position, acted, strict=True):
-        now = estimator.take(np.array([time]), *(part[None] for part in sample))
+    for time, now in zip(recording.time, stream_recording(estimator, recording), strict=True):
         if len(found) < len(MOMENTS) and time >= MOMENTS[len(found)] - 1.5 / RATE:
             found.append(float(np.sqrt(np.mean(((now.theta[0, 0, places] - own) / relative) ** 2))))
     most = np.abs(recording.position).max(axis=0), np.abs(np.diff(recording.position, axis=0)).max(axis=0) * RATE

@@ -87,7 +87,7 @@ class ClusterCovariance:
         self._clusters[self._n_closed] = expand_triangle(now["products"].T)[..., :-1, :]
         self._n_closed += 1
         has_equations = n_used > 0
-        self._machine.reset(np.True_)
+        self._machine.reset(np.ones(1, dtype=bool))
         if self._n_closed == COVARIANCE.max_clusters and 2 * self._length <= self._max_length:
             half = COVARIANCE.max_clusters // 2
             self._clusters[:half] = self._clusters[0::2] + self._clusters[1::2]

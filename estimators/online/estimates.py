@@ -8,8 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators.online.noise_bias import Correction
+from estimators.regression.recursive import PRIOR
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.formatting import format_estimate
 from pendulum_env.notebook import Shown
+
+NO_DATA = "no data"
 
 
 @dataclass(eq=False)  # not frozen, which is slow: one is made at every sample
@@ -25,6 +29,7 @@ class Estimates:
         regressor: phi of the torque balance at that sample, 0 in stick (B, P); None for an arm.
         compute_covariances: returns P and the covariance without bias (B, S, P, P) each, when they are first read.
         compute_correction: returns the correction of theta for encoder noise, and its remaining bias.
+        prior: P(0) on the diagonal.
     """
 
     index: Index
@@ -35,6 +40,7 @@ class Estimates:
     regressor: Array | None
     compute_covariances: Callable[[], tuple[Array, ...]]
     compute_correction: Callable[[], Correction] = Correction.none
+    prior: float = PRIOR
 
     @cached_property
     def _covariances(self) -> tuple[Array, ...]:
@@ -63,6 +69,11 @@ class Estimates:
     def std(self) -> Array:
         """Return the standard errors of theta (B, S, P)."""
         return np.sqrt(np.maximum(np.einsum("bsii->bsi", self.covariance), 0.0))
+
+    @property
+    def is_known(self) -> Mask:
+        """Return of which parameters the data tell more than P(0) (B, S, P); the std of others has no meaning."""
+        return np.einsum("bsii->bsi", self.P) < 0.5 * self.prior
 
 
 class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metaclass,misc]  # for Gymnasium
@@ -102,7 +113,19 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
         return len(list(iter(self)))
 
     def __repr__(self) -> str:
-        return repr(self.copy())
+        values = self.format()
+        has_data = any(value != NO_DATA for value in values.values())
+        text = ", ".join(f"{name} {value}" for name, value in values.items()) if has_data else NO_DATA
+        return f"<{text}>" if isinstance(self._pendulum, int) else f"<{text}; first of {len(self['theta'])} pendulums>"
+
+    def format(self) -> dict[str, str]:
+        """Format each parameter by name, as `0.08951 ± 0.00012`, or `no data`; of a batch, those of the first."""
+        estimates, place = self._estimates, (self._pendulum, self._scheme)
+        values = (np.atleast_2d(each[place])[0] for each in (estimates.theta, estimates.std, estimates.is_known))
+        return {
+            name: format_estimate(value, std) if is_known else NO_DATA
+            for name, value, std, is_known in zip(self.units, *values, strict=True)
+        }
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SchemeEstimate) and all(np.array_equal(self[name], other[name]) for name in self)

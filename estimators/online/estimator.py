@@ -148,7 +148,7 @@ class OnlineEstimator:
 
         The estimates are `delay` samples old; their index is -1 until the encoder noise is known. Those of an arm
         change every 50 ms. After a sample that is not finite, or a gap in time, the estimates are held until there are
-        enough samples.
+        enough samples. `stream_recording` takes the rows of a recording, whose torque acts until the next row.
 
         Args:
             time: (B,) [s].
@@ -216,8 +216,8 @@ class OnlineEstimator:
         compute_covariances = self._clusters.make_covariance(squares, compute_P)
         values = index, time, squares.theta, squares.error, usable, regressor, compute_covariances
         if self._noise_bias is None:
-            return Estimates(*values)
-        return Estimates(*values, self._noise_bias.make_correction(squares, compute_P))
+            return Estimates(*values, prior=squares.prior)
+        return Estimates(*values, self._noise_bias.make_correction(squares, compute_P), squares.prior)
 
 
 def _collect_units(terms: Sequence[Term], schemes: Sequence[object]) -> dict[str, str]:

@@ -129,8 +129,8 @@ class JointFilters:
         for b, joint_filter in enumerate(self.filters):
             if joint_filter is not None:
                 theta[b, -1], P[b, -1], covariance[b, -1] = joint_filter.theta, joint_filter.P, joint_filter.P
-        covariances = functools.partial(tuple, (P, covariance))
-        return Estimates(estimates.index, estimates.time, theta, error, usable, estimates.regressor, covariances)
+        values = estimates.index, estimates.time, theta, error, usable, estimates.regressor
+        return Estimates(*values, functools.partial(tuple, (P, covariance)), prior=estimates.prior)
 
 
 class _Filter:

@@ -6,7 +6,7 @@ from estimators import Addition, Comparison, Diagnosis, Identification
 from estimators.online.estimates import SchemeEstimate, SchemeEstimates
 from estimators.schemes.fitting import Identified
 from estimators.selection.errors import get_single
-from pendulum_env.formatting import TextTable, capitalise, format_estimate, format_unit, join_words
+from pendulum_env.formatting import TextTable, capitalise, format_unit, join_words
 from pendulum_env.notebook import BLUE, GREEN, ORANGE, render_html, summarise
 from pendulum_env.physics import Model
 from pendulum_env.recording import NEWTON_METRE, Note, Recording, TorqueConstant
@@ -101,11 +101,8 @@ def show_estimates(found: SchemeEstimates) -> str:
     """Render the estimates of several schemes; of a batch, those of the first plant."""
     schemes = {id: scheme for id, scheme in found.items() if isinstance(scheme, SchemeEstimate)}
     units = {name: of for scheme in schemes.values() for name, of in scheme.units.items()}
-    rows = []
-    for id, scheme in schemes.items():
-        theta, std = (np.atleast_2d(scheme[name])[0] for name in ("theta", "std"))
-        known = {name: format_estimate(*pair) for name, *pair in zip(scheme.units, theta, std, strict=True)}
-        rows.append((id, *(known.get(name, "") for name in units)))
+    values = {id: scheme.format() for id, scheme in schemes.items()}
+    rows = [(id, *(known.get(name, "") for name in units)) for id, known in values.items()]
     batch = [len(scheme["theta"]) for scheme in schemes.values() if np.ndim(scheme["theta"]) > 1]
     return make_card(
         "Online estimates",

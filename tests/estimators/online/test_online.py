@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.online import Estimates, OnlineEstimator
+from estimators.online import Diagnoser, Estimates, OnlineEstimator, stream_recording
 from estimators.online.recursion import RECURSIONS, SquareRootLeastSquares
 from estimators.regression.recursive import PRIOR, compute_history
 from estimators.schemes import six
@@ -46,7 +46,7 @@ def test_online_equals_offline(more, paper_run):
     """To 1e-9: theta and P of the recursion, for every scheme, at several moments."""
     terms, smoothing = (*BASE, *more), choose_smoothing(paper_run)
     online = OnlineEstimator(paper_run.rate, terms, MORE, smoothing=smoothing)
-    estimates = fed(online, paper_run)
+    estimates = list(stream_recording(online, paper_run))
     whole = measure(paper_run, smoothing)
     points = np.array([1500, 4000, 9000])
     for s, scheme in enumerate(MORE):
@@ -58,6 +58,15 @@ def test_online_equals_offline(more, paper_run):
             np.testing.assert_allclose(now.theta[0, s], course.theta[k], rtol=1e-9, atol=1e-12)
             scale = np.sqrt(np.outer(*2 * [np.diag(course.P[k])]))
             np.testing.assert_allclose(now.P[0, s] / scale, course.P[k] / scale, atol=1e-9)
+
+
+def test_a_recording_of_another_rate_number_or_length_is_refused(paper_run):
+    with pytest.raises(ValueError, match="1000 Hz, not 500 Hz: pass rate=1000"):
+        stream_recording(OnlineEstimator(500.0), paper_run)
+    with pytest.raises(ValueError, match="1 recordings for 2 pendulums"):
+        stream_recording(OnlineEstimator(1000.0, batch=2), paper_run)
+    with pytest.raises(ValueError, match="10000 and 5000 rows"):
+        stream_recording(Diagnoser(1000.0, batch=2), [paper_run, paper_run.slice(0, 5000)])
 
 
 @pytest.mark.parametrize(

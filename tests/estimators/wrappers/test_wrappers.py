@@ -64,6 +64,18 @@ def test_estimates_while_it_runs_are_those_of_the_recording_and_converge_to_the_
         assert abs(told["prediction_error"]) < 1
 
 
+def test_printed_estimates_are_short_and_have_errors_where_there_are_data():
+    env = EstimateParameters(gym.make(PENDULUM))
+    _, info = env.reset(seed=0)
+    assert len(repr(info)) < 1000 and "±" not in repr(info)
+    estimate = last_info(env, 1000)["estimates"]["energy"]
+    assert len(repr(estimate)) < 200
+    for name, value, std in zip(PAPER, estimate["theta"], estimate["std"], strict=True):
+        printed, error = map(float, estimate.format()[name].split("±"))
+        assert printed == pytest.approx(value, abs=0.1 * std) and error == pytest.approx(std, rel=0.05)
+        assert f"{name} {estimate.format()[name]}" in repr(estimate)
+
+
 def test_every_wrapper_works_in_every_place(tmp_path):
     makers = [
         lambda env: RandomizePlant(env, 0.2),
