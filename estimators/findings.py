@@ -78,6 +78,7 @@ class Kind(StrEnum):
     FRICTION_NEGATIVE = "friction_negative"
     INCOMPLETE = "incomplete"  # residual in noise floors, disagreement of the schemes in standard errors
     TIED = "tied"
+    STIFF_STOP = "stiff_stop"  # angle, and largest depth
     SCALE_UNKNOWN = "scale_unknown"  # share of the motion that the torque drives
     SMALL_EFFECT = "small_effect"  # share that it explains, least share, p_value
     UNTESTED_RANGE = "untested_range"  # low, high, where nothing was met so far
@@ -98,6 +99,7 @@ class Kind(StrEnum):
     IMITATES_TABLE = "imitates_table"  # nonlinear parameters of the table, by name
     NOT_TESTED = "not_tested"  # low, high, where nothing was met so far
     NOT_EXCITED = "not_excited"
+    ONLY_CONTACTS = "only_contacts"  # angle
     GATE_FAILED = "gate_failed"  # value and `limit.` of each gate
     OTHERS_BETTER = "others_better"
     LONG_STEPS = "long_steps"
@@ -141,6 +143,7 @@ WITHHOLDING = {
     Kind.NEVER_ACTS,
     Kind.INDISTINGUISHABLE,
     Kind.UNIDENTIFIABLE,
+    Kind.STIFF_STOP,
 }
 
 

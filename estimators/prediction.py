@@ -147,9 +147,10 @@ def _make_windows_at_samples(
     model: Model, windows: Sequence[Windows], link_states: Mapping[str, Sequence[Samples]]
 ) -> TorqueWindows:
     """Make the equations of one recording about every sample that is clear of stick."""
+    dense = [w.at_every_sample() for w in windows]
     if isinstance(model.body, Body):
-        return links.make_windows_at_samples(windows, model.terms)
-    return replace(join_windows([w.at_every_sample() for w in windows]), link_states=link_states)
+        return links.join_recording(dense, model.terms)
+    return replace(join_windows(dense), link_states=link_states)
 
 
 def _split_by_joint(values: Array) -> Array:

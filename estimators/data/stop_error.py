@@ -1,13 +1,14 @@
-"""Standard errors of the ends of a hard stop."""
+"""Standard errors of the ends of a hard stop, and stops that yield less than these."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from estimators.findings import Finding, Kind, Quantity
 from estimators.signals.differentiation import estimate_encoder_noise
 from pendulum_env._typing import Array
-from pendulum_env.physics import Estimate, Model
+from pendulum_env.physics import SIGNIFICANT, Estimate, Model
 from pendulum_env.recording import Recording
 
 CROSSING = 5.0  # least step of the motion across an end, in standard deviations of the encoder's noise
@@ -18,6 +19,7 @@ def widen_ends(model: Model, recordings: Sequence[Recording]) -> Model:
 
     The force of a stop begins at an angle between two samples. A few contacts have no scatter that would show this
     error: the least error of an end is the RMS step of the position across it, over the root of the number of contacts.
+    An end of a stop whose stiffness is unknown lies between its estimate and the farthest position.
     """
     changed = dict[str, Estimate]()
     for term in (term for term in model.terms if term.has_impacts):
@@ -26,8 +28,40 @@ def widen_ends(model: Model, recordings: Sequence[Recording]) -> Model:
             steps = np.concatenate([_list_steps(recording, end.value) for recording in recordings])
             if len(steps):  # two for each contact
                 least = float(np.sqrt(np.mean(steps**2) / (0.5 * len(steps))))
-                changed[term.get_full_name(name)] = replace(end, std=max(end.std, least))
+                if model.estimates[term.columns[0].name].is_unknown:
+                    std = max(least, float(_list_depths(recordings, name, end.value).max()))
+                else:
+                    std = max(end.std, least)
+                changed[term.get_full_name(name)] = replace(end, std=std)
     return replace(model, estimates={**model.estimates, **changed}) if changed else model
+
+
+def find_stiff_stops(model: Model, recordings: Sequence[Recording]) -> list[Finding]:
+    """Return a finding on each stop whose stiffness the recordings do not determine.
+
+    The depths at each end vary by at most 3 standard errors of the end, as under one torque at rest, or if the stop
+    yields too little. Nine tenths of the samples show the variation: a crossing of the end is short.
+    """
+    found, widened = list[Finding](), widen_ends(model, recordings)
+    for term in (term for term in model.terms if term.has_impacts and not term.at):
+        names = [parameter.name for parameter in term.free]
+        ends = {name: widened.estimates[term.get_full_name(name)] for name in names if name in ("lower", "upper")}
+        depths = {name: _list_depths(recordings, name, end.value) for name, end in ends.items()}
+        ranges = {name: np.ptp(np.quantile(depths[name], [0.1, 1.0])) for name in ends}
+        if ends and all(ranges[name] <= SIGNIFICANT * end.std for name, end in ends.items()):
+            unknown = [term.columns[0].name, *(term.get_full_name(name) for name in names if name not in ends)]
+            unit = model.units().unit("rad")
+            numbers = {"angle": Quantity(next(iter(ends.values())).value, unit=unit)}
+            numbers |= {"depth": Quantity(max(float(depth.max()) for depth in depths.values()), unit=unit)}
+            found.append(Finding(Kind.STIFF_STOP, numbers, tuple(unknown), (term.id,)))
+    return found
+
+
+def _list_depths(recordings: Sequence[Recording], name: str, end: float) -> Array:
+    """List the depths of all samples beyond the `lower` or `upper` end of the range [rad], and 0."""
+    sign = 1.0 if name == "upper" else -1.0
+    depths = np.concatenate([np.zeros(1), *(sign * (recording.position - end) for recording in recordings)])
+    return np.asarray(depths[depths >= 0])
 
 
 def _list_steps(recording: Recording, end: float) -> Array:

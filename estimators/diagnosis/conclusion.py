@@ -1,5 +1,6 @@
 """Conclusion of the diagnosis of a pendulum or an arm: findings, and the next step."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from estimators.checks.channel_rows import DRIVEN, compute_driven_share
@@ -7,11 +8,11 @@ from estimators.checks.closed_loop import find_feedback
 from estimators.checks.remedies import find_remedies
 from estimators.checks.torque_constant import find_gain_doubts
 from estimators.diagnosis.case import Trial
+from estimators.diagnosis.contacts import find_arm_contacts, find_contacts, mark_met_stops
 from estimators.diagnosis.experiment import suggest_experiment
 from estimators.diagnosis.questions import find_detectable_effects, list_questions
-from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.result import Detectable, Diagnosis
 from estimators.diagnosis.unexplained import (
-    find_contacts,
     find_contradiction,
     find_holdout_structure,
     find_joint_residuals,
@@ -60,10 +61,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     contacts = find_contacts(evaluator, trial.terms, model)
     return replace(
         found,
-        candidates=tuple(
-            replace(own, reason=contacts[0]) if contacts and own.reason.kind is Kind.NOT_TESTED else own
-            for own in found.candidates
-        ),
+        candidates=mark_met_stops(found.candidates, contacts),
         findings=(
             *remedies,
             *channel,
@@ -72,7 +70,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
             *_find_few_clusters(evaluator),
             *doubts,
             *_find_untested_ranges(model, *evaluator.train.get_range()),
-            *_find_unknown_scale(evaluator, trial.terms),
+            *_find_unknown_scale(evaluator, trial.terms, detectable),
             *([table_finding] if table_finding and table_finding != forbidden else []),
         ),
         detectable=detectable,
@@ -98,8 +96,16 @@ def conclude_arm(trial: Trial, found: Diagnosis) -> Diagnosis:
     elif tables:
         forbidden = Finding(Kind.TABLE_HELPS, effects=tables)
     payloads = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
-    findings = (*payloads, *find_driving_friction(trial.release_bounds(found.model)), *trial.data.corrections)
-    return replace(found, findings=findings, forbidden=forbidden, tables=tables, left=residuals)
+    explained = {*residuals, *(term.at for term in terms if term.has_impacts)}
+    contacts = find_arm_contacts(evaluator, found.model, [at for at in found.body.joints if at not in explained])
+    findings = (
+        *payloads,
+        *contacts,
+        *find_driving_friction(trial.release_bounds(found.model)),
+        *trial.data.corrections,
+    )
+    candidates = mark_met_stops(found.candidates, contacts)
+    return replace(found, candidates=candidates, findings=findings, forbidden=forbidden, tables=tables, left=residuals)
 
 
 def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
@@ -129,12 +135,15 @@ def _find_few_clusters(evaluator: ModelEvaluator) -> list[Finding]:
     return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < ENOUGH else []
 
 
-def _find_unknown_scale(evaluator: ModelEvaluator, terms: Terms) -> list[Finding]:
-    """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it."""
+def _find_unknown_scale(evaluator: ModelEvaluator, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
+    """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it.
+
+    `known` are detectable effects of these terms, or nothing.
+    """
     share, id = compute_driven_share(evaluator.train.data, evaluator.train.data.torque()), LoadDependentFriction.id
     if share <= DRIVEN or id in list_ids(terms) or id not in evaluator.library:
         return []
-    hidden = find_detectable_effects(evaluator, terms, {id: evaluator.library[id]})
+    hidden = known or find_detectable_effects(evaluator, terms, {id: evaluator.library[id]})
     is_excited = any(own.is_excited for own in hidden if own.effect == id)
     return [] if is_excited else [Finding(Kind.SCALE_UNKNOWN, {"share": Quantity(share)})]
 

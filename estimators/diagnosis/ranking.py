@@ -79,13 +79,14 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
 
     The score is the probability of the effect, or of its group, times the explained share of the residual of the other
     terms, since an unknown law may cause the rest; it is at most `Criterion.max_score`. Effects with hidden states have
-    no competitors, since the motion has decided.
+    no competitors, since the motion has decided; nor has a stop in data with contacts.
     """
     evaluator = found.evaluator
     final = (*final, found.table) if found.table is not None else final
     term = next(term for term in final if term.id == after.added)
     others = remove_term(final, term)
-    odds = {term.id: 1.0} if is_hidden(term) else compute_alternatives(evaluator, final, term)
+    is_met = term.has_impacts and evaluator.train.layout.predicts_torque and evaluator.train.data.contacts > 0
+    odds = {term.id: 1.0} if is_hidden(term) or is_met else compute_alternatives(evaluator, final, term)
     share = 1.0 if evaluator.residuals.is_noise(final) else max(0.0, evaluator.explained_share(final, others))
     rivals = {rival[-1].id: rival for rival in screen_replacements(evaluator, final, term)} if len(odds) > 1 else {}
     least = evaluator.criterion.tie_probability

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from estimators.data.fits import fit_within_laws
 from estimators.data.regression_data import RegressionData
+from estimators.data.stop_error import find_stiff_stops
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.unexplained import find_contradiction
 from estimators.findings import Finding
@@ -49,5 +50,6 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
     doubts = find_undetermined(measured, last.model.terms, last.model.units())
     unknown = find_unidentifiable(last.model, measured, doubts)
+    unknown = [*unknown, *find_stiff_stops(last.model, trial.data.recordings)]
     model = last.model.withhold({name for doubt in unknown for name in doubt.withheld})
     return replace(found, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)

@@ -12,7 +12,7 @@ from estimators.selection.errors import compute_held_out_cost
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_links
 from pendulum_env.arms.recording import add_payload
-from pendulum_env.physics import BASE, Term, list_ids
+from pendulum_env.physics import BASE, Term, has_stop, list_ids
 from pendulum_env.recording.channel import NEWTON_METRE
 
 GOALS = {Kind.GOALS_HELD, Kind.GOALS_RUN_ON}
@@ -46,7 +46,8 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     """Compare the held-out cost of a treated trial with that of the best trial so far.
 
     Both models are compared on the treated data, unless the treatment changes the torque or the goals: then each has
-    its own data. The likelihood is no measure, since windows of different widths share no blocks.
+    its own data. The likelihood is no measure, since windows of different widths share no blocks. Contacts with a stop
+    are kept only if the model has one.
     """
     treatment = next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
     after, before = trial.found.steps[-1], best.found.steps[-1]
@@ -54,7 +55,10 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
         before = trial.evaluator.make_step(None, before.model)
     ratio = compute_held_out_cost(after) / max(compute_held_out_cost(before), 1e-300)
     counts = count_assumptions(trial), count_assumptions(best)
-    return TriedTreatment(treatment, ratio, *counts, is_better(ratio, *counts, trial.evaluator.criterion.error_margin))
+    is_kept = is_better(ratio, *counts, trial.evaluator.criterion.error_margin)
+    if treatment.kind is Kind.IMPACTS_INCLUDED:  # the torque of a contact is no gravity, friction or drift
+        is_kept = is_kept and has_stop(trial.found.terms)
+    return TriedTreatment(treatment, ratio, *counts, is_kept)
 
 
 def is_better(error_ratio: float, assumptions: int, before: int, margin: float) -> bool:

@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from estimators.checks.remedies import find_turned_torque
 from estimators.data.fits import fit_within_laws
 from estimators.data.regions import find_failures, find_regions_at
-from estimators.data.split import make_contact_finder
+from estimators.diagnosis.contacts import is_misfit_between_contacts
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
@@ -17,7 +15,7 @@ from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table
 from estimators.signals.motion import SLOWEST
 from estimators.signals.residual import Region, make_region_everywhere
-from pendulum_env.physics import Model, Term, has_link
+from pendulum_env.physics import Term
 
 
 def find_contradiction(evaluator: ModelEvaluator) -> Finding | None:
@@ -29,7 +27,8 @@ def find_unexplained(found: SearchResult) -> list[Region]:
     """Return the regions of the unexplained residual of the final model of a pendulum; empty if all is noise.
 
     The first cause in this order decides: a reversed sign of the torque (all time), violated bounds (all velocities),
-    a table that replaces effects, torque of fitted data, torque of held-out data, free-running motion near reversals.
+    a table that replaces effects, torque of fitted data, torque of held-out data, free-running motion near reversals
+    without contacts.
     """
     evaluator, last = found.evaluator, found.steps[-1]
     if (reversal := find_contradiction(evaluator)) is not None:
@@ -53,40 +52,11 @@ def find_unexplained(found: SearchResult) -> list[Region]:
     if not evaluator.residuals.is_noise_in(holdout, holdout_residual):
         regions_held_out = find_failures(holdout, holdout_residual, floors=evaluator.residuals.holdout_floors)
         return [replace(region, held_out_recordings=holdout.names) for region in regions_held_out]
-    if not evaluator.is_misfit(last):
+    if not is_misfit_between_contacts(evaluator, last):
         return []
     error, units = last.errors["train"].position_rms, last.model.units()
     cause = Finding(Kind.NEAR_REVERSALS, {"error": Quantity(error, unit=units.unit("rad"))})
     return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, units.unit("rad/s"), is_profiled=False, cause=cause)]
-
-
-def find_contacts(evaluator: ModelEvaluator, final: Terms, model: Model) -> list[Finding]:
-    """Return a finding on contacts that a model without a stop leaves, with the place of the largest, or nothing.
-
-    A contact is a torque at a reversal or at rest that exceeds dry friction, see `TorqueWindows.with_contacts`. It is
-    not told from the residual of a model that leaves structure where the joint moves.
-    """
-    has_contacts = any(term.has_impacts for term in final) or evaluator.train.data.contacts
-    if has_link(final) or has_contacts or not all(evaluator.residuals.is_noise_by_part(final)):
-        return []
-    add, contacts = make_contact_finder(evaluator.parts, model.terms), list[tuple[float, float, float, str]]()
-    parts = [add(part) for part in evaluator.parts]
-    for part in parts:
-        residual, x, windows = (
-            part.residual(model.terms, model.theta) / part.data.scale,
-            part.samples,
-            part.data.windows,
-        )
-        rows = np.flatnonzero(np.concatenate([np.isin(w.centers, w.unclear) for w in windows]))
-        names = np.repeat([w.recording.name for w in windows], [len(w.centers) for w in windows])
-        contacts += [(abs(residual[k]), x.position[k], x.time[k], str(names[k])) for k in rows]
-    if not contacts:
-        return []
-    torque, angle, time, name = max(contacts)
-    unit = model.units().unit
-    numbers = {"torque": Quantity(torque, unit=unit("N m")), "angle": Quantity(angle, unit=unit("rad"))}
-    numbers |= {"time": Quantity(time, unit="s"), "count": Quantity(sum(part.data.contacts for part in parts))}
-    return [Finding(Kind.CONTACT, numbers, recordings=(name,))]
 
 
 def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, float], list[Region]]:

@@ -19,7 +19,7 @@ from estimators.selection.errors import Terms, compute_held_out_cost
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import multiple_shooting
 from estimators.weak_form.nonlinear import reset
-from pendulum_env.physics import Table, Term, has_link, list_ids
+from pendulum_env.physics import Table, Term, has_link, has_stop, list_ids
 from pendulum_env.physics.terms import count_parameters, list_forms
 
 
@@ -68,12 +68,15 @@ def add_effect(state: SearchState) -> SearchState | None:
 
     The best `criterion.max_tried` candidates have to be supported and confirmed. Of those that tie with the best one,
     that with the fewest parameters is added. A link that comes before any other is added by `add_link`. Without a pair
-    either, `add_dry_friction` follows.
+    either, `add_dry_friction` follows. In data with contacts, a stop comes first.
     """
     evaluator, terms = state.evaluator, state.terms
     confirmed: list[Terms] = []
     screened = screen_effects(evaluator, terms)
     tried = sorted(screened + release_parameters(evaluator, terms), key=evaluator.screening_score)
+    needs_stop = not has_stop(terms) and evaluator.train.layout.predicts_torque and evaluator.train.data.contacts > 0
+    if needs_stop:  # torque at contacts is no gravity or friction
+        tried = list(filter(has_stop, tried))
     for longer in tried[: evaluator.criterion.max_tried]:
         if confirmed and not evaluator.is_tied(longer, confirmed[0]):
             break
@@ -88,8 +91,8 @@ def add_effect(state: SearchState) -> SearchState | None:
                 return linked
         elif evaluator.lowers_errors(longer, terms) or improves_form(evaluator, longer, terms):
             confirmed.append(longer)
-    if confirmed:
-        return state.with_terms(min(confirmed, key=count_parameters))
+    if confirmed or needs_stop:
+        return state.with_terms(min(confirmed, key=count_parameters)) if confirmed else None
     return add_pair(state, screened[: evaluator.criterion.beam]) or add_dry_friction(state)
 
 

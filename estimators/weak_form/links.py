@@ -63,9 +63,8 @@ def prepare_arm(recordings: Sequence[Recording], terms: Sequence[type[Term] | Te
     return _join_joints(calibrated, parts, terms)
 
 
-def make_windows_at_samples(windows: Sequence[Windows], terms: Sequence[Term]) -> TorqueWindows:
-    """Return windows about every sample clear of stick of one recording of an arm, given the windows of each joint."""
-    entries = [w.at_every_sample() for w in windows]
+def join_recording(entries: Sequence[Windows], terms: Sequence[Term]) -> TorqueWindows:
+    """Return the windows of one recording of an arm, given those of each joint at any samples."""
     return _join_joints([entries], [_compute_link_columns(entries, find_links(terms))], terms)
 
 

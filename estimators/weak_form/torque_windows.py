@@ -306,8 +306,8 @@ class TorqueWindows:
         """Return the residual of each window, and bounds of its dry friction and its noise, (R,) [N m] each."""
         equations = self.equations(terms)
         noise = np.repeat([w.noise(inertia) for w in self.windows], [len(w.centers) for w in self.windows])
-        deviation = np.hypot(noise, _compute_deviations(equations.phi, covariance))
-        friction = np.concatenate([_bound_friction(w, terms, theta, covariance) for w in self.windows])
+        deviation = np.hypot(noise, compute_deviations(equations.phi, covariance))
+        friction = np.concatenate([bound_friction(w, terms, theta, covariance) for w in self.windows])
         return equations.y - equations.phi @ theta, friction, WEAK_FORM.significant * deviation
 
     @property
@@ -369,7 +369,7 @@ class TorqueWindows:
         return max(self.precision(), float(np.sqrt(np.sum(counts * levels**2) / max(1, counts.sum()))))
 
 
-def _bound_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: Array) -> Array:
+def bound_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: Array) -> Array:
     """Return an upper bound of dry friction in each window (R,) [N m], in either direction.
 
     It is the largest in the window, plus `WEAK_FORM.significant` standard errors; terms with state are not counted.
@@ -383,7 +383,7 @@ def _bound_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance:
             for column in term.columns
         ]
     )
-    bound = np.abs(rows @ theta) + WEAK_FORM.significant * _compute_deviations(rows, covariance)
+    bound = np.abs(rows @ theta) + WEAK_FORM.significant * compute_deviations(rows, covariance)
     return np.asarray(
         np.lib.stride_tricks.sliding_window_view(bound, len(w.kernel))[w.centers - len(w.kernel) // 2].max(axis=1)
     )
@@ -405,7 +405,7 @@ def _durations(w: Windows) -> Array:
     return np.asarray(np.maximum(a.sum(axis=1) ** 2 / np.maximum((a**2).sum(axis=1), 1e-300), 1.0))
 
 
-def _compute_deviations(rows: Array, covariance: Array) -> Array:
+def compute_deviations(rows: Array, covariance: Array) -> Array:
     """Return the standard error of each row (R, P) times the parameters, of covariance (P, P)."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("rp,pq,rq->r", rows, covariance, rows), 0.0)))
 

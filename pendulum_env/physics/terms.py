@@ -26,6 +26,11 @@ def has_link(terms: Sequence[Term]) -> bool:
     return any(term.link for term in terms)
 
 
+def has_stop(terms: Sequence[Term]) -> bool:
+    """Return whether a term has impacts at an end of the range."""
+    return any(term.has_impacts for term in terms)
+
+
 def find_link(terms: Sequence[Term]) -> Term:
     """Find the first term that has a link."""
     return next(term for term in terms if term.link)

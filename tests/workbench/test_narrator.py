@@ -29,6 +29,7 @@ NUMBERS = {
     "angle": Quantity(0.1, 0.001, "rad"),
     "back_emf": Quantity(0.3, unit="V s/rad"),
     "count": Quantity(12),
+    "depth": Quantity(0.002, unit="rad"),
     "error": Quantity(0.05, unit="rad"),
     "delay": Quantity(0.0099, 4e-5, "s"),
     "factor": Quantity(2.0),

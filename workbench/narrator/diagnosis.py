@@ -109,11 +109,18 @@ def describe_result(found: Diagnosis) -> str:
             verb = "explains" if len(groups) == 1 else "explain"
             part = f". {capitalise(join_words(groups))} {verb} {1 - after / before:.0%} of the error" if groups else ""
             return f"The servo as described does not reproduce the log{part}"
+    met = [
+        f"a stop or a blow was met{f' by {own.joints[0]}' if own.joints else ''} at {measure(own.numbers['angle'])}"
+        for own in found.findings
+        if own.kind is Kind.CONTACT
+    ]
     if groups:
         rest = f", and more{place} that no known effect explains" if found.unexplained else ""
+        rest = rest or "".join(f", and {text}" for text in met)
         return f"{capitalise(join_words(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
-    if not found.unexplained and any(finding.kind is Kind.CONTACT for finding in found.findings):
-        return "Nothing is missing between contacts, which no effect explains"
+    if met:
+        rest = "no known effect explains the rest" if found.unexplained else "nothing else is missing"
+        return f"{capitalise(join_words(met))}, and {rest}"
     if not found.unexplained:
         return "Nothing is missing" if found.searched else "The model explains what was measured"
     return (

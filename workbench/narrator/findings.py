@@ -71,6 +71,7 @@ def _collect_words(found: Finding) -> dict[str, Any]:
         id: _Measured(quantity.value, quantity.std, quantity.unit) for id, quantity in found.numbers.items()
     }
     words |= {kind: join_words(getattr(found, kind)) for kind in ("parameters", "effects", "recordings")}
+    words["by_joint"] = f" by {join_words(found.joints)}" if found.joints else ""
     words |= {"begin": _begin(found), "without_torque": format_setting("columns", {"torque": "none"})}
     if "torque_constant" in found.numbers:
         logged = found.numbers["torque_constant"].unit.partition("/")[2]
@@ -463,6 +464,10 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.GOALS_RUN_ON: lambda found: _compare_goals(
         found, "running on between rows", "that are held from row to row", "held"
     ),
+    Kind.STIFF_STOP: (
+        "The stop at {angle:3} is pressed in by {depth:2} at most, at too few depths for the error of its end: its "
+        "stiffness is unknown. Press it slowly at several torques."
+    ),
     Kind.SCALE_UNKNOWN: (
         "The torque drives {share.value:.0%} of the motion. Friction of mu times the torque, as in gears, would not "
         "show: all parameters would be 1 / (1 - mu) times too large. To see it, let gravity or a load turn the motor."
@@ -531,8 +536,9 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         "near reversals or at rest."
     ),
     Kind.CONTACT: (
-        "No effect explains the contacts ({count.value:g}). The largest is at {angle:3} ({recordings}, {time:3}): "
-        "{torque:2} more than the model predicts. The joint met a stop or a blow: record more motion to this angle."
+        "A stop or a blow was met{by_joint} at {angle:3} ({recordings}, {time:3}): {torque:2} more than the model "
+        "predicts. No effect explains the contacts ({count.value:g}). To identify a stop, press against it slowly at "
+        "several torques; else keep away from it."
     ),
     Kind.NOWHERE: (
         "The residual is {residual:2}, {times.value:.2g} times the noise floor, at no one speed, angle or time. "
@@ -563,6 +569,7 @@ REASONS: Mapping[Kind, str | Callable[[Finding], str]] = {  # phrases for or aga
     Kind.IMITATES: lambda found: f"imitates {found.effects[0]} in these data",
     Kind.IMITATES_TABLE: lambda found: f"explains less than {describe_law(found)} as a table does",
     Kind.NOT_TESTED: describe_untested,
+    Kind.ONLY_CONTACTS: "may be met at {angle:3}, in contacts that do not determine it",
     Kind.NOT_EXCITED: "these data do not depend on it",
     Kind.GATE_FAILED: _describe_gate,
     Kind.OTHERS_BETTER: "others explain it better",

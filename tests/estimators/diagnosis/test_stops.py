@@ -5,12 +5,18 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
+from benchmarks.two_link import TwoLink
+from estimators import diagnose
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import split_at_contacts, with_contacts
 from estimators.findings import Kind
+from pendulum_env.arms.body import read_body
+from pendulum_env.arms.joints import arm_base
+from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from tests.cases import diagnosed, recorded
+from tests.two_link import JOINTS
 
 INERTIA, GRAVITY, VISCOUS = 0.05, 1.2, 0.05
 ARM = {"inertia": INERTIA, "gravity": GRAVITY, "viscous": VISCOUS}
@@ -48,7 +54,27 @@ def test_an_arm_that_stands_on_its_stop_has_one_where_it_rests(stiffness):
     assert estimates["hard_stop.upper"].value == pytest.approx(STOP, abs=0.005)
     if stiffness < 100:  # else it yields less than the encoder resolves
         assert estimates["hard_stop.stiffness"].value == pytest.approx(stiffness, rel=0.1)
+    else:
+        assert estimates["hard_stop.stiffness"].is_unknown
+        assert [own.effects for own in found.findings if own.kind is Kind.STIFF_STOP] == [("hard_stop",)]
     assert estimates["inertia"].value == pytest.approx(INERTIA, rel=0.04)
+
+
+def test_an_arm_that_stands_on_its_stop_before_it_moves_has_no_payload_change():
+    time = np.arange(round(RATE * SECONDS)) / RATE
+    share = np.clip((time - 14.0) / 3.0, 0, 1)
+    pressed = -(8 * 0.15 + GRAVITY * np.sin(STOP))
+    command = (1 - share) * pressed + share * (0.45 * tones(time, 4, 2.0))
+    wall = {"hard_stop": {"wall_lo": -STOP, "wall_k": 3000.0, "wall_d": 15.0}}
+    experiment = Experiment(RATE, SECONDS, seed=5, start=(-STOP, 0.0), counts=16_384, torque_noise=0.01)
+    run = recorded(Plant(**ARM, coulomb=0.15, effects=wall), experiment, commands=[command])[0]
+    found = diagnosed([run], only=FEW)
+    assert set(found.selected) <= {"hard_stop"} and found.ambiguous == () and found.unexplained == ()
+    place = {own.kind: own.numbers["angle"].value for own in found.findings if "angle" in own.numbers}
+    assert place.get(Kind.CONTACT, place.get(Kind.STIFF_STOP)) == pytest.approx(-STOP, abs=0.01)
+    for name, value in (ARM | {"coulomb": 0.15}).items():
+        own = found.model.estimates[name]
+        assert abs(own.value - value) < max(4 * own.std, 0.01 * value), name
 
 
 @pytest.mark.parametrize(
@@ -112,6 +138,54 @@ def test_a_limit_that_is_met_once_is_a_contact_and_no_effect(upper, seed):
     assert contact.numbers["time"].value == pytest.approx(run.time[met], abs=0.2)
     without = diagnosed([free], only=FEW)
     assert without.selected == () and Kind.CONTACT not in {own.kind for own in without.findings}
+
+
+LINK = TwoLink(viscous=(0.3, 0.1), coulomb=(0.4, 0.15))
+
+
+def two_links(seed: int, goal: float, limits: str = "") -> ArmRecording:
+    """Two links in MuJoCo that follow tones, while the elbow is held at a goal from 12 to 25 s."""
+    links = [
+        f'<body pos="0 0 {-LINK.length * k}"><joint axis="0 -1 0" damping="{LINK.viscous[k]}" frictionloss='
+        f'"{LINK.coulomb[k]}" {limits if k else ""}/><inertial pos="0 0 {-LINK.center[k]}" mass="{LINK.mass[k]}" '
+        f'diaginertia="{LINK.inertia[k]} {LINK.inertia[k]} {0.1 * LINK.inertia[k]}"/>'
+        for k in range(2)
+    ]
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><compiler angle="radian"/><option timestep="0.0005" integrator="implicitfast"/><worldbody>'
+        f"{''.join(links)}</body></body></worldbody></mujoco>"
+    )
+    data, time = mujoco.MjData(model), np.arange(10_000) / 250.0
+    goals = np.column_stack([0.7 * tones(time, seed, 1.0), 0.4 * tones(time, seed + 1, 1.0)])
+    share = np.clip(np.minimum(time - 12.0, 25.0 - time) / 2.0, 0, 1)
+    goals[:, 1] += share * (goal - goals[:, 1])
+    position, torque = np.zeros_like(goals), np.zeros_like(goals)
+    for k, row in enumerate(goals):
+        position[k] = data.qpos
+        torque[k] = np.array([30.0, 6.0]) * (row - data.qpos) - np.array([2.0, 0.4]) * data.qvel
+        data.qfrc_applied[:] = torque[k]
+        mujoco.mj_step(model, data, 8)
+    grain, noise = 2 * np.pi / 65_536, np.random.default_rng(seed).normal(size=torque.shape)
+    return ArmRecording.from_arrays("arm", JOINTS, time, np.round(position / grain) * grain, torque + 0.01 * noise)
+
+
+@pytest.mark.parametrize(("goal", "limits"), [(1.6, 'range="-2 1.0" limited="true"'), (1.0, "")], ids=["stop", "held"])
+def test_a_joint_of_an_arm_that_stands_on_its_stop_is_a_contact(tmp_path, goal, limits):
+    (tmp_path / "arm.urdf").write_text(LINK.urdf())
+    base = arm_base(read_body(tmp_path / "arm.urdf"))
+    found = diagnose(two_links(2, goal, limits), (), base, only=["hard_stop", "spring"])
+    contacts = [own for own in found.findings if own.kind is Kind.CONTACT]
+    assert found.selected == () and not found.left and [own.joints for own in contacts] == [("elbow",)] * bool(limits)
+    reasons = {own.effect: own.reason.kind for own in found.candidates}
+    assert reasons["hard_stop@shoulder"] is Kind.NOT_TESTED
+    assert reasons["hard_stop@elbow"] is (Kind.ONLY_CONTACTS if limits else Kind.NOT_TESTED)
+    for own in contacts:
+        assert own.numbers["angle"].value == pytest.approx(1.0, abs=0.02)
+        assert own.numbers["torque"].value > 2 * LINK.coulomb[1] and 12 < own.numbers["time"].value < 25
+        assert 8 <= own.numbers["count"].value <= 14  # once a second
+    for name in ("viscous@elbow", "coulomb@elbow", "coulomb@shoulder"):
+        own, values = found.model.estimates[name], {"viscous": LINK.viscous, "coulomb": LINK.coulomb}
+        assert own.value == pytest.approx(values[name.split("@")[0]][JOINTS.index(name.split("@")[1])], rel=0.05)
 
 
 def test_fitted_and_held_out_parts_both_have_contacts():

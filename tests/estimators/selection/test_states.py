@@ -56,7 +56,7 @@ class ScoredEvaluator(ModelEvaluator):
             layout=SimpleNamespace(predicts_torque=True, has_fast_fits=True),
             segments=(),
             motions={},
-            data=SimpleNamespace(link_states={}),
+            data=SimpleNamespace(link_states={}, contacts=0),
             maker=SimpleNamespace(
                 fit=lambda terms, exactly: FittedTerms(terms, np.empty(0)),
                 trial=lambda terms: ScoredTerms(tuple(terms), 0.0),

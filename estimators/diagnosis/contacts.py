@@ -1,0 +1,154 @@
+"""Contacts that no effect of a model explains: torque at rest or at a reversal that dry friction cannot hold."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.data.regression_data import RegressionData
+from estimators.data.split import REPEATED, Parts, make_contact_finder
+from estimators.diagnosis.result import Candidate
+from estimators.findings import Finding, Kind, Quantity
+from estimators.selection.errors import Step, Terms
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.simulation.free_running import Segments, select
+from estimators.weak_form.links import join_recording
+from estimators.weak_form.torque_windows import WEAK_FORM, bound_friction, compute_deviations, join_windows
+from estimators.weak_form.windows import Windows
+from pendulum_env._typing import Array, Mask
+from pendulum_env.physics import Model, has_link, has_stop
+from pendulum_env.units import JointUnits
+
+Place = tuple[float, float, float, str]  # of a contact: size of its torque [N m], angle [rad], time [s], recording
+
+
+def find_contacts(evaluator: ModelEvaluator, final: Terms, model: Model) -> list[Finding]:
+    """Return a finding on contacts that a model without a stop leaves, with the place of the largest, or nothing.
+
+    A contact is a torque at a reversal or at rest that exceeds dry friction, see `TorqueWindows.with_contacts`. It is
+    not told from the residual of a model that leaves structure where the joint moves.
+    """
+    has_contacts = has_stop(final) or evaluator.train.data.contacts
+    if has_link(final) or has_contacts or not all(evaluator.residuals.is_noise_by_part(final)):
+        return []
+    places, parts = list[Place](), _add_contacts(evaluator, model)
+    for part in parts:
+        residual = part.residual(model.terms, model.theta) / part.data.scale
+        is_contact = np.concatenate([np.isin(w.centers, w.unclear) for w in part.data.windows])
+        places += _list_places(part, residual, is_contact)
+    return _report(places, sum(part.data.contacts for part in parts), model.units())
+
+
+def find_arm_contacts(evaluator: ModelEvaluator, model: Model, joints: Iterable[str]) -> list[Finding]:
+    """Return a finding on each of some joints of an arm that rests at an end of its range beyond dry friction.
+
+    The torque of a joint at rest, less that of the model, exceeds twice its dry friction and noise, and presses
+    outwards, beyond all angles at which the joint moves freely.
+    """
+    found, runs = list[Finding](), [run for part in evaluator.parts for run in _split_with_rests(part, model)]
+    measured = [(run, *_measure(run, model)) for run in runs]
+    for at in joints:
+        low, high, places, touching = np.inf, -np.inf, list[Place](), list[Windows]()
+        for run, residual, limit in measured:
+            rows, (w,) = run.locate_rows(at), (own for own in run.data.windows if own.at == at)
+            angle = run.samples.position[rows]
+            is_free = ~np.isin(w.centers, w.resting) & (np.abs(residual) <= limit)[rows]
+            low, high = min(low, angle[is_free].min(initial=np.inf)), max(high, angle[is_free].max(initial=-np.inf))
+        for run, residual, limit in measured:
+            rows, (w,) = run.locate_rows(at), (own for own in run.data.windows if own.at == at)
+            angle, is_contact = run.samples.position[rows], np.zeros(len(residual), dtype=bool)
+            is_outwards = np.where(residual[rows] > 0, angle > high, angle < low)
+            is_contact[rows] = np.isin(w.centers, w.resting) & is_outwards & (np.abs(residual) > limit)[rows]
+            places += _list_places(run, residual, is_contact)
+            touching.append(replace(w, centers=w.centers[is_contact[rows]]))
+        found += _report(places, join_windows(touching).contacts if places else 0, model.units(at), at)
+    return found
+
+
+def is_misfit_between_contacts(evaluator: ModelEvaluator, step: Step) -> bool:
+    """Return whether a model of a pendulum is a misfit to free motion, see `ModelEvaluator.is_misfit`.
+
+    Segments with contacts do not count, unless the model has a stop of known stiffness. A single contact may be an
+    accident, and counts.
+    """
+    model = step.model
+    stops = [model.estimates[term.columns[0].name] for term in model.terms if term.has_impacts]
+    if not evaluator.is_misfit(step) or has_link(model.terms) or any(not own.is_unknown for own in stops):
+        return evaluator.is_misfit(step)
+    parts = evaluator.parts if stops else _add_contacts(evaluator, model)
+    if sum(part.data.contacts for part in parts) < REPEATED:
+        return True
+    pairs = zip(evaluator.train.segments, parts[0].data.windows, strict=True)
+    segments = tuple(select(segment, _is_clear(segment, w)) for segment, w in pairs)
+    kept = tuple(segment for segment in segments if len(segment.first))
+    between = replace(evaluator, train=replace(evaluator.train, segments=kept), drawn=evaluator.bootstrap)
+    return between.is_misfit(step)
+
+
+def mark_met_stops(candidates: Sequence[Candidate], contacts: Sequence[Finding]) -> tuple[Candidate, ...]:
+    """Return candidates whose reason is contacts where one was said to be untested, but contacts were found."""
+    met = {at: contact for contact in contacts for at in contact.joints or ("",)}
+    return tuple(
+        replace(own, reason=Finding(Kind.ONLY_CONTACTS, {"angle": met[at].numbers["angle"]}))
+        if own.reason.kind is Kind.NOT_TESTED and (at := own.effect.partition("@")[2]) in met
+        else own
+        for own in candidates
+    )
+
+
+def _add_contacts(evaluator: ModelEvaluator, model: Model) -> Parts:
+    """Return the parts of a pendulum's data with windows in contact, by the residual of a model."""
+    add = make_contact_finder(evaluator.parts, model.terms)
+    return add(evaluator.train), add(evaluator.holdout)
+
+
+def _is_clear(segments: Segments, w: Windows) -> Mask:
+    """Return whether each segment (B,) overlaps no window in contact."""
+    contacts, m = w.centers[np.isin(w.centers, w.unclear)], len(w.kernel) // 2
+    first, last = segments.first[:, None] - m, segments.first[:, None] + len(segments.torque) + m
+    return ~np.asarray(((contacts >= first) & (contacts <= last)).any(axis=1))
+
+
+def _split_with_rests(part: RegressionData, model: Model) -> list[RegressionData]:
+    """Return the windows of each recording of an arm, clear of stick or at rest; without those that lack a joint."""
+    runs = dict.fromkeys(w.run for w in part.data.windows)
+    entries = (
+        [replace(w, centers=np.union1d(w.centers, w.resting), scale=None) for w in part.data.windows if w.run == run]
+        for run in runs
+    )
+    return [
+        RegressionData(join_recording(own, model.terms), base=part.base)
+        for own in entries
+        if all(len(w.centers) for w in own)
+    ]
+
+
+def _measure(data: RegressionData, model: Model) -> tuple[Array, Array]:
+    """Return the residual of each window of an arm, and the limit of dry friction and noise, (R,) each [N m]."""
+    terms, theta, windows = model.terms, model.theta, data.data.windows
+    covariance = model.assumed_covariance[: len(theta), : len(theta)]
+    deviations = compute_deviations(data.equations(terms).slopes(theta), covariance)
+    inertias, limits = data.inertias(data.base), list[Array]()
+    owner = np.array([term.at for term in terms for _ in term.columns])
+    for w in windows:
+        own = owner == w.at
+        at_joint = [term for term in terms if term.at == w.at]
+        friction = bound_friction(w, at_joint, theta[own], covariance[np.ix_(own, own)])
+        limits.append(2 * friction + WEAK_FORM.significant * w.noise(inertias[w.at]))
+    return data.residual(terms, theta), np.concatenate(limits) + WEAK_FORM.significant * deviations
+
+
+def _list_places(data: RegressionData, residual: Array, which: Mask) -> list[Place]:
+    """Return the places of some windows (R,) of data, of whose torques `residual` (R,) is the unexplained part."""
+    x, names = data.samples, [w.recording.name for w in data.data.windows for _ in w.centers]
+    return [(float(abs(residual[k])), float(x.position[k]), float(x.time[k]), names[k]) for k in np.flatnonzero(which)]
+
+
+def _report(places: Sequence[Place], count: int, units: JointUnits, at: str = "") -> list[Finding]:
+    """Return a finding on contacts of a joint with the place of the largest, or nothing without any."""
+    if not places:
+        return []
+    torque, angle, time, name = max(places)
+    numbers = {"torque": Quantity(torque, unit=units.unit("N m")), "angle": Quantity(angle, unit=units.unit("rad"))}
+    numbers |= {"time": Quantity(time, unit="s"), "count": Quantity(count)}
+    return [Finding(Kind.CONTACT, numbers, recordings=(name,), joints=(at,) if at else ())]
