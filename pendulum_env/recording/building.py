@@ -9,7 +9,7 @@ import numpy as np
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import ColumnError, RecordingError
-from pendulum_env.recording import checks, cleaning, sampling
+from pendulum_env.recording import checks, cleaning, jitter, sampling
 from pendulum_env.recording.clock import find_date, find_unix_unit, unwrap_clock
 from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.notes import Note, NoteKind
@@ -69,6 +69,7 @@ def build_recording(
     cleaning.drop_spoilt_positions(log, unwrap_position())
     checks.refuse_too_few(log.values["time"])
     checks.refuse_still(log.values["position"])
+    jitter.replace_late_stamps(log, unwrap_position())
     sampling.cut_at_gaps(log, unwrap_position())
     checks.refuse_jumps(log.values["position"], log.rows, log.starts, origin, allow_wrapped=unwrap)
     jumps = cleaning.unwrap_positions(log, is_angle=not actuator.acts_on_speed) if unwrap else 0

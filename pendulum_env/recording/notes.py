@@ -43,6 +43,7 @@ class NoteKind(StrEnum):
     GAPS = "gaps"  # count, shortest, longest, places: times
     SHORT_SEGMENTS = "short_segments"  # count, samples, least
     FILLED = "filled"  # count, places: times
+    STAMPS_LATE = "stamps_late"  # rate, std
     CLOCK_ROUNDED = "clock_rounded"  # rate, error
     RESAMPLED = "resampled"  # rate, shortest, longest, std, slow, ratio
     ALIGNED = "aligned"  # delay, lag; neither where it is half a sample

@@ -101,6 +101,10 @@ TEXTS: Mapping[NoteKind, str] = {
     NoteKind.GAPS: "{variant} {longest:.3g} s after {places}: segments end there",
     NoteKind.SHORT_SEGMENTS: "{samples:.0f} samples in {variant} shorter than {least:g} s are left out",
     NoteKind.FILLED: "{variant} missing after {places}: filled in by interpolation",
+    NoteKind.STAMPS_LATE: (
+        "time set to uniform {rate:.6g} Hz: the stamps deviate by {std:.2g} ms (standard deviation), but position "
+        "shows uniform samples"
+    ),
     NoteKind.CLOCK_ROUNDED: (
         "time set to uniform {rate:.6g} Hz, from which it differed by rounding only (up to {error:.2g} s)"
     ),

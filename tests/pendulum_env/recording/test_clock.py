@@ -9,6 +9,7 @@ import pytest
 
 from pendulum_env.arms import read_arm_recording
 from pendulum_env.recording import Recording, RecordingError, read_recording
+from pendulum_env.recording.notes import NoteKind
 
 START = 1_700_000_000.25  # [s] since 1970
 CLOCKS: dict[str, Callable] = {
@@ -93,3 +94,42 @@ def test_joints_of_an_arm_share_a_clock_since_1970() -> None:
     np.testing.assert_allclose(recording.time, run["time"], rtol=0, atol=2e-6)
     assert recording.start_date is not None and recording.start_date.year == 2023
     assert len(recording.joints[1]) == len(run["time"])
+
+
+@pytest.mark.parametrize("jitter", [0.1, 0.4])  # of a period
+def test_late_stamps_of_uniform_samples_are_replaced_by_the_uniform_clock(jitter: float) -> None:
+    run, rng = motion(500, 10.0), np.random.default_rng(1)
+    run["time"] = np.sort(run["time"] + 0.002 * jitter * rng.standard_normal(5000))
+    whole = read_recording(run)
+    assert whole.rate == pytest.approx(500, rel=1e-5) and whole.starts == (0,)
+    np.testing.assert_array_equal(whole.position, run["position"])
+    np.testing.assert_array_equal(whole.torque, run["torque"])
+    assert [note.kind for note in whole.notes] == [NoteKind.STAMPS_LATE]
+
+
+def test_rows_that_are_lost_remain_gaps_though_stamps_are_late() -> None:
+    run, rng = motion(500, 10.0), np.random.default_rng(2)
+    lost = np.r_[1000, 1600:1602, 2500:3000]
+    stamps = run["time"] + 2e-4 * rng.standard_normal(5000)
+    recording = read_recording({name: np.delete(v, lost) for name, v in (run | {"time": stamps}).items()})
+    assert recording.rate == pytest.approx(500, rel=1e-5) and recording.starts == (0, 2500)
+    np.testing.assert_allclose(recording.position, np.delete(run["position"], lost[3:]), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(recording.time, np.delete(run["time"], lost[3:]), rtol=0, atol=2e-4)
+
+
+@pytest.mark.parametrize("accumulates", [False, True])
+def test_stamps_of_samples_that_were_taken_unevenly_stand(accumulates: bool) -> None:
+    rng = np.random.default_rng(3)
+    uneven = 4e-4 * rng.standard_normal(5000)
+    time = np.sort(np.arange(5000) / 500 + (np.cumsum(uneven) if accumulates else uneven))
+    recording = read_recording({"time": time, "position": np.sin(5 * time), "torque": np.ones(5000)})
+    assert NoteKind.STAMPS_LATE not in [note.kind for note in recording.notes]
+    np.testing.assert_allclose(recording.position, np.sin(5 * (recording.time + time[0])), rtol=0, atol=1e-5)
+
+
+def test_stamps_stand_where_motion_cannot_tell_if_samples_are_uniform() -> None:
+    rng = np.random.default_rng(4)
+    time = np.arange(2000) / 500
+    coarse = 1e-3 * np.round(1e3 * 0.01 * np.sin(2 * time))
+    log = {"time": time + 1e-4 * rng.standard_normal(2000), "position": coarse, "torque": np.ones(2000)}
+    assert NoteKind.STAMPS_LATE not in [note.kind for note in read_recording(log).notes]

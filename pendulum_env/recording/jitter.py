@@ -1,0 +1,123 @@
+"""Late time stamps of samples that a uniform clock took: the row count tells the time better than the stamps."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from pendulum_env._typing import Array, Index
+from pendulum_env.quantity import Quantity
+from pendulum_env.recording.cleaning import Log
+from pendulum_env.recording.notes import Note, NoteKind
+
+
+@dataclass(frozen=True)
+class JitterSettings:
+    """Limits on deviations of time stamps from a uniform clock."""
+
+    lost: float = 1.5  # periods from which a step may hold lost rows
+    pause: float = 5.0  # periods from which a step separates two parts, whose clocks may be shifted
+    precision: float = 0.1  # periods, standard error of the shift of the clock across a possible loss
+    most_rows: int = 50  # rows on either side that are averaged for it
+    white: float = 1.0  # least mean square of successive differences over the variance: 2 if white, 0 if it accumulates
+    spread: float = 0.5  # periods, largest standard deviation of the stamps
+    sure: float = 4.0  # standard errors
+    between: float = 0.5  # share of the jitter in the motion: 0 of late stamps, 1 of jittery sampling
+
+
+JITTER = JitterSettings()
+WEIGHTS = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # of the cubic through two samples on either side
+SPAN = 4  # rows on either side of a velocity: none of those that `WEIGHTS` uses, but for its middle
+
+
+def replace_late_stamps(log: Log, position: Array) -> None:
+    """Replace stamps by the line through them, if position (N,) shows that the samples were uniform.
+
+    The stamps jitter about a uniform clock if their deviations do not accumulate. The motion tells if the samples
+    jitter, too: position then deviates from a smooth curve over the row count by velocity times jitter.
+    Rows that were lost remain gaps. Time is left as it is in any other case.
+    """
+    time = log.values["time"]
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    noise = 1.4826 * float(np.median(np.abs(steps - usual))) / np.sqrt(2.0)
+    if noise <= max(log.resolution, 1e-3 * usual):
+        return
+    width = int(np.clip(np.ceil(2.0 * (noise / (JITTER.precision * usual)) ** 2), 1, JITTER.most_rows))
+    period = float(np.median(time[width:] - time[:-width])) / width
+    cuts = steps > JITTER.pause * period
+    if "segment" in log.values:
+        cuts |= np.diff(log.values["segment"]) != 0
+    bounds = [0, *(np.flatnonzero(cuts) + 1).tolist(), len(time)]
+    parts = [(a, b) for a, b in pairwise(bounds) if b - a > 2 * SPAN]
+    if not parts:
+        return
+    fits = []
+    for filled in (False, True):
+        counts = np.concatenate([_count_periods(time[a:b], period, width, filled) for a, b in pairwise(bounds)])
+        clock, step = _fit_clock(time, counts, bounds)
+        fits.append((float(np.var(time - clock)), step, clock))
+    variance, step, clock = min(fits, key=lambda fit: fit[0])
+    late = time - clock
+    successive = np.mean(np.concatenate([np.diff(late[a:b]) for a, b in parts]) ** 2)
+    if successive < JITTER.white * variance or np.sqrt(variance) > JITTER.spread * step:
+        return
+    share, error = _estimate_jitter_share(late, clock, step, position)
+    if not share + JITTER.sure * error < JITTER.between:
+        return
+    log.values = {**log.values, "time": clock - clock[0]}
+    numbers = {"rate": Quantity(1 / step, unit="Hz"), "std": Quantity(1e3 * float(np.sqrt(variance)), unit="ms")}
+    log.notes.append(Note(NoteKind.STAMPS_LATE, numbers=numbers))
+
+
+def _count_periods(time: Array, period: float, width: int, filled: bool) -> Index:
+    """Count the periods from the first to each time (N,) of a part; rows are lost only if `filled`.
+
+    A row is lost where the clock is shifted for good: its mean over `width` rows after a long step differs from that
+    before by a period or more. Larger steps are tried first.
+    """
+    counts = np.ones(len(time) - 1, dtype=np.intp)
+    if filled and len(time) > 2:
+        sums = np.append(0.0, np.cumsum(time - period * np.arange(len(time))))
+        rows = np.arange(1, len(time))
+        first, end = np.maximum(rows - width, 0), np.minimum(rows + width, len(time))
+        shifts = (sums[end] - sums[rows]) / (end - rows) - (sums[rows] - sums[first]) / (rows - first)
+        steps = np.diff(time)
+        places = np.flatnonzero((steps > JITTER.lost * period) & (shifts > 0.5 * period))
+        for k in places[np.argsort(-steps[places], kind="stable")]:
+            a, b = first[k], end[k]
+            deviation = time[a:b] - period * np.append(0, np.cumsum(counts[a : b - 1]))
+            shift = deviation[k + 1 - a :].mean() - deviation[: k + 1 - a].mean()
+            counts[k] += max(0, round(float(shift) / period))
+    return np.append(0, np.cumsum(counts))
+
+
+def _fit_clock(time: Array, counts: Index, bounds: list[int]) -> tuple[Array, float]:
+    """Fit time (N,) [s] by counts (N,) of one period, from a start of each part; return the fit and the period [s]."""
+    lengths = np.diff(bounds)
+    means = [np.repeat([values[a:b].mean() for a, b in pairwise(bounds)], lengths) for values in (time, counts)]
+    passed = counts - means[1]
+    period = float(passed @ (time - means[0]) / (passed @ passed))
+    return means[0] + period * passed, period
+
+
+def _estimate_jitter_share(late: Array, clock: Array, period: float, position: Array) -> tuple[float, float]:
+    """Estimate the share of jitter (N,) [s] that position (N,) shows on a clock (N,), and its standard error.
+
+    Samples at fast motion count, with all neighbours present.
+    """
+    present = clock[2 * SPAN :] - clock[: -2 * SPAN] < (2 * SPAN + 0.5) * period
+    velocity = (position[2 * SPAN :] - position[: -2 * SPAN]) / (2 * SPAN * period)
+
+    def find_deviation(values: Array) -> Array:
+        return (values - np.convolve(values, WEIGHTS, mode="same"))[SPAN:-SPAN]
+
+    if not present.any():
+        return 1.0, np.inf
+    fast = present & (velocity**2 >= np.mean(velocity[present] ** 2))
+    jitter, deviation = (velocity * find_deviation(late))[fast], find_deviation(position)[fast]
+    power = float(jitter @ jitter)
+    if not power > 0 or len(jitter) < 2 * SPAN:
+        return 1.0, np.inf
+    share = float(jitter @ deviation) / power
+    return share, float(np.std(deviation - share * jitter)) / np.sqrt(power)
