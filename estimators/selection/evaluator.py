@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -47,6 +48,7 @@ from pendulum_env.physics import (
     list_loads,
     release_term,
 )
+from pendulum_env.physics.table import ByAngle
 
 
 @dataclass
@@ -173,7 +175,29 @@ class ModelEvaluator:
 
     def gain(self, after: Terms, before: Terms) -> Gain:
         """Return the gain of the model `after` over the model `before`; its p-value includes `penalty`."""
-        return self.bootstrap.gain(self.density(after), self.density(before), self.penalty(after, before))
+        return self.compare_densities(self.density(after), self.density(before), after, before)
+
+    def compare_densities(self, new: Array, old: Array, after: Terms, before: Terms) -> Gain:
+        """Return the gain of the model `after` over `before`, from the log densities of blocks under both, (S,) each.
+
+        Only blocks of `_choose_blocks` count.
+        """
+        bootstrap, blocks = self._choose_blocks(after, before)
+        return bootstrap.gain(new[blocks], old[blocks], self.penalty(after, before))
+
+    def _choose_blocks(self, one: Terms, other: Terms) -> tuple[Bootstrap, slice]:
+        """Return the blocks by which two models are compared, with random weights of them.
+
+        If they differ in a table by angle, only held-out data count, whose angles the table covers. Folds of the
+        training data may lack the angles of the part that they predict, and this part alone would decide.
+        """
+        has_table = any(isinstance(term, ByAngle) for term in set(one) ^ set(other))
+        return (self._held_out_bootstrap, self.held_out) if has_table else (self.bootstrap, slice(None))
+
+    @cached_property
+    def _held_out_bootstrap(self) -> Bootstrap:
+        """Random weights of the held-out blocks alone."""
+        return Bootstrap(self.bootstrap.of_block[self.held_out], np.random.default_rng(0))
 
     def penalty(self, after: Terms, before: Terms) -> float:
         """Return the multiple-comparison penalty [nat]: ln(effects in the library times `n_variants`)."""
@@ -250,7 +274,8 @@ class ModelEvaluator:
 
     def is_tied(self, one: Terms, other: Terms) -> bool:
         """Return whether the first of two models has a probability above `criterion.tie_probability`."""
-        probability = self.bootstrap.probabilities([self.density(one), self.density(other)])[0]
+        bootstrap, blocks = self._choose_blocks(one, other)
+        probability = bootstrap.probabilities([self.density(terms)[blocks] for terms in (one, other)])[0]
         return bool(probability > self.criterion.tie_probability)
 
     def gates(self, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:

@@ -66,7 +66,8 @@ def remove_term(terms: Terms, term: Term) -> Terms:
 def add_effect(state: SearchState) -> SearchState | None:
     """Add one effect, or release a nonlinear parameter of an effect; else add a pair. None if nothing is confirmed.
 
-    The best `criterion.max_tried` candidates have to be supported and confirmed. Of those that tie with the best one,
+    The best `criterion.max_tried` candidates have to be supported and confirmed, and keep the base parameters of the
+    start. Of those that tie with the best one,
     that with the fewest parameters is added. A link that comes before any other is added by `add_link`. Without a pair
     either, `add_dry_friction` follows. In data with contacts, a stop comes first.
     """
@@ -80,7 +81,7 @@ def add_effect(state: SearchState) -> SearchState | None:
     for longer in tried[: evaluator.criterion.max_tried]:
         if confirmed and not evaluator.is_tied(longer, confirmed[0]):
             break
-        if not evaluator.is_supported(longer, terms):
+        if not (evaluator.is_supported(longer, terms) and evaluator.keeps_base(longer, state.start)):
             continue
         longer = refit_nonlinear(evaluator, longer)
         evaluator.progress(
@@ -127,6 +128,7 @@ def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
             singles = [evaluator.without_known(single) for single in (first, (*terms, pair[-1]))]
             if (
                 evaluator.is_supported(pair, terms)
+                and evaluator.keeps_base(pair, state.start)
                 and all(evaluator.is_significant(pair, single) for single in singles)
                 and evaluator.lowers_errors(pair, terms)
             ):

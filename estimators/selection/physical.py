@@ -62,8 +62,9 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     """Return failed gates of inertia and friction of the terms at one joint, whose samples are `x`.
 
     Dry friction is too large if it exceeds the largest torque that drives the joint: the recorded torque less that of
-    load, potential and time-varying terms. Stops are too soft if the motion presses them in by more than the range
-    between them. The power of friction is not tested at a coupled joint, dry friction not in an arm.
+    load, potential and time-varying terms. Stops limit the range: they are too soft if the motion, or this torque at
+    rest, presses them in by more than the range between them. The power of friction is not tested at a coupled joint,
+    dry friction not in an arm.
     """
     found, inertia = [], model.estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
@@ -79,10 +80,11 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     dry = _compute_dry_friction_over_turn(
         [(column, value) for term, column, value in friction if not column.of_torque], x
     ).max()
-    for stop in (term for term in model.terms if isinstance(term, HardStop)):
+    for stop, _, stiffness in (part for part in _list_parts(model) if isinstance(part[0], HardStop)):
         lowest, highest = float(x.position.min()), float(x.position.max())
-        depth = max(stop.lower - lowest, 0.0) + max(highest - stop.upper, 0.0)
-        if depth > (free := highest - lowest - depth):
+        free = min(stop.upper, highest) - max(stop.lower, lowest)
+        depth = max(highest - lowest - free, limit / max(stiffness, 1e-300))
+        if depth > free:
             found.append(Gate("soft_stop", depth, free, False, model.units().unit("rad")))
     is_arm = any(term.at for term in model.terms)
     if dry > limit and x.torque.any() and not is_arm:
@@ -198,8 +200,9 @@ def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples],
     Inertia has to keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
     It includes the inertia that effects add, as a mean over the motion. Gravity has to keep its sign where the smaller
     model determines it, within 3 standard errors of the larger model, since an effect may explain all of the gravity.
-    Models with a link have no gates, as they are uncertain before the link's states are fitted. Gravity with a tilt has
-    none, as it may have any sign. `motions` are the samples of joints, by name.
+    Beside a tilt it may have any sign. Its standard error may not exceed its former value: effects of the angle that
+    leave it undetermined cancel it, and draw a curve of their own. Models with a link have no gates, as they are
+    uncertain before the link's states are fitted. `motions` are the samples of joints, by name.
     """
     gates: list[Gate] = []
     shared = before.estimates.keys() & after.estimates.keys()
@@ -211,10 +214,11 @@ def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples],
         share = _compute_mean_inertia(after, motions[""]) / total
         limit = least_inertia * (1 - SIGNIFICANT * old.std / total)
         gates.append(Gate("kept_inertia", share, limit, share >= limit, std=new.std / total))
-    if "gravity" in shared and "gravity_tilt" not in after.estimates and compute_significant_sign(before, "gravity"):
+    if "gravity" in shared and compute_significant_sign(before, "gravity"):
         old, new = before.estimates["gravity"], after.estimates["gravity"]
         share, std = new.value / old.value, new.std / abs(old.value)
-        gates.append(Gate("kept_gravity", share, 0.0, share + SIGNIFICANT * std >= 0, std=std))
+        keeps_sign = "gravity_tilt" in after.estimates or share + SIGNIFICANT * std >= 0
+        gates.append(Gate("kept_gravity", share, 0.0, keeps_sign and std <= 1.0, std=std))
     return gates
 
 

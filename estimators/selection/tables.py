@@ -18,9 +18,11 @@ from pendulum_env.physics.terms import count_parameters
 def replace_by_table(state: SearchState) -> SearchState:
     """Replace effects that imitate a table; return the state with `table` set, and terms without it, or the state.
 
-    Effects imitate a table in two cases. A simpler model with a table leaves only noise and predicts as well. Or
+    Effects imitate a table in three cases. A simpler model with a table leaves only noise and predicts as well. Or
     structure is left, and the table with the effects still needed predicts significantly better and explains most of
-    it. The table with the best prediction of held-out data is kept. Effects beside it are added by `add_beside_table`.
+    it. Or two or more effects leave only noise, and the table in their place predicts significantly better and explains
+    a share of it. The table with the best prediction of held-out data is kept. Effects beside it are added by
+    `add_beside_table`.
     """
     totals = {
         terms: total for terms in list_table_models(state) if (total := _compute_table_gain(state, terms)) is not None
@@ -38,36 +40,41 @@ def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
     """Return the gain of terms with a table on held-out data [nat]; None if they do not replace those of the state."""
     evaluator = state.evaluator
     density = evaluator.refitted_density if evaluator.residuals.are_refitted(terms) else evaluator.density
-    gain = evaluator.bootstrap.gain(density(terms), density(state.terms), evaluator.penalty(terms, state.terms))
+    gain = evaluator.compare_densities(density(terms), density(state.terms), terms, state.terms)
     probability = evaluator.bootstrap.probabilities([density(terms), density(state.terms)])[0]
     is_likely = probability > evaluator.criterion.tie_probability
     replaces = (
         count_parameters(terms) < count_parameters(state.terms) and is_likely and evaluator.residuals.is_noise(terms)
     )
-    if not replaces and not state.is_noise:
-        replaces = (
-            gain.p_value <= evaluator.criterion.p_value
-            and evaluator.residuals.explained_share(terms, state.terms) > evaluator.criterion.needed_share
-        )
+    if not replaces and gain.p_value <= evaluator.criterion.p_value:
+        share = evaluator.residuals.explained_share(terms, state.terms)
+        replaces = share > (evaluator.criterion.explained_share if state.is_noise else evaluator.criterion.needed_share)
     return float(np.sum((density(terms) - density(state.terms))[evaluator.held_out])) if replaces else None
 
 
 def list_table_models(state: SearchState) -> Iterator[Terms]:
-    """Yield models with each table: in the place of all effects, and beside the effects that are then still needed.
+    """Yield models with each form of each table.
 
-    If the state leaves only noise, the table needs fewer parameters than the effects.
+    The table takes the place of all effects, or of all of its kind, or comes beside the effects that are then still
+    needed. If the state leaves only noise, the table needs fewer parameters than the effects, or takes the place of two
+    or more of its kind.
     """
-    evaluator = state.evaluator
+    evaluator, start = state.evaluator, state.start
     limit = sum(map(count_term_parameters, state.effects)) if state.is_noise else np.inf
     unexplained = {at for at in evaluator.residuals.joints if not evaluator.residuals.is_noise_at(at, state.terms)}
     joints = unexplained | {at for effect in state.effects for at in list_loads(effect.at)}
     for table in evaluator.tables:
         if table.at and table.at not in joints:
             continue
-        for others in dict.fromkeys((state.start, state.terms)):
+        of_kind = [effect for effect in state.effects if (effect.kind, effect.at) == (table.kind, table.at)]
+        others_of_kind = tuple(term for term in state.terms if term not in of_kind)
+        for others in dict.fromkeys((others_of_kind, start, state.terms)):
             fewest = min(map(count_term_parameters, make_variants(evaluator.train, others, table)), default=np.inf)
-            trial = find_best_variant(evaluator, others, table) if fewest < limit else None
-            if trial is not None:
+            if fewest >= limit and not (len(of_kind) > 1 and others is others_of_kind):
+                continue
+            if len(of_kind) > 1 and others is others_of_kind:
+                yield from (trial.terms for trial in refine_variants(evaluator.train, others, table))
+            elif (trial := find_best_variant(evaluator, others, table)) is not None:
                 yield drop_unneeded(state.with_terms(trial.terms)).terms
 
 

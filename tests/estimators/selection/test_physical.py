@@ -108,6 +108,15 @@ def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_
         assert [(own.name, own.value) for own in found] == wrong
 
 
+@pytest.mark.parametrize(("stiffness", "is_too_soft"), [(0.02, True), (1.0, False)])
+def test_a_stop_that_the_largest_torque_presses_in_by_more_than_the_free_range_limits_nothing(stiffness, is_too_soft):
+    x = swinging()
+    ends = 0.9 * float(x.position.min()), 0.9 * float(x.position.max())
+    model = Model.build([*BASE, effect("hard_stop")(*ends)], [0.1, 0.1, 0.01, 0.01, stiffness])
+    found = find_violations(model, {"": x})
+    assert [own.name for own in found] == (["soft_stop"] if is_too_soft else [])
+
+
 @pytest.mark.parametrize(
     ("torque", "position", "inertia", "failed"),
     [
@@ -195,6 +204,15 @@ def test_a_larger_model_keeps_half_of_the_inertia_and_the_sign_of_gravity(inerti
     gates = make_base_gates(after, before, {"": X}, LEAST)
     assert {gate.name: gate.passed for gate in gates} == passed
     assert [gate.value for gate in gates] == pytest.approx([inertia / 0.1, gravity / 2.0])
+
+
+@pytest.mark.parametrize(("std", "passed"), [(1.0, True), (3.0, False)])
+def test_effects_of_the_angle_that_leave_gravity_undetermined_draw_a_curve_of_their_own(std, passed):
+    before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.01)
+    terms = [*BASE, effect("gravity_tilt")()]
+    for gravity in (2.0, -20.0):
+        after = Model.build(terms, [0.1, gravity, 0.1, 0.1, 0.5], [0.001, std, 0.01, 0.01, std])
+        assert [gate.passed for gate in make_base_gates(after, before, {"": X}, LEAST)] == [True, passed]
 
 
 def test_inertia_has_to_keep_half_of_what_the_smaller_model_shows_beyond_three_standard_errors():

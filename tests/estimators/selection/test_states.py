@@ -154,6 +154,9 @@ def test_pair_is_added_if_each_effect_needs_the_other(gains: dict, after: str | 
         ({"D": 600.0, "T": 1000.0, "DT": 1000.0}, "D", "", True),  # drag only imitates the table
         ({"D": 1000.0, "T": 600.0, "DT": 1000.0}, "D", "D", False),
         ({"D": 600.0, "T": 650.0, "DT": 1000.0}, "D", "D", True),  # both are needed
+        ({"AD": 1000.0, "T": 1100.0}, "AD", "", True),  # two effects of its kind that it beats
+        ({"AD": 1000.0, "T": 990.0}, "AD", "AD", False),
+        ({"DO": 1000.0, "T": 1100.0}, "DO", "DO", False),  # an offset is none of its kind
         ({}, "", "", False),
     ],
 )
