@@ -80,7 +80,9 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     dry = _compute_dry_friction_over_turn(
         [(column, value) for term, column, value in friction if not column.of_torque], x
     ).max()
-    for stop, _, stiffness in (part for part in _list_parts(model) if isinstance(part[0], HardStop)):
+    for stop, _, stiffness in _list_parts(model):
+        if not isinstance(stop, HardStop):
+            continue
         lowest, highest = float(x.position.min()), float(x.position.max())
         free = min(stop.upper, highest) - max(stop.lower, lowest)
         depth = max(highest - lowest - free, limit / max(stiffness, 1e-300))
