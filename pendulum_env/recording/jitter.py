@@ -1,7 +1,7 @@
 """Late time stamps of samples that a uniform clock took: the row count tells the time better than the stamps."""
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -53,9 +53,13 @@ def replace_late_stamps(log: Log, position: Array) -> None:
     if not parts:
         return
     fits = []
-    for filled in (False, True):
-        counts = np.concatenate([_count_periods(time[a:b], period, width, filled) for a, b in pairwise(bounds)])
-        clock, step = _fit_clock(time, counts, bounds)
+    moves = np.diff(position)
+    for known, width_of_shift in product((np.ones_like(log.rows[1:]), np.diff(log.rows)), (0, width)):
+        counts = [
+            _count_periods(time[a:b], moves[a : b - 1], known[a : b - 1], period, width_of_shift)
+            for a, b in pairwise(bounds)
+        ]
+        clock, step = _fit_clock(time, np.concatenate(counts), bounds)
         fits.append((float(np.var(time - clock)), step, clock))
     variance, step, clock = min(fits, key=lambda fit: fit[0])
     late = time - clock
@@ -70,25 +74,30 @@ def replace_late_stamps(log: Log, position: Array) -> None:
     log.notes.append(Note(NoteKind.STAMPS_LATE, numbers=numbers))
 
 
-def _count_periods(time: Array, period: float, width: int, filled: bool) -> Index:
-    """Count the periods from the first to each time (N,) of a part; rows are lost only if `filled`.
+def _count_periods(time: Array, moves: Array, known: Index, period: float, width: int) -> Index:
+    """Count the periods from the first to each time (N,) of a part.
 
-    A row is lost where the clock is shifted for good: its mean over `width` rows after a long step differs from that
-    before by a period or more. Larger steps are tried first.
+    `known` (N - 1,) holds the periods between rows, but for rows that the logger lost. Such a row is looked for if
+    `width` is above 0: the mean of the clock over `width` rows after a long step differs from that before by a period
+    or more. Larger steps are tried first. The loss is where the joint moves (N - 1,) farthest for its neighbours.
     """
-    counts = np.ones(len(time) - 1, dtype=np.intp)
-    if filled and len(time) > 2:
-        sums = np.append(0.0, np.cumsum(time - period * np.arange(len(time))))
+    counts = known.copy()
+    if width and len(time) > 2:
+        sums = np.append(0.0, np.cumsum(time - period * np.append(0, np.cumsum(counts))))
         rows = np.arange(1, len(time))
         first, end = np.maximum(rows - width, 0), np.minimum(rows + width, len(time))
         shifts = (sums[end] - sums[rows]) / (end - rows) - (sums[rows] - sums[first]) / (rows - first)
         steps = np.diff(time)
         places = np.flatnonzero((steps > JITTER.lost * period) & (shifts > 0.5 * period))
+        around = np.pad(moves, 1, mode="edge")
+        excess = (moves - 0.5 * (around[:-2] + around[2:])) * np.sign(around[:-2] + around[2:])
         for k in places[np.argsort(-steps[places], kind="stable")]:
             a, b = first[k], end[k]
             deviation = time[a:b] - period * np.append(0, np.cumsum(counts[a : b - 1]))
             shift = deviation[k + 1 - a :].mean() - deviation[: k + 1 - a].mean()
-            counts[k] += max(0, round(float(shift) / period))
+            lost = max(0, round(float(shift) / period))
+            near = slice(max(0, k - width // 2), k + 1 + width // 2)
+            counts[near.start + int(np.argmax(np.where(counts[near] > 1, -np.inf, excess[near])))] += lost
     return np.append(0, np.cumsum(counts))
 
 

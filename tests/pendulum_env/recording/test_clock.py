@@ -133,3 +133,11 @@ def test_stamps_stand_where_motion_cannot_tell_if_samples_are_uniform() -> None:
     coarse = 1e-3 * np.round(1e3 * 0.01 * np.sin(2 * time))
     log = {"time": time + 1e-4 * rng.standard_normal(2000), "position": coarse, "torque": np.ones(2000)}
     assert NoteKind.STAMPS_LATE not in [note.kind for note in read_recording(log).notes]
+
+
+def test_rows_left_out_for_a_repeated_stamp_keep_their_time() -> None:
+    run, rng = motion(500, 10.0), np.random.default_rng(5)
+    stamps = np.maximum.accumulate(run["time"] + 6e-4 * rng.exponential(size=5000))  # late rows wait for each other
+    recording = read_recording(run | {"time": stamps})
+    assert recording.rate == pytest.approx(500, rel=1e-4) and recording.starts == (0,)
+    np.testing.assert_allclose(recording.position, run["position"][: len(recording.time)], rtol=0, atol=1e-4)
