@@ -15,6 +15,7 @@ class Kind(StrEnum):
     NO_MOTION = "no_motion"
     TORQUE_IS_NOISE = "torque_is_noise"  # torque
     TORQUE_IS_CONSTANT = "torque_is_constant"  # torque
+    TORQUE_FOLLOWS_DIRECTION = "torque_follows_direction"  # torque
     ONE_DIRECTION = "one_direction"
     SMALL_ANGLES = "small_angles"  # angle
     NEVER_ACTS = "never_acts"
@@ -138,12 +139,20 @@ WITHHOLDING = {
     Kind.NO_MOTION,
     Kind.TORQUE_IS_NOISE,
     Kind.TORQUE_IS_CONSTANT,
+    Kind.TORQUE_FOLLOWS_DIRECTION,
     Kind.ONE_DIRECTION,
     Kind.SMALL_ANGLES,
     Kind.NEVER_ACTS,
     Kind.INDISTINGUISHABLE,
     Kind.UNIDENTIFIABLE,
     Kind.STIFF_STOP,
+}
+
+NOTHING_DETERMINED = {  # kinds of findings that withhold all parameters
+    Kind.NO_MOTION,
+    Kind.TORQUE_IS_NOISE,
+    Kind.TORQUE_IS_CONSTANT,
+    Kind.TORQUE_FOLLOWS_DIRECTION,
 }
 
 

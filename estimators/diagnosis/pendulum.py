@@ -10,7 +10,7 @@ from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.conclusion import conclude
 from estimators.diagnosis.horizon import refit_to_horizon
 from estimators.diagnosis.setting import Setting
-from estimators.diagnosis.torque_search import refine, search_by_torque
+from estimators.diagnosis.torque_search import find_regions, refine, search_by_torque
 from estimators.diagnosis.treatments import (
     align_with_effects,
     exclude_outliers,
@@ -18,7 +18,6 @@ from estimators.diagnosis.treatments import (
     keep_logged_time,
     narrow_windows,
 )
-from estimators.diagnosis.unexplained import find_unexplained
 from estimators.free_swings import is_torque_needed, make_swing_terms, restore_known
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
@@ -55,7 +54,7 @@ PENDULUM = Case(
     search=search_by_torque,
     refit=refit_by_likelihood,
     refine=refine,
-    unexplained=lambda trial: find_unexplained(trial.final),
+    unexplained=find_regions,
     present=present,
     conclude=conclude,
     reveal=lambda data, base, kind: data.with_contacts(base),

@@ -7,15 +7,20 @@ from estimators.data.fits import fit_within_laws
 from estimators.data.regression_data import RegressionData
 from estimators.data.stop_error import find_stiff_stops
 from estimators.diagnosis.case import Trial
-from estimators.diagnosis.unexplained import find_contradiction
-from estimators.findings import Finding
-from estimators.schemes.identifiability import find_undetermined, find_unidentifiable
+from estimators.diagnosis.unexplained import find_contradiction, find_unexplained
+from estimators.findings import NOTHING_DETERMINED, Finding
+from estimators.schemes.identifiability import (
+    find_undetermined,
+    find_undetermined_parameters,
+    find_unidentifiable,
+)
 from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood, refit_if_misfit
 from estimators.selection.search import SearchResult, search
 from estimators.signals.measurements import measure_segments
+from estimators.signals.residual import Region
 from pendulum_env.physics import BASE, Term
 
 
@@ -29,8 +34,9 @@ def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = 
 
 
 def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
-    """Search for effects; with a reversed sign of the logged torque, fit the base model only."""
-    if find_contradiction(evaluator) is None:
+    """Search for effects; with a reversed sign of torque, or nothing determined, fit the base model only."""
+    doubts = find_undetermined_parameters(evaluator.train.recordings, evaluator.base)
+    if find_contradiction(evaluator) is None and not any(doubt.kind in NOTHING_DETERMINED for doubt in doubts):
         return refit_if_misfit(search(evaluator))
     evaluator = replace(evaluator, library={}, tables=())
     model = fit_within_laws(evaluator.train, refit_nonlinear(evaluator, evaluator.base))
@@ -51,5 +57,12 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     doubts = find_undetermined(measured, last.model.terms, last.model.units())
     unknown = find_unidentifiable(last.model, measured, doubts)
     unknown = [*unknown, *find_stiff_stops(last.model, trial.data.recordings)]
-    model = last.model.withhold({name for doubt in unknown for name in doubt.withheld})
+    withholding = (*unknown, *(doubt for doubt in doubts if doubt.kind in NOTHING_DETERMINED))
+    model = last.model.withhold({name for doubt in withholding for name in doubt.withheld})
     return replace(found, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
+
+
+def find_regions(trial: Trial) -> list[Region]:
+    """Return the regions of the unexplained residual; none if the recordings determine no parameter."""
+    is_determined = not any(doubt.kind in NOTHING_DETERMINED for doubt in trial.doubts)
+    return find_unexplained(trial.final) if is_determined else []

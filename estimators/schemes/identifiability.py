@@ -30,6 +30,7 @@ class IdentifiabilitySettings:
     min_length: float = 1e-4  # least length of a weighted sum of independent columns of length one
     max_unexplained: float = 0.9  # share of the squared torque that the motion may leave unexplained if it follows it
     one_sided: float = 0.002  # largest share of motion against the main direction, as noise
+    one_size: float = 0.02  # residual of a torque that depends on the direction of motion alone, as a share of its RMS
 
 
 IDENTIFIABILITY = IdentifiabilitySettings()
@@ -59,6 +60,11 @@ def find_undetermined(
         is_constant = all(np.ptp(m.held) <= CONSTANT * abs(mean) for m in measurements)
         kind = Kind.TORQUE_IS_CONSTANT if is_constant else Kind.TORQUE_IS_NOISE
         doubts.append(Finding(kind, {"torque": Quantity(mean, unit=units.unit(NEWTON_METRE))}, tuple(names)))
+    held = np.concatenate([m.held[is_clear] for m, is_clear in zip(measurements, clear, strict=True)])
+    is_known = any(column.is_known for term in terms for column in term.columns)
+    if not (doubts or is_free or is_known) and (size := _find_size_by_direction(held, velocity)) is not None:
+        torque = Quantity(size, unit=units.unit(NEWTON_METRE))
+        doubts.append(Finding(Kind.TORQUE_FOLLOWS_DIRECTION, {"torque": torque}, tuple(names)))
     forwards = float(np.mean(velocity > 0))
     if not IDENTIFIABILITY.one_sided < forwards < 1 - IDENTIFIABILITY.one_sided:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
@@ -205,6 +211,19 @@ def _find_large_errors(model: Model, body: Body, position: Array, largest: Array
 def is_determined(estimate: Estimate, large: float) -> bool:
     """Return whether an estimate determines its parameter: it is significant, or its error is below a limit."""
     return estimate.is_significant or estimate.std <= large
+
+
+def _find_size_by_direction(torque: Array, velocity: Array) -> float | None:
+    """Return the size of a torque (N,) [N m] that depends on the direction of motion alone, else None.
+
+    With tau = c sgn v, the balance J a + g sin q + b v + (f - c) sgn v = 0 is homogeneous: f = c and zero for all other
+    parameters solve it.
+    """
+    columns = np.column_stack([np.sign(velocity), np.ones_like(velocity)])
+    factors = np.linalg.lstsq(columns, torque, rcond=None)[0]
+    residual = torque - columns @ factors
+    is_alone = residual @ residual <= IDENTIFIABILITY.one_size**2 * (torque @ torque)
+    return float(np.abs(factors).max()) if is_alone else None
 
 
 def has_effective_torque(m: Measurements) -> bool:

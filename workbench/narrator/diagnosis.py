@@ -5,7 +5,7 @@ import numpy as np
 from estimators.diagnosis.likeness import Likeness, find_likenesses
 from estimators.diagnosis.result import Addition, Detectable, Diagnosis, HorizonRefit, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.findings import Kind, Quantity
+from estimators.findings import NOTHING_DETERMINED, Kind, Quantity
 from estimators.results import Comparison
 from estimators.selection.errors import Step
 from estimators.signals.residual import SYMBOLS, Region
@@ -109,10 +109,12 @@ def describe_result(found: Diagnosis) -> str:
             verb = "explains" if len(groups) == 1 else "explain"
             part = f". {capitalise(join_words(groups))} {verb} {1 - after / before:.0%} of the error" if groups else ""
             return f"The servo as described does not reproduce the log{part}"
+    if any(finding.kind in NOTHING_DETERMINED for finding in found.findings):
+        return "These recordings do not determine the parameters"
     met = [
-        f"a stop or a blow was met{f' by {own.joints[0]}' if own.joints else ''} at {measure(own.numbers['angle'])}"
-        for own in found.findings
-        if own.kind is Kind.CONTACT
+        f"a stop or a blow was met{f' by {finding.joints[0]}' if finding.joints else ''} at {measure(finding.numbers['angle'])}"
+        for finding in found.findings
+        if finding.kind is Kind.CONTACT
     ]
     if groups:
         rest = f", and more{place} that no known effect explains" if found.unexplained else ""

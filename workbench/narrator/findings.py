@@ -402,6 +402,10 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         "The torque is constant at {torque}, and the motion does not follow it. Read the file without it "
         "({without_torque}), or look for an offset."
     ),
+    Kind.TORQUE_FOLLOWS_DIRECTION: (
+        "While the joint moves, the torque is {torque} along the velocity. One size of torque determines only ratios "
+        "of the parameters. Record torques of several sizes, or sines."
+    ),
     Kind.ONE_DIRECTION: (
         "The velocity never changes sign, so coulomb and torque_offset cannot be told apart. Record both directions."
     ),

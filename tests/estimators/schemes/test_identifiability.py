@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
+from estimators import diagnose
 from estimators.findings import Finding, Kind
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identifiability import find_undetermined
 from estimators.schemes.identification import identify
 from estimators.signals.measurements import measure
 from pendulum_env.physics import BASE, effects
+from pendulum_env.physics.limits import limit_term
 from pendulum_env.recording import Recording
 from tests.cases import THETA, recorded
 
@@ -48,6 +50,23 @@ def test_noise_alone_is_no_torque():
         identify([run])
     found = identify([replace(run, torque=np.zeros(len(run)))])
     assert found.torque_unit == "rad/s^2" and not found["dynamic"].withheld
+
+
+def test_torque_of_one_size_determines_only_ratios():
+    switching = np.where(np.arange(3000) // 750 % 2, -2.6, 2.6)
+    run = driven(switching)
+    assert kinds(run) == [Kind.TORQUE_FOLLOWS_DIRECTION]
+    assert all(result.withheld == set(THETA) for result in identify([run]).values())
+    found = diagnose([run])
+    assert (
+        not found.selected and not found.unexplained and all(own.is_unknown for own in found.model.estimates.values())
+    )
+    small = driven(1.8 * switching / 2.6)  # a second size, or a known parameter, gives the scale
+    two_sizes = identify([run, small])["dynamic"].model
+    for name, value in THETA.items():
+        assert abs(two_sizes[name].value - value) < 4 * two_sizes[name].std
+    known = [limit_term(term, {"inertia": (0.09, 0.09)}) for term in BASE]
+    assert find_undetermined([measure(run)], known) == ()
 
 
 def test_small_swings_cannot_tell_gravity_from_a_spring():
