@@ -111,11 +111,9 @@ def describe_result(found: Diagnosis) -> str:
             return f"The servo as described does not reproduce the log{part}"
     if any(finding.kind in NOTHING_DETERMINED for finding in found.findings):
         return "These recordings do not determine the parameters"
-    met = [
-        f"a stop or a blow was met{f' by {finding.joints[0]}' if finding.joints else ''} at {measure(finding.numbers['angle'])}"
-        for finding in found.findings
-        if finding.kind is Kind.CONTACT
-    ]
+    contacts = [finding for finding in found.findings if finding.kind is Kind.CONTACT]
+    places = [f"{''.join(f' by {at}' for at in c.joints)} at {measure(c.numbers['angle'])}" for c in contacts]
+    met = [f"a stop or a blow was met{where_met}" for where_met in places]
     if groups:
         rest = f", and more{place} that no known effect explains" if found.unexplained else ""
         rest = rest or "".join(f", and {text}" for text in met)
