@@ -82,6 +82,7 @@ class Kind(StrEnum):
     STIFF_STOP = "stiff_stop"  # angle, and largest depth
     SCALE_UNKNOWN = "scale_unknown"  # share of the motion that the torque drives
     SMALL_EFFECT = "small_effect"  # share that it explains, least share, p_value
+    PART_OF_TURN = "part_of_a_turn"  # angle that the motion covers
     UNTESTED_RANGE = "untested_range"  # low, high, where nothing was met so far
 
     # what a model leaves of the residual

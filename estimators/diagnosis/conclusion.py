@@ -1,32 +1,25 @@
 """Conclusion of the diagnosis of a pendulum or an arm: findings, and the next step."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
-from estimators.checks.channel_rows import DRIVEN, compute_driven_share
 from estimators.checks.closed_loop import find_feedback
 from estimators.checks.remedies import find_remedies
 from estimators.checks.torque_constant import find_gain_doubts
 from estimators.diagnosis.case import Trial
+from estimators.diagnosis.caveats import find_caveats
 from estimators.diagnosis.contacts import find_arm_contacts, find_contacts, mark_met_stops
 from estimators.diagnosis.experiment import suggest_experiment
 from estimators.diagnosis.questions import find_detectable_effects, list_questions
-from estimators.diagnosis.result import Detectable, Diagnosis
+from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.unexplained import (
     find_contradiction,
     find_holdout_structure,
     find_joint_residuals,
 )
-from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.errors import Terms
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.findings import Finding, Kind
 from estimators.selection.physical import find_driving_friction, find_violations
 from estimators.selection.tables import find_explaining_law
-from pendulum_env.physics import TABLES, Model, list_ids
-from pendulum_env.physics.friction import LoadDependentFriction
-from pendulum_env.physics.terms import find_untested_ends
-
-ENOUGH = 40  # number of windows below which a finding warns
+from pendulum_env.physics import TABLES
 
 
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
@@ -67,10 +60,8 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
             *channel,
             *contacts,
             *(Finding(Kind.TIED, effects=group) for group in found.ambiguous),
-            *_find_few_clusters(evaluator),
             *doubts,
-            *_find_untested_ranges(model, *evaluator.train.get_range()),
-            *_find_unknown_scale(evaluator, trial.terms, detectable),
+            *find_caveats(evaluator, found.steps, trial.terms, detectable),
             *([table_finding] if table_finding and table_finding != forbidden else []),
         ),
         detectable=detectable,
@@ -127,28 +118,3 @@ def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
             False
         )
     return [*findings, *find_feedback(data.recordings)]
-
-
-def _find_few_clusters(evaluator: ModelEvaluator) -> list[Finding]:
-    """Return a finding if there are fewer than `ENOUGH` windows, else nothing."""
-    count = len(evaluator.train.layout.clusters)
-    return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < ENOUGH else []
-
-
-def _find_unknown_scale(evaluator: ModelEvaluator, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
-    """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it.
-
-    `known` are detectable effects of these terms, or nothing.
-    """
-    share, id = compute_driven_share(evaluator.train.data, evaluator.train.data.torque()), LoadDependentFriction.id
-    if share <= DRIVEN or id in list_ids(terms) or id not in evaluator.library:
-        return []
-    hidden = known or find_detectable_effects(evaluator, terms, {id: evaluator.library[id]})
-    is_excited = any(own.is_excited for own in hidden if own.effect == id)
-    return [] if is_excited else [Finding(Kind.SCALE_UNKNOWN, {"share": Quantity(share)})]
-
-
-def _find_untested_ranges(model: Model, low: float, high: float) -> list[Finding]:
-    """Return a finding on each term that would act beyond the recorded range of angles [rad]."""
-    ends = {term.id: find_untested_ends(term, low, high, model.units(term.at)) for term in model.terms}
-    return [Finding(Kind.UNTESTED_RANGE, untested, effects=(id,)) for id, untested in ends.items() if untested]

@@ -72,6 +72,7 @@ def _collect_words(found: Finding) -> dict[str, Any]:
     }
     words |= {kind: join_words(getattr(found, kind)) for kind in ("parameters", "effects", "recordings")}
     words["by_joint"] = f" by {join_words(found.joints)}" if found.joints else ""
+    words["fix_gravity"] = format_setting("fixed", {"gravity": Blank("VALUE")})
     words |= {"begin": _begin(found), "without_torque": format_setting("columns", {"torque": "none"})}
     if "torque_constant" in found.numbers:
         logged = found.numbers["torque_constant"].unit.partition("/")[2]
@@ -526,6 +527,11 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.FRICTION_NEGATIVE: "{parameters} came out negative, and no friction drives: another law acts in its place.",
     Kind.INCOMPLETE: _describe_incomplete,
     Kind.TIED: _describe_tie,
+    Kind.PART_OF_TURN: (
+        "The motion covers {angle:2}, less than a turn. Gravity is right only if {effects} follows its law exactly: "
+        "another law of the angle, or a wrong scale of the angle, fits alike. Record a whole turn, or give the value "
+        "of gravity ({fix_gravity})."
+    ),
     Kind.UNTESTED_RANGE: lambda found: f"{capitalise(describe_untested(found))}.",
     Kind.IMPOSSIBLE: lambda found: (
         f"The best fit is unphysical: it has {join_words(describe_violations(found))}. Check the signs of torque and "

@@ -1,0 +1,79 @@
+"""Caveats of a result: limits of the recordings within which the values of a model hold."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.checks.channel_rows import DRIVEN, compute_driven_share
+from estimators.diagnosis.questions import find_detectable_effects
+from estimators.diagnosis.result import Detectable
+from estimators.findings import Finding, Kind, Quantity
+from estimators.selection.errors import Step, Terms
+from estimators.selection.evaluator import ModelEvaluator
+from pendulum_env.physics import SIGNIFICANT, Gravity, Model, list_ids
+from pendulum_env.physics.friction import LoadDependentFriction
+from pendulum_env.physics.potential import GravityTilt
+from pendulum_env.physics.terms import find_untested_ends
+from pendulum_env.units import JointUnits
+
+ENOUGH = 40  # number of windows below which a finding warns
+TURN = 2 * np.pi  # range of angles from which gravity differs from any other law of the angle [rad]
+
+
+def find_caveats(
+    evaluator: ModelEvaluator, steps: Sequence[Step], terms: Terms, known: Sequence[Detectable]
+) -> list[Finding]:
+    """Return findings on few windows, part of a turn, untested ranges, and an unknown scale of all parameters.
+
+    Args:
+        evaluator: of the data.
+        steps: from the base model to the final model of a pendulum.
+        terms: of the final model.
+        known: detectable effects of these terms, or nothing.
+    """
+    model, (low, high) = steps[-1].model, evaluator.train.get_range()
+    return [
+        *_find_few_windows(evaluator),
+        *_find_part_of_turn(steps[0].model, model, high - low),
+        *_find_untested_ranges(model, low, high),
+        *_find_unknown_scale(evaluator, terms, known),
+    ]
+
+
+def _find_few_windows(evaluator: ModelEvaluator) -> list[Finding]:
+    """Return a finding if there are fewer than `ENOUGH` windows, else nothing."""
+    count = len(evaluator.train.layout.clusters)
+    return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < ENOUGH else []
+
+
+def _find_part_of_turn(base: Model, model: Model, reach: float) -> list[Finding]:
+    """Return a finding on effects of the angle that changed gravity, if the angles cover less than a turn [rad].
+
+    Within part of a turn, gravity and another law of the angle can imitate a third law, or a wrong scale of the angle.
+    A tilt is gravity too, and a stop acts at the end of the range only.
+    """
+    others = (term for term in model.terms if term.kind in ("potential", "sensor") and not term.has_impacts)
+    effects = tuple(term.id for term in others if term.id not in {*list_ids(base.terms), GravityTilt.id})
+    old, new = base.estimates.get(Gravity.id), model.estimates.get(Gravity.id)
+    if not effects or old is None or new is None or not new.std or model.slides or reach >= TURN:
+        return []
+    if abs(new.value - old.value) <= SIGNIFICANT * new.std:
+        return []
+    angle = Quantity(reach, unit=JointUnits().unit("rad"))
+    return [Finding(Kind.PART_OF_TURN, {"angle": angle}, effects=effects)]
+
+
+def _find_unknown_scale(evaluator: ModelEvaluator, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
+    """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it."""
+    share, id = compute_driven_share(evaluator.train.data, evaluator.train.data.torque()), LoadDependentFriction.id
+    if share <= DRIVEN or id in list_ids(terms) or id not in evaluator.library:
+        return []
+    hidden = known or find_detectable_effects(evaluator, terms, {id: evaluator.library[id]})
+    is_excited = any(detectable.is_excited for detectable in hidden if detectable.effect == id)
+    return [] if is_excited else [Finding(Kind.SCALE_UNKNOWN, {"share": Quantity(share)})]
+
+
+def _find_untested_ranges(model: Model, low: float, high: float) -> list[Finding]:
+    """Return a finding on each term that would act beyond the recorded range of angles [rad]."""
+    ends = {term.id: find_untested_ends(term, low, high, model.units(term.at)) for term in model.terms}
+    return [Finding(Kind.UNTESTED_RANGE, untested, effects=(id,)) for id, untested in ends.items() if untested]
