@@ -8,7 +8,7 @@ import numpy as np
 from estimators.data.rows import ScoredTerms
 from estimators.data.variants import rank_variants, refine_variants, try_variants
 from estimators.search_hints import find_hints, is_possible
-from estimators.selection.errors import Gate, Terms
+from estimators.selection.errors import Gate, Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.nonlinear import list_continuous_parameters, release, set_values
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
@@ -88,21 +88,35 @@ def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -
 def find_best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
     """Return the refined variant of an effect with the fewest parameters; None without any variant.
 
-    A variant with more parameters replaces it if it is significantly better, or if it is significant over the terms and
-    keeps the base parameters, which the simpler variant loses.
+    A variant with more parameters replaces it if the data determine these, and it is significantly better, or it is
+    significant over the terms and keeps the base parameters, which the simpler variant loses.
     """
     trials = refine_variants(evaluator.train, terms, effect)
     if not trials:
         return None
     simplest, *others = trials
     for trial in others:
-        if evaluator.is_significant(trial.terms, simplest.terms) or (
+        is_better = evaluator.is_significant(trial.terms, simplest.terms) or (
             evaluator.is_significant(trial.terms, terms)
             and not evaluator.keeps_base(simplest.terms, terms)
             and evaluator.keeps_base(trial.terms, terms)
-        ):
+        )
+        if is_better and find_undetermined_parameter(evaluator, evaluator.fit_with_std(None, trial.terms)) is None:
             simplest = trial
     return simplest
+
+
+def find_undetermined_parameter(evaluator: ModelEvaluator, step: Step) -> str | None:
+    """Return a parameter of a step's last term whose torque may exceed the applied torque within its standard error."""
+    if not evaluator.train.layout.predicts_torque:
+        return None
+    term = step.model.terms[-1]
+    sizes = evaluator.train.data.find_largest_sizes(term).tolist()
+    for column, largest in zip(term.columns, sizes, strict=True):
+        estimate = step.model.estimates[column.name]
+        if not estimate.is_significant and max(abs(estimate.value), estimate.std) > largest:
+            return column.name
+    return None
 
 
 def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:

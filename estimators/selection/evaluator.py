@@ -188,11 +188,12 @@ class ModelEvaluator:
     def _choose_blocks(self, one: Terms, other: Terms) -> tuple[Bootstrap, slice]:
         """Return the blocks by which two models are compared, with random weights of them.
 
-        If they differ in a table by angle, only held-out data count, whose angles the table covers. Folds of the
+        If they differ in a table by angle that covers the held-out angles, only held-out data count. Folds of the
         training data may lack the angles of the part that they predict, and this part alone would decide.
         """
         has_table = any(isinstance(term, ByAngle) for term in set(one) ^ set(other))
-        return (self._held_out_bootstrap, self.held_out) if has_table else (self.bootstrap, slice(None))
+        is_covered = not any(map(self.residuals.are_refitted, (one, other)))
+        return (self._held_out_bootstrap, self.held_out) if has_table and is_covered else (self.bootstrap, slice(None))
 
     @cached_property
     def _held_out_bootstrap(self) -> Bootstrap:

@@ -10,7 +10,13 @@ from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
 
 from estimators.regression.least_squares import IdentificationError
-from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_significant, screen_effects
+from estimators.selection.candidates import (
+    find_best_variant,
+    find_undetermined_parameter,
+    refit_nonlinear,
+    release_significant,
+    screen_effects,
+)
 from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, add_dry_friction, add_effect, remove_term, revise
@@ -214,20 +220,10 @@ def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> list[St
         raise IdentificationError(f"{', '.join(evaluator.train.names)}: nothing there shows {kind.id}", kind.id)
     evaluator.progress(f"fitting with {kind.id}", 0.8)
     before, longer = evaluator.fit_with_std(None, start), evaluator.fit_with_std(kind.id, terms)
-    _refuse_undetermined(evaluator, longer)
+    if (name := find_undetermined_parameter(evaluator, longer)) is not None:
+        raise IdentificationError(
+            f"{', '.join(evaluator.train.names)}: {name} is not determined: within its standard error "
+            "it means more torque than was applied",
+            longer.model.terms[-1].id,
+        )
     return [before, longer]
-
-
-def _refuse_undetermined(evaluator: ModelEvaluator, longer: Step) -> None:
-    """Refuse the last term of a step if its torque may exceed the applied torque within its standard error."""
-    if not evaluator.train.layout.predicts_torque:
-        return
-    term = longer.model.terms[-1]
-    for column, most in zip(term.columns, evaluator.train.data.find_largest_sizes(term).tolist(), strict=True):
-        own = longer.model.estimates[column.name]
-        if not own.is_significant and max(abs(own.value), own.std) > most:
-            raise IdentificationError(
-                f"{', '.join(evaluator.train.names)}: {column.name} is not determined: within its standard error "
-                "it means more torque than was applied",
-                term.id,
-            )
