@@ -56,7 +56,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
     doubts = find_undetermined(measured, last.model.terms, last.model.units())
     unknown = find_unidentifiable(last.model, measured, doubts)
-    unknown = [*unknown, *find_stiff_stops(last.model, trial.data.recordings)]
+    unknown = (*unknown, *find_stiff_stops(last.model, trial.data.recordings))
     withholding = (*unknown, *(doubt for doubt in doubts if doubt.kind in NOTHING_DETERMINED))
     model = last.model.withhold({name for doubt in withholding for name in doubt.withheld})
     return replace(found, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)

@@ -85,11 +85,14 @@ def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -
     return find_best_variant(evaluator, terms, effect)
 
 
-def find_best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
+def find_best_variant(
+    evaluator: ModelEvaluator, terms: Terms, effect: type[Term], is_determined: bool = False
+) -> ScoredTerms | None:
     """Return the refined variant of an effect with the fewest parameters; None without any variant.
 
-    A variant with more parameters replaces it if the data determine these, and it is significantly better, or it is
-    significant over the terms and keeps the base parameters, which the simpler variant loses.
+    A variant with more parameters replaces it if it is significantly better, or if it is significant over the terms and
+    keeps the base parameters, which the simpler variant loses. With `is_determined`, the data also have to determine
+    its parameters.
     """
     trials = refine_variants(evaluator.train, terms, effect)
     if not trials:
@@ -101,8 +104,9 @@ def find_best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term
             and not evaluator.keeps_base(simplest.terms, terms)
             and evaluator.keeps_base(trial.terms, terms)
         )
-        if is_better and find_undetermined_parameter(evaluator, evaluator.fit_with_std(None, trial.terms)) is None:
-            simplest = trial
+        if is_better and is_determined:
+            is_better = find_undetermined_parameter(evaluator, evaluator.fit_with_std(None, trial.terms)) is None
+        simplest = trial if is_better else simplest
     return simplest
 
 

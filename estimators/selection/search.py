@@ -211,7 +211,7 @@ def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> list[St
     evaluator.progress("fitting without it", 0.1)
     start = refit_nonlinear(evaluator, evaluator.base)
     evaluator.progress(f"searching {kind.id}", 0.3)
-    trial = find_best_variant(evaluator, start, kind)
+    trial = find_best_variant(evaluator, start, kind, is_determined=True)
     terms = None if trial is None else refit_nonlinear(evaluator, release_significant(evaluator, trial.terms))
     if is_dry(kind()) and (terms is None or not evaluator.is_significant(terms, start)):
         if (moved := add_dry_friction(SearchState(evaluator, start, start))) is not None:
