@@ -28,7 +28,7 @@ def list_sources(arguments: argparse.Namespace, outputs: Sequence[str | None] = 
     sources = [source for name in names for source in read_source_names(name, arguments)]
     sources += [replace(source, role="holdout") for name in held for source in read_source_names(name, arguments)]
     if (twice := find_duplicate(sources)) is not None:
-        raise InputError(f"{twice.file}: is named twice: a recording that is held out must not be fitted as well")
+        raise InputError(f"{twice.file}: is named twice: name each recording once, to fit or to hold out")
     for source in sources:  # also those that are not read
         if not source.file.exists():
             raise InputError(f"{source.file}: there is no such file: check the path")

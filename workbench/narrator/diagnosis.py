@@ -20,7 +20,7 @@ from workbench.narrator.findings import (
     ERRORS,
     advise_inertia,
     describe,
-    describe_aim,
+    describe_aims,
     describe_reason,
     measure,
     measure_change,
@@ -75,7 +75,7 @@ def describe_unexplained(found: Diagnosis, region: Region) -> str:
 
 def describe_suggestion(found: Suggestion, units: JointUnits = TURNING) -> str:
     """Describe a suggested experiment."""
-    aims = ", ".join(describe_aim(aim.effect, aim.instead) for aim in found.settles)
+    aims = describe_aims([(aim.effect, aim.instead) for aim in found.settles])
     angle, speed = units.unit("rad"), measure(Quantity(found.peak_speed, unit=units.unit("rad/s")), 2)
     if found.signal is None:
         return (

@@ -1,6 +1,6 @@
 """Texts of findings, with numbers in the shown unit and the options of the command line."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -280,7 +280,7 @@ def _describe_payload(found: Finding) -> str:
 
 
 def _describe_limits(found: Finding) -> str:
-    aims = join_words([describe_aim(*pair) for pair in found.pairs], "or")
+    aims = describe_aims(found.pairs, "or")
     place = found.numbers.get("place")
     there = "" if place is None else f" and go to {measure(place, 2)}, where the residual is largest"
     options = "--max-angle, --max-speed" + ", --max-torque" * ("torque" in found.numbers)  # without it, a free swing
@@ -295,22 +295,26 @@ def list_limits(numbers: Mapping[str, Quantity]) -> str:
     return join_words([*given, *([f"the recorded {join_words(recorded)}"] if recorded else [])])
 
 
-def describe_aim(effect: str, instead: str | None) -> str:
-    """Describe the aim of an experiment: `tell spring from gravity_tilt`, `show spring if it is there`."""
-    return f"tell {effect} from {instead}" if instead else f"show {effect} if it is there"
+def describe_aims(pairs: Sequence[tuple[str, str | None]], conjunction: str = "and") -> str:
+    """Describe the aims of an experiment: `tell spring from gravity_tilt, and show whether stribeck is there`."""
+    aims = [f"tell {effect} from {instead}" for effect, instead in pairs if instead]
+    if sought := [effect for effect, instead in pairs if not instead]:
+        aims.append(f"show whether {join_words(sought, 'or')} is there")
+    return f", {conjunction} ".join(aims)
 
 
 def describe_nearest_body(found: Nearest) -> str:
     """State whether a body has the identified parameters."""
     if found.exists:
-        return f"some body has these parameters, within {max(found.distance, 0.1):.1f} standard errors"
+        return f"a body can have these parameters, within {max(found.distance, 0.1):.1f} standard errors"
     return f"no body has these parameters: the nearest is {found.distance:.1f} standard errors off, in {found.farthest}"
 
 
 CORRECT_IT = "Correct it with --align (`FitData.from_recordings(recordings).with_timing()` in Python)."
 CORRECTED = "It is corrected here; other commands correct it with --align."
 ANSWERS = (
-    "{begin} torque answers the motion ({gain:2} between samples). Reactions of a controller may be taken for physics. "
+    "{begin} torque reacts to the motion ({gain:2} between samples). "
+    "Reactions of a controller may be taken for physics. "
 )
 GEAR_LOSSES = (
     ". The losses of its gears and the {name} are then one number, {torque_constant.value:.4g} {torque_constant.unit}. "
