@@ -199,8 +199,6 @@ def describe_next_step(found: Diagnosis) -> str:
     if hidden := [size.effect for size in found.detectable if not size.is_excited]:
         experiments = join_words(list(dict.fromkeys(find_description(id).informative_experiment for id in hidden)))
         return f"These recordings show no {join_words(hidden)}, whatever the size: record {experiments}."
-    if any(finding.kind is Kind.PART_OF_TURN for finding in found.findings):
-        return "Record a whole turn: it tells gravity from another law of the angle."
     return "No further experiment is needed."
 
 
