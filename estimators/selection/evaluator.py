@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -193,11 +192,11 @@ class ModelEvaluator:
         """
         has_table = any(isinstance(term, ByAngle) for term in set(one) ^ set(other))
         is_covered = not any(map(self.residuals.are_refitted, (one, other)))
-        return (self._held_out_bootstrap, self.held_out) if has_table and is_covered else (self.bootstrap, slice(None))
+        return (self._draw_held_out(), self.held_out) if has_table and is_covered else (self.bootstrap, slice(None))
 
-    @cached_property
-    def _held_out_bootstrap(self) -> Bootstrap:
-        """Random weights of the held-out blocks alone."""
+    @memoized
+    def _draw_held_out(self) -> Bootstrap:
+        """Draw random weights of the held-out blocks alone."""
         return Bootstrap(self.bootstrap.of_block[self.held_out], np.random.default_rng(0))
 
     def penalty(self, after: Terms, before: Terms) -> float:
