@@ -197,9 +197,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
             torque = math.nan
         if not math.isfinite(torque):
             self.backend.disable()  # no torque between runs
-            raise ValueError(
-                f"the action is {action}, of shape {np.shape(action)}: it needs (1,), a torque in N m"
-            )
+            raise ValueError(f"the action is {action}, of shape {np.shape(action)}: it needs (1,), a torque in N m")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
         observation, info = self._show(sample, clipped=bool(is_beyond(torque, self.max_torque)))
         if self.render_mode == "human":
