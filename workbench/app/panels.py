@@ -115,7 +115,7 @@ def show_calls(state: State, busy: bool) -> Component:
     rest = "no effect of the library explains the rest of the residual" if state.result.unexplained else ""
     if state.suggested_additions:
         why = "The diagnosis calls for it:"
-    elif state.suggested:
+    elif state.suggested_effects:
         why = f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
     else:
         why = f"{capitalise(rest) or 'The diagnosis calls for no effect'}."

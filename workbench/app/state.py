@@ -205,14 +205,14 @@ class State:
         return (*self.started, *self.diagnosis.steps[1:]) if self.diagnosis is not None else ()
 
     @property
-    def suggested(self) -> tuple[str, ...]:
+    def suggested_effects(self) -> tuple[str, ...]:
         """Return the effects of that ladder."""
         return list_added(self.suggested_steps)
 
     @property
     def suggested_additions(self) -> tuple[str, ...]:
         """Return the effects that the diagnosis calls for beyond the ladder."""
-        return tuple(effect for effect in self.suggested if effect not in self.added)
+        return tuple(effect for effect in self.suggested_effects if effect not in self.added)
 
     def add_diagnosis(self, found: Diagnosis) -> Self:
         """Return the state with a diagnosis that started from its ladder."""
@@ -241,12 +241,12 @@ class State:
         found = self.diagnosis
         if found is not None and not self.body.can_simulate:
             return found
-        if found is not None and set(self.added) < set(self.suggested):
+        if found is not None and set(self.added) < set(self.suggested_effects):
             return replace(found, steps=self.suggested_steps)
         data = self.data
         if data.terms and self.added:  # perhaps what joints share
             data = replace(data, terms=self.model.terms)
-        if found is not None and self.added == self.suggested:
+        if found is not None and self.added == self.suggested_effects:
             return replace(found, steps=self.ladder)
         fitted = data.parts[0]
         residual = fitted.with_link_states(self.model).residual(self.model.terms, self.model.theta)
