@@ -219,11 +219,10 @@ def _find_size_by_direction(torque: Array, velocity: Array) -> float | None:
     With tau = c sgn v, the balance J a + g sin q + b v + (f - c) sgn v = 0 is homogeneous: f = c and zero for all other
     parameters solve it.
     """
-    columns = np.column_stack([np.sign(velocity), np.ones_like(velocity)])
-    factors = np.linalg.lstsq(columns, torque, rcond=None)[0]
-    residual = torque - columns @ factors
-    is_alone = residual @ residual <= IDENTIFIABILITY.one_size**2 * (torque @ torque)
-    return float(np.abs(factors).max()) if is_alone else None
+    direction = np.sign(velocity)
+    size = float(direction @ torque / (direction @ direction))
+    residual = torque - size * direction
+    return abs(size) if residual @ residual <= IDENTIFIABILITY.one_size**2 * (torque @ torque) else None
 
 
 def has_effective_torque(m: Measurements) -> bool:

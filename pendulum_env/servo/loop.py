@@ -1,4 +1,4 @@
-"""Servos simulated with their controller in the loop: from the goal alone, whole recordings at simulate_step.
+"""Servos simulated with their controller in the loop: from the goal alone, whole recordings at once.
 
 A closed loop does not run away, so that nothing has to start anew from what was measured. In each step of the
 integrator the controller looks at the simulated motion, and what it asks for is held until it looks again.
@@ -235,9 +235,9 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     weights = _compute_taps(terms, servos, shape)
     speed = servos.drives[0].acts_on_speed
     if any(drive.acts_on_speed != speed for drive in servos.drives):
-        raise ValueError("servos under position and under velocity control cannot be simulated at simulate_step")
+        raise ValueError("servos under position and under velocity control cannot be simulated at once")
     if any((drive.encoder == "output") != servos.at_output for drive in servos.drives):
-        raise ValueError("servos with encoders at the motor and at the output cannot be simulated at simulate_step")
+        raise ValueError("servos with encoders at the motor and at the output cannot be simulated at once")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
     gains = np.array([compute_gains(drive, servos.step) for drive in servos.drives]).T
     count = servos.inputs.shape[1]

@@ -532,7 +532,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
     Kind.INCOMPLETE: _describe_incomplete,
     Kind.TIED: _describe_tie,
     Kind.PART_OF_TURN: (
-        "The motion covers {angle:2}, less than a turn. Gravity is right only if {effects} follows its law exactly: "
+        "The motion covers {angle:2}, less than a turn. Gravity is right only if the law of {effects} is exact: "
         "another law of the angle, or a wrong scale of the angle, fits alike. Record a whole turn, or give the value "
         "of gravity ({fix_gravity})."
     ),
