@@ -1,6 +1,6 @@
 """Findings on data, a model or the next step: a kind and numbers; the narrator of the workbench writes the text."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -212,3 +212,8 @@ class Finding:
             "pairs": [[*pair] for pair in self.pairs],
             "remedies": [{"columns": {**r.columns}, "recordings": [*r.recordings]} for r in self.remedies],
         }
+
+
+def withhold_everything(findings: Iterable[Finding]) -> bool:
+    """Return whether one of some findings withholds all parameters."""
+    return any(finding.kind in NOTHING_DETERMINED for finding in findings)

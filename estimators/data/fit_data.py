@@ -95,7 +95,7 @@ class FitData:
             data = data.with_treatment(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": quantity}))
         if not in_loop.has_open_torque(data.every):
             return data
-        return data.with_conventions([term for term in terms if isinstance(term, Term)] or BASE)
+        return data.decide_conventions([term for term in terms if isinstance(term, Term)] or BASE)
 
     def with_treatment(self, treatment: Finding, **changes: Any) -> Self:
         """Return the data with changed fields, and a finding on the treatment added to `treatments`."""
@@ -158,7 +158,7 @@ class FitData:
             whole=self,
         )
 
-    def with_conventions(self, base: Sequence[Term]) -> Self:
+    def decide_conventions(self, base: Sequence[Term]) -> Self:
         """Return the data with the conventions of their drives, decided by a base model, see `decide_conventions`."""
         recordings, holdout, findings = in_loop.decide_conventions(self.recordings, self.holdout, base)
         return replace(self, recordings=recordings, holdout=holdout, treatments=(*self.treatments, *findings))

@@ -8,7 +8,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.stop_error import find_stiff_stops
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.unexplained import find_contradiction, find_unexplained
-from estimators.findings import NOTHING_DETERMINED, Finding
+from estimators.findings import NOTHING_DETERMINED, Finding, withhold_everything
 from estimators.schemes.identifiability import (
     find_undetermined,
     find_undetermined_parameters,
@@ -35,8 +35,9 @@ def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = 
 
 def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
     """Search for effects; with a reversed sign of torque, or nothing determined, fit the base model only."""
-    doubts = find_undetermined_parameters(evaluator.train.recordings, evaluator.base)
-    if find_contradiction(evaluator) is None and not any(doubt.kind in NOTHING_DETERMINED for doubt in doubts):
+    if find_contradiction(evaluator) is None and not withhold_everything(
+        find_undetermined_parameters(evaluator.train.recordings, evaluator.base)
+    ):
         return refit_if_misfit(search(evaluator))
     evaluator = replace(evaluator, library={}, tables=())
     model = fit_within_laws(evaluator.train, refit_nonlinear(evaluator, evaluator.base))
@@ -64,5 +65,4 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 
 def find_regions(trial: Trial) -> list[Region]:
     """Return the regions of the unexplained residual; none if the recordings determine no parameter."""
-    is_determined = not any(doubt.kind in NOTHING_DETERMINED for doubt in trial.doubts)
-    return find_unexplained(trial.final) if is_determined else []
+    return [] if withhold_everything(trial.doubts) else find_unexplained(trial.final)

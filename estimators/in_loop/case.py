@@ -35,7 +35,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     share = max(setting.criterion.explained_share, LOOP.needed)
     criterion = replace(setting.criterion, explained_share=share, needed_share=share)
-    data = data.with_conventions(setting.base)
+    data = data.decide_conventions(setting.base)
     return data, replace(setting, base=base, library=library, criterion=criterion)
 
 

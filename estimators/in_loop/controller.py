@@ -38,7 +38,7 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
     if len(conventions) == 1:
         return None
     variants = [
-        tuple(r if r.drive is None else replace(r, drive=r.drive.with_conventions(settings)) for r in recordings)
+        tuple(r if r.drive is None else replace(r, drive=r.drive.complete_conventions(settings)) for r in recordings)
         for settings in conventions
     ]
     torque = RegressionData.from_recordings(recordings, part=part).torque

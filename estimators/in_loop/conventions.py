@@ -18,7 +18,7 @@ from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import find_declared_conventions
-from pendulum_env.servo.torque import depends_on_past, with_drive
+from pendulum_env.servo.torque import depends_on_past, replace_drive
 
 Recordings = tuple[Recording, ...]
 
@@ -36,25 +36,26 @@ def decide_conventions(
 ) -> Conventions:
     """Decide once, by the base model and the fitted recordings, what the drives of all recordings leave open.
 
-    The convention of a controller that one drive declares holds for all. Recordings without drives stay as they are.
+    The convention of a controller that one drive declares holds for all. Without drives, recordings stay as they are.
 
     Raises:
         IdentificationError: if there is too little motion.
+        RecordingError: if only some have a drive, or their drives cannot be simulated together.
     """
     both = tuple(recordings), tuple(holdout)
     if not are_driven(recordings):
         return Conventions(*both, ())
     base, part = make_base(recordings, base), choose_parts(holdout)[0]
     declared = find_declared_conventions([r.actuator for r in (*recordings, *holdout)])
-    recordings, holdout = (_with_settings(own, declared) for own in both)
+    recordings, holdout = (_apply_settings(own, declared) for own in both)
     opened = recordings, holdout
     controller = read_controller(recordings, base, part)
-    recordings, holdout = (_with_finding(own, controller) for own in opened)
+    recordings, holdout = (_apply_finding(own, controller) for own in opened)
     goals = read_goals(recordings, base, part)
     is_held = goals is None or goals.kind is Kind.GOALS_HELD
     if controller is not None and not is_held:  # was read with held goals, whose error hides that of a controller
         controller = read_controller(with_goals(opened[0], is_held), base, part)
-        recordings, holdout = (_with_finding(own, controller) for own in opened)
+        recordings, holdout = (_apply_finding(own, controller) for own in opened)
     if goals is not None and any(r.drive is not None and r.drive.goal for r in holdout):
         undeclared = tuple(r.name for r in recordings if r.drive is None or not r.drive.goal)
         goals = replace(goals, recordings=undeclared)  # a reading of some recordings is not reversed
@@ -64,7 +65,7 @@ def decide_conventions(
 
 def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, str]) -> Recordings:
     """Return the recordings with the conventions of the log format of a model, where their drives leave them open."""
-    recordings = _with_settings(recordings, log_format)
+    recordings = _apply_settings(recordings, log_format)
     goal = log_format.get("goal")
     return recordings if goal is None else with_goals(recordings, goal == "held")
 
@@ -87,15 +88,15 @@ def has_open_torque(recordings: Sequence[Recording]) -> bool:
     return any(depends_on_past(drive) or drive.open_conventions for drive in asked)
 
 
-def _with_settings(recordings: Sequence[Recording], settings: Mapping[str, str | None]) -> Recordings:
+def _apply_settings(recordings: Sequence[Recording], settings: Mapping[str, str | None]) -> Recordings:
     """Return the recordings with conventions of the controller, and the torque that their drives ask for then."""
     return tuple(
-        r if r.drive is None else with_drive(r, drive)
+        r if r.drive is None else replace_drive(r, drive)
         for r in recordings
-        for drive in [r.actuator.with_conventions(settings)]
+        for drive in [r.actuator.complete_conventions(settings)]
     )
 
 
-def _with_finding(recordings: Sequence[Recording], controller: Finding | None) -> Recordings:
+def _apply_finding(recordings: Sequence[Recording], controller: Finding | None) -> Recordings:
     """Return the recordings with the conventions of a finding of `read_controller`, if there is one."""
-    return _with_settings(recordings, {} if controller is None else dict(controller.pairs))
+    return _apply_settings(recordings, {} if controller is None else dict(controller.pairs))

@@ -27,7 +27,7 @@ from pendulum_env.physics.actuation import ActuatorLag, BackEmf, DeadTime
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import Goal
-from pendulum_env.servo.torque import with_drive
+from pendulum_env.servo.torque import replace_drive
 
 LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
 TIE = 2.0  # standard errors of a gain
@@ -102,7 +102,7 @@ def with_goals(recordings: Sequence[Recording], is_held: bool) -> tuple[Recordin
     """Return the recordings with held goals, or goals that run on; goals that a drive declares stay as they are."""
     goal: Goal = "held" if is_held else "ramp"
     return tuple(
-        r if r.drive is None or r.drive.goal else with_drive(r, replace(r.drive, goal=goal)) for r in recordings
+        r if r.drive is None or r.drive.goal else replace_drive(r, replace(r.drive, goal=goal)) for r in recordings
     )
 
 

@@ -72,7 +72,7 @@ class Estimates:
 
     @property
     def is_known(self) -> Mask:
-        """Return of which parameters the data tell more than P(0) (B, S, P); the std of others has no meaning."""
+        """Return whether the data determine each parameter better than P(0) (B, S, P); else its std has no meaning."""
         return np.einsum("bsii->bsi", self.P) < 0.5 * self.prior
 
 

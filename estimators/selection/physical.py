@@ -62,8 +62,8 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     """Return failed gates of inertia and friction of the terms at one joint, whose samples are `x`.
 
     Dry friction is too large if it exceeds the largest torque that drives the joint: the recorded torque less that of
-    load, potential and time-varying terms. Stops limit the range: they are too soft if the motion, or this torque at
-    rest, presses them in by more than the range between them. The power of friction is not tested at a coupled joint,
+    load, potential and time-varying terms. Stops limit the range: they are too soft if the motion, or this torque,
+    presses them in by more than the range between them. The power of friction is not tested at a coupled joint,
     dry friction not in an arm.
     """
     found, inertia = [], model.estimates.get("inertia")

@@ -70,9 +70,10 @@ def list_table_models(state: SearchState) -> Iterator[Terms]:
         others_of_kind = tuple(term for term in state.terms if term not in of_kind)
         for others in dict.fromkeys((others_of_kind, start, state.terms)):
             fewest = min(map(count_term_parameters, make_variants(evaluator.train, others, table)), default=np.inf)
-            if fewest >= limit and not (len(of_kind) > 1 and others is others_of_kind):
+            replaces_kind = len(of_kind) > 1 and others is others_of_kind
+            if fewest >= limit and not replaces_kind:
                 continue
-            if len(of_kind) > 1 and others is others_of_kind:
+            if replaces_kind:
                 yield from (trial.terms for trial in refine_variants(evaluator.train, others, table))
             elif (trial := find_best_variant(evaluator, others, table)) is not None:
                 yield drop_unneeded(state.with_terms(trial.terms)).terms

@@ -27,7 +27,7 @@ class JitterSettings:
 
 JITTER = JitterSettings()
 WEIGHTS = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # of the cubic through two samples on either side
-SPAN = 4  # rows on either side of a velocity: none of those that `WEIGHTS` uses, but for its middle
+SPAN = 4  # rows on either side of a velocity, which shares only its middle row with `WEIGHTS`
 
 
 def replace_late_stamps(log: Log, position: Array) -> None:
@@ -77,7 +77,7 @@ def replace_late_stamps(log: Log, position: Array) -> None:
 def _count_periods(time: Array, moves: Array, known: Index, period: float, width: int) -> Index:
     """Count the periods from the first to each time (N,) of a part.
 
-    `known` (N - 1,) holds the periods between rows, but for rows that the logger lost. Such a row is looked for if
+    `known` (N - 1,) holds the periods between rows, without rows that the logger lost. Such a row is looked for if
     `width` is above 0: the mean of the clock over `width` rows after a long step differs from that before by a period
     or more. Larger steps are tried first. The loss is where the joint moves (N - 1,) farthest for its neighbours.
     """

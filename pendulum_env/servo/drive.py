@@ -140,7 +140,7 @@ class ServoDrive:
         }
         return {name: get_args(CHOICES[name]) for name in CONVENTIONS if matters[name] and getattr(self, name) is None}
 
-    def with_conventions(self, settings: Mapping[str, Any]) -> Self:
+    def complete_conventions(self, settings: Mapping[str, Any]) -> Self:
         """Return the drive with settings of its `open_conventions`; others are ignored."""
         return replace(self, **{name: settings[name] for name in self.open_conventions if name in settings})
 

@@ -75,7 +75,7 @@ def _follow_controller(part: Recording, velocity: Array, goal: Array) -> Array:
     return np.diff(np.interp(edges * rate / part.rate, np.arange(len(path)), path)) * part.rate / rate
 
 
-def with_drive(recording: Recording, drive: ServoDrive) -> Recording:
+def replace_drive(recording: Recording, drive: ServoDrive) -> Recording:
     """Return a recording with another drive, and the torque that this one asks for if none was logged."""
     changed = replace(recording, drive=drive)
     is_asked = depends_on_past(drive) and not recording.has_logged_torque

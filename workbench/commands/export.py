@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     model = read_model(arguments.model, make_body(arguments))
     request = Request(**{field.name: getattr(arguments, field.name) for field in fields(Request)})
     if request.drive is not None:
-        request = replace(request, drive=request.drive.with_conventions(model.log_format))
+        request = replace(request, drive=request.drive.complete_conventions(model.log_format))
     model.refuse_unknown_inertia()
     exported = export(model, arguments.to, request)
     if sources:

@@ -5,7 +5,7 @@ import numpy as np
 from estimators.diagnosis.likeness import Likeness, find_likenesses
 from estimators.diagnosis.result import Addition, Detectable, Diagnosis, HorizonRefit, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.findings import NOTHING_DETERMINED, Kind, Quantity
+from estimators.findings import Kind, Quantity, withhold_everything
 from estimators.results import Comparison
 from estimators.selection.errors import Step
 from estimators.signals.residual import SYMBOLS, Region
@@ -109,7 +109,7 @@ def describe_result(found: Diagnosis) -> str:
             verb = "explains" if len(groups) == 1 else "explain"
             part = f". {capitalise(join_words(groups))} {verb} {1 - after / before:.0%} of the error" if groups else ""
             return f"The servo as described does not reproduce the log{part}"
-    if any(finding.kind in NOTHING_DETERMINED for finding in found.findings):
+    if withhold_everything(found.findings):
         return "These recordings do not determine the parameters"
     contacts = [finding for finding in found.findings if finding.kind is Kind.CONTACT]
     places = [f"{''.join(f' by {at}' for at in c.joints)} at {measure(c.numbers['angle'])}" for c in contacts]
