@@ -296,11 +296,11 @@ def list_limits(numbers: Mapping[str, Quantity]) -> str:
 
 
 def describe_aims(pairs: Sequence[tuple[str, str | None]], conjunction: str = "and") -> str:
-    """Describe the aims of an experiment: `tell spring from gravity_tilt, and show whether stribeck is there`."""
+    """Describe the aims of an experiment: `tell spring from gravity_tilt and show whether stribeck is there`."""
     aims = [f"tell {effect} from {instead}" for effect, instead in pairs if instead]
     if sought := [effect for effect, instead in pairs if not instead]:
         aims.append(f"show whether {join_words(sought, 'or')} is there")
-    return f", {conjunction} ".join(aims)
+    return join_words(aims, conjunction)
 
 
 def describe_nearest_body(found: Nearest) -> str:

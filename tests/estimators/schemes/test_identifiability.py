@@ -69,6 +69,14 @@ def test_torque_of_one_size_determines_only_ratios():
     assert find_undetermined([measure(run)], known) == ()
 
 
+def test_constant_torque_in_both_directions_determines_the_parameters():
+    run = driven(np.full(3000, 0.8), -0.8, coulomb=0.05, viscous=0.02)
+    assert kinds(run) == []
+    truth = THETA | {"coulomb": 0.05, "viscous": 0.02}
+    for name, estimate in identify([run])["filtered_power"].model.estimates.items():
+        assert abs(estimate.value - truth[name]) < 4 * estimate.std
+
+
 def test_small_swings_cannot_tell_gravity_from_a_spring():
     run = driven(0.3 * np.sin(5 * TIME) + 0.1 * np.sin(2 * TIME), coulomb=0.05)
     assert kinds(run)[0] is Kind.SMALL_ANGLES
