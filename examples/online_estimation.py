@@ -22,9 +22,9 @@ def main() -> None:
     def report(info: dict) -> None:
         if round(1000 * info["time"]) % 5000 == 0:
             print(f"\n{info['time']:.0f} s {'':16}" + "".join(f"{name:>20}" for name in info["parameters"]))
-            for scheme, told in info["estimates"].items():
-                error = 2 * told["std"]
-                numbers = (f"{value:.4f} +- {two:.4f}" for value, two in zip(told["theta"], error, strict=True))
+            for scheme, estimate in info["estimates"].items():
+                error = 2 * estimate["std"]
+                numbers = (f"{value:.4f} +- {two:.4f}" for value, two in zip(estimate["theta"], error, strict=True))
                 print(f"{scheme:21}" + "".join(f"{number:>20}" for number in numbers))
 
     rollout(env, signal, steps=20_000, seed=0, watch=report)
