@@ -20,10 +20,15 @@ import numpy as np
 from agents import load
 from agents.arm_env import TORQUE, plan_motion
 from agents.comparison import bootstrap_interval, compute_gain
-from estimators.arms.excitation import INFORMATION_PRIOR, design_excitation, information_rows, parameter_scales
+from estimators.arms.excitation import (
+    INFORMATION_PRIOR,
+    compute_parameter_scales,
+    design_excitation,
+    make_information_rows,
+)
 from estimators.arms.following import follow
 from estimators.arms.limits import find_limits
-from estimators.arms.reference import TICK, condition_number, torque_rows
+from estimators.arms.reference import TICK, compute_condition_number, make_torque_rows
 from estimators.online import OnlineEstimator, stream_recording
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
@@ -130,8 +135,8 @@ def cma_fourier(body: Body, seconds: float, rng: np.random.Generator, **limits: 
 def information(body: Body, motion: Motion, seconds: float) -> Array:
     """Return the information on parameters as shares of their sizes (P, P), in units of a tick's noise."""
     q, v, a = motion(np.arange(TICK / 2, seconds, TICK))
-    own = parameter_scales(body)
-    rows = information_rows(body, own, q, v, a).reshape(-1, len(own))
+    own = compute_parameter_scales(body)
+    rows = make_information_rows(body, own, q, v, a).reshape(-1, len(own))
     return INFORMATION_PRIOR * np.eye(len(own)) + rows.T @ rows
 
 
@@ -184,7 +189,7 @@ def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Gene
     own = np.concatenate([truth.values, *np.array([(link.viscous, link.coulomb) for link in links]).T])
     names = [*file.names, *(f"{kind}@{joint}" for kind in ("viscous", "coulomb") for joint in file.joints)]
     places = [estimator.names.index(name) for name in names]
-    found, relative = [], parameter_scales(truth)
+    found, relative = [], compute_parameter_scales(truth)
     for time, now in zip(recording.time, stream_recording(estimator, recording), strict=True):
         if len(found) < len(MOMENTS) and time >= MOMENTS[len(found)] - 1.5 / RATE:
             found.append(float(np.sqrt(np.mean(((now.theta[0, 0, places] - own) / relative) ** 2))))
@@ -237,10 +242,10 @@ def robots(folder: Path, seconds: float = 10.0) -> None:
             first = first or motion
             shares = deviation(motion, seconds) / deviation(first, seconds)
             both = (log_det(one, seconds) for one in (first, motion))
-            mean = np.exp(0.5 * -np.diff([*both])[0] / len(parameter_scales(body)))
+            mean = np.exp(0.5 * -np.diff([*both])[0] / len(compute_parameter_scales(body)))
             time = np.arange(0.0, seconds, TICK)
             q, v, a = motion(time)
-            condition = condition_number(torque_rows(body, q, v, a))
+            condition = compute_condition_number(make_torque_rows(body, q, v, a))
             torque = (np.abs(torque_of(motion, time)).max(axis=0) / body.torque_limits).max()
             print(
                 f"{name:12} {own:18} {shares:.2f} {mean:.2f} {condition:5.0f}  torque {torque:.2f}, "

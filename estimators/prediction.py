@@ -85,7 +85,7 @@ def predict_recordings(model: Model, data: FitData | None) -> tuple[Prediction, 
     """
     if data is None:
         raise IdentificationError("the result has no data: compare its model with the recordings")
-    predictions = [_make_empty_prediction(model, recording) for recording in data.every]
+    predictions = [_make_empty_prediction(model, recording) for recording in data.all_recordings]
     loop = data.simulate_in_loop(model)
     if data.is_comparison:
         predictions = [replace(prediction, is_held_out=None) for prediction in predictions]
@@ -95,7 +95,7 @@ def predict_recordings(model: Model, data: FitData | None) -> tuple[Prediction, 
         if not data.is_comparison:
             _predict(model, held_out, predictions[len(data.recordings) if data.holdout else 0 :], True)
     if loop:
-        for k, recording in enumerate(data.every):
+        for k, recording in enumerate(data.all_recordings):
             predictions[k].simulated_position[:] = loop.select_recording(k).interpolate(recording)
     return tuple(predictions)
 
@@ -147,7 +147,7 @@ def _make_windows_at_samples(
     model: Model, windows: Sequence[Windows], link_states: Mapping[str, Sequence[Samples]]
 ) -> TorqueWindows:
     """Make the equations of one recording about every sample that is clear of stick."""
-    dense = [w.at_every_sample() for w in windows]
+    dense = [w.center_at_every_sample() for w in windows]
     if isinstance(model.body, Body):
         return links.join_recording(dense, model.terms)
     return replace(join_windows(dense), link_states=link_states)

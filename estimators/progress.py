@@ -11,7 +11,7 @@ def no_progress(text: str, share: float) -> None:
     """Ignore the progress."""
 
 
-def forward(progress: Progress) -> Progress:
+def report_forward(progress: Progress) -> Progress:
     """Return progress that only increases, for an unknown number of rounds, each reported from 0 to 1.
 
     A share below the last one begins a new round. Each round covers `ROUND` of the remaining bar; a share of 1 reports

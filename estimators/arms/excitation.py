@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from estimators.arms.limits import Limits, find_limits
-from estimators.arms.reference import KNOT_PERIOD, TICK, Reference, average_motion, limit_speeds, torque_rows
+from estimators.arms.reference import KNOT_PERIOD, TICK, Reference, average_motion, limit_speeds, make_torque_rows
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.body import Body
@@ -33,7 +33,7 @@ def is_clear_of_stick(v: Array, a: Array) -> Mask:
     return np.abs(v) >= MIN_SPEED + REVERSAL_GUARD * np.abs(a)
 
 
-def parameter_scales(body: Body) -> Array:
+def compute_parameter_scales(body: Body) -> Array:
     """Compute scales of base parameters, viscous and dry friction (P,) from the robot file.
 
     The scale of a first moment is the norm of the first moments of its link, and likewise for the inertia. A link
@@ -54,9 +54,9 @@ def parameter_scales(body: Body) -> Array:
     return np.concatenate([links, *friction])
 
 
-def information_rows(body: Body, scales: Array, q: Array, v: Array, a: Array) -> Array:
+def make_information_rows(body: Body, scales: Array, q: Array, v: Array, a: Array) -> Array:
     """Compute rows (N, n, P) of a motion for parameters relative to their `scales` (P,); zero near stick."""
-    return torque_rows(body, q, v, a) * scales * is_clear_of_stick(v, a)[..., None]
+    return make_torque_rows(body, q, v, a) * scales * is_clear_of_stick(v, a)[..., None]
 
 
 class MotionBatch:
@@ -71,7 +71,7 @@ class MotionBatch:
 
     def __init__(self, body: Body, limits: Limits, batch: int) -> None:
         """Start at rest, with all joints as near to zero as the limits (n,) or (B, n) allow."""
-        self._body, self._scales = body, parameter_scales(body)
+        self._body, self._scales = body, compute_parameter_scales(body)
         self.limits = Limits(*(np.broadcast_to(values, (batch, values.shape[-1])) for values in limits))
         self._previous_position = np.clip(0.0, self.limits.low, self.limits.high)  # at the last but one knot
         self._previous_speed, self.speed = np.zeros((2, *self._previous_position.shape))
@@ -103,7 +103,7 @@ class MotionBatch:
         knots = (x[:, None] for x in (self._previous_position, self._previous_speed, self.speed, next_speed))
         path = average_motion(*knots, s)  # type: ignore[call-arg]  # (B, ticks, n) each
         q, v, a = (x.reshape(-1, x.shape[-1]) for x in path)
-        rows = information_rows(self._body, self._scales, q, v, a).reshape(len(position), -1, len(self._scales))
+        rows = make_information_rows(self._body, self._scales, q, v, a).reshape(len(position), -1, len(self._scales))
         self.information = self.information + np.swapaxes(rows, 1, 2) @ rows
         self.variances = np.asarray(np.linalg.inv(self.information).diagonal(axis1=1, axis2=2))
         self._previous_position, self._previous_speed, self.speed = position, self.speed, next_speed
@@ -174,7 +174,7 @@ def _search_motion(body: Body, limits: Limits, seconds: float, rng: np.random.Ge
     """
     motions = MotionBatch(body, limits, 1)
     start, speeds = motions.position[0], motions.speed[:, None]  # (W, knots, n) of W motions in the beam
-    shares, width = np.zeros_like(motions.speed), max(1, BEAM_ELEMENTS // len(parameter_scales(body)) ** 2)
+    shares, width = np.zeros_like(motions.speed), max(1, BEAM_ELEMENTS // len(compute_parameter_scales(body)) ** 2)
     crawl = np.minimum(CRAWL_SPEED / limits.speed, 1.0)
     levels = np.array([-np.ones_like(crawl), -crawl, crawl, np.ones_like(crawl)])
     for _ in range(round(seconds / KNOT_PERIOD)):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from estimators.arms.standard import nearest_link, pseudo_inertia
+from estimators.arms.standard import find_nearest_link, make_pseudo_inertia
 from estimators.regression.least_squares import (
     Equations,
     Fit,
@@ -136,7 +136,7 @@ def find_carried(parts: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[
     rows = PayloadRows.from_parts(parts, terms, find_links(terms).joints[-1])
     if count < 2 or "m" not in rows.shown:
         return []
-    mass = np.append(0.0, rows.masses(count))
+    mass = np.append(0.0, rows.estimate_masses(count))
     order = np.argsort(mass)
     groups = np.append(0, np.cumsum(np.diff(mass[order]) > GAP * np.ptp(mass)))
     group_of_recording = np.empty((2, count), dtype=np.intp)
@@ -225,7 +225,7 @@ class PayloadRows(NamedTuple):
             known, y = friction[1:], y - phi[:, shared] @ model.theta[shared]
         return np.column_stack(known), [link * (group_of_row == k)[:, None] for k in range(1, max(group) + 1)], y
 
-    def masses(self, count: int) -> Array:
+    def estimate_masses(self, count: int) -> Array:
         """Return the mass of each recording but the first, in excess of its mass (count - 1,) [kg]."""
         known, carried, y = self._build_columns(range(count), None)
         phi = np.column_stack([known, *carried])
@@ -254,7 +254,7 @@ class PayloadRows(NamedTuple):
             if width == len(STANDARD):  # the best fit of all bodies that exist
                 other_columns = np.column_stack([known, *carried[:k], *carried[k + 1 :]]) * weights[1][:, None]
                 own_columns = project_out(np.linalg.qr(other_columns)[0], columns * weights[1][:, None])
-                values[k] = self.basis.T @ nearest_link(self.basis @ values[k], own_columns @ self.basis.T)
+                values[k] = self.basis.T @ find_nearest_link(self.basis @ values[k], own_columns @ self.basis.T)
             remaining_y = remaining_y - columns @ values[k]
         fit = free
         if not np.array_equal(values.ravel(), free.theta[known.shape[1] :]):
@@ -325,7 +325,7 @@ def _is_possible(values: Array, covariance: Array) -> bool:
     The least eigenvalue may be negative by two standard errors.
     Source: Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3(1), 2018.
     """
-    eigenvalues, vectors = np.linalg.eigh(pseudo_inertia(values))
+    eigenvalues, vectors = np.linalg.eigh(make_pseudo_inertia(values))
     least = vectors[:, 0]
-    slope = np.array([least @ pseudo_inertia(unit) @ least for unit in np.eye(len(values))])
+    slope = np.array([least @ make_pseudo_inertia(unit) @ least for unit in np.eye(len(values))])
     return bool(eigenvalues[0] + 2 * np.sqrt(slope @ covariance @ slope) > 0)

@@ -74,13 +74,13 @@ def limit_speeds(body: Body, limits: Limits, q: Array, v: Array, share: Array) -
     return np.clip(v + accepted, np.maximum(low, v - max_change), np.minimum(high, v + max_change))
 
 
-def torque_rows(body: Body, q: Array, v: Array, a: Array) -> Array:
+def make_torque_rows(body: Body, q: Array, v: Array, a: Array) -> Array:
     """Compute the torque regressor of base parameters, viscous and dry friction (N, n, P) of a motion (N, n)."""
     eye = np.eye(v.shape[1])
     return np.concatenate([body.torque(q, v, a), v[:, :, None] * eye, np.sign(v)[:, :, None] * eye], axis=2)
 
 
-def condition_number(rows: Array) -> float:
+def compute_condition_number(rows: Array) -> float:
     """Compute the condition number of a regressor (N, n, P) with scaled columns; infinite if a column is zero."""
     phi = rows.reshape(-1, rows.shape[-1])
     length = np.linalg.norm(phi, axis=0)
@@ -107,7 +107,7 @@ class Reference:
     @property
     def condition(self) -> float:
         """Return the condition number of the torque regressor of base parameters and friction with scaled columns."""
-        return condition_number(torque_rows(self.body, *self(np.arange(TICK / 2, self.seconds, TICK))))
+        return compute_condition_number(make_torque_rows(self.body, *self(np.arange(TICK / 2, self.seconds, TICK))))
 
     @property
     def seconds(self) -> float:

@@ -111,7 +111,7 @@ def standard_parameters(model: Model) -> dict[str, Estimate]:
     return dict(nearest_body(model).parameters)
 
 
-def nearest_link(standard: Array, columns: Array) -> Array:
+def find_nearest_link(standard: Array, columns: Array) -> Array:
     """Return the parameters (10,) of the possible body that fits best; a possible free fit is returned as it is.
 
     The problem is convex: the pseudo-inertia is linear in the parameters. A barrier -w log det of it keeps it positive.
@@ -122,11 +122,11 @@ def nearest_link(standard: Array, columns: Array) -> Array:
         standard: of the free fit (10,).
         columns: of a regression (R, 10); the best fit has the least |columns (parameters - standard)|.
     """
-    eigenvalues, axes = np.linalg.eigh(pseudo_inertia(standard))
+    eigenvalues, axes = np.linalg.eigh(make_pseudo_inertia(standard))
     size = float(np.abs(eigenvalues).sum())
     if eigenvalues[0] > 0 or size == 0:
         return standard
-    units = np.array([pseudo_inertia(unit) for unit in np.eye(len(standard))])  # (10, 4, 4)
+    units = np.array([make_pseudo_inertia(unit) for unit in np.eye(len(standard))])  # (10, 4, 4)
     hessian = columns.T @ columns
     best = start = _extract_parameters((axes * np.maximum(eigenvalues, BARRIER.thinnest * size)) @ axes.T)
     weight = 0.5 * float((start - standard) @ hessian @ (start - standard))
@@ -137,7 +137,7 @@ def nearest_link(standard: Array, columns: Array) -> Array:
     ridge = BARRIER.ridge * weight * np.einsum("iab,jba->ij", relative, relative)
 
     def compute_cost(values: Array, weight: float) -> float:
-        least = np.linalg.eigvalsh(pseudo_inertia(values))
+        least = np.linalg.eigvalsh(make_pseudo_inertia(values))
         if least[0] <= 0:
             return np.inf
         distance, moved = values - standard, values - start
@@ -145,7 +145,7 @@ def nearest_link(standard: Array, columns: Array) -> Array:
 
     for _ in range(BARRIER.stages):
         for _ in range(BARRIER.steps):
-            shares = np.linalg.solve(pseudo_inertia(best), units)
+            shares = np.linalg.solve(make_pseudo_inertia(best), units)
             slope = hessian @ (best - standard) + ridge @ (best - start) - weight * np.trace(shares, axis1=1, axis2=2)
             curvature = hessian + ridge + weight * np.einsum("iab,jba->ij", shares, shares)
             scale = 1.0 / np.sqrt(np.diag(curvature))
@@ -160,7 +160,7 @@ def nearest_link(standard: Array, columns: Array) -> Array:
     return np.asarray(best)
 
 
-def pseudo_inertia(standard: Array) -> Array:
+def make_pseudo_inertia(standard: Array) -> Array:
     """Build the pseudo-inertia (4, 4) of a link from (m, m c, xx, xy, yy, xz, yz, zz) about the joint's origin.
 
     Its blocks are the second moments, the first moments and the mass.
@@ -180,7 +180,7 @@ def _factorise_links(body: Body) -> tuple[Array, Array]:
     """
     links = len(body.links)
     values, scales = [], []
-    matrices = [pseudo_inertia(standard) for standard in body.standard_values[: 10 * links].reshape(links, 10)]
+    matrices = [make_pseudo_inertia(standard) for standard in body.standard_values[: 10 * links].reshape(links, 10)]
     largest = max([1e-3, *(float(np.trace(matrix)) for matrix in matrices)])
     for joint, matrix in zip(body.links, matrices, strict=True):
         if joint in body.impossible_links:  # the nearest that a body has, of a thousandth of the largest link at least

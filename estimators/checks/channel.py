@@ -35,7 +35,7 @@ from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import IdentificationError, project_out, solve_least_squares
-from estimators.selection.score import cross_validated
+from estimators.selection.score import cross_validate_density
 from estimators.signals.channel import Channel
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Samples, Term
@@ -264,7 +264,7 @@ class ChannelFits(ChannelRows):
             slope = channel.lag**2 / (x[1] * (x[1] + self.period))
             lag_std = min(slope * lag_std, self.channel(x + np.array([0.0, lag_std])).lag)
         gain = float(fits[0].theta[0]), float(errors[0])
-        density = cross_validated(balance, self.where)
+        density = cross_validate_density(balance, self.where)
         noise_bonus = np.log(self.compute_noise_gain(channel)) * np.bincount(self.where.block)
         return Alignment(channel, delay_std, lag_std, gain=gain, density=np.stack([density, density + noise_bonus]))
 
@@ -291,7 +291,7 @@ class ChannelFits(ChannelRows):
     def is_negligible(self, delay: float) -> bool:
         """Return whether a delay [s] is a small share of a sample, and torque is predicted as well without it."""
         # of smoothing, and integration
-        exactness = self.data.least() * float(np.linalg.norm(self.data.weights[self.rows]))
+        exactness = self.data.compute_largest_precision() * float(np.linalg.norm(self.data.weights[self.rows]))
         errors = [np.linalg.norm(self.misfit(np.array([shift, 0.0]))) for shift in (0.0, delay)]
         before, after = np.hypot(errors, exactness)
         return bool(abs(delay) < SEARCH.negligible * self.period and after > (1 - SEARCH.error_margin) * before)

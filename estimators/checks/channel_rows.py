@@ -11,7 +11,7 @@ from estimators.checks.alignment import SEARCH
 from estimators.data.rows import BLOCK
 from estimators.regression.balance import place_columns
 from estimators.selection.score import Blocks
-from estimators.signals.motion import load_in_newton_metres
+from estimators.signals.motion import get_load_in_newton_metres
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, prepare, smooth_laws
@@ -114,7 +114,7 @@ def compute_driven_share(data: TorqueWindows, torque: Array) -> float:
 def _make_pendulum_windows(recordings: Sequence[Recording]) -> TorqueWindows:
     """Return the windows of a pendulum with known loads."""
     data = prepare(recordings)
-    hung = zip(data.windows, map(load_in_newton_metres, recordings), strict=True)
+    hung = zip(data.windows, map(get_load_in_newton_metres, recordings), strict=True)
     return replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
 
 

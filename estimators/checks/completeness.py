@@ -76,7 +76,7 @@ def _check_completeness(
     """
     data, floors = regression_data.data, regression_data.floors
     rms_of_joints = regression_data.joint_errors(regression_data.residual(terms))
-    limits = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in rms_of_joints}
+    limits = {at: AGREEMENT.misfits * max(floors[at], data.compute_negligible_residual(at)) for at in rms_of_joints}
     ratios = {at: error / max(floors[at], 1e-300) for at, error in rms_of_joints.items() if error > limits[at]}
     gaps = sorted(_compute_scheme_differences(list(results.values())))
     biased = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # of each name the largest

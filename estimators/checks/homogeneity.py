@@ -152,13 +152,13 @@ class RecordingFit:
         """Return whether the residual of this recording is noise."""
         return self.times <= AGREEMENT.fits
 
-    def differences(self, other: ComparedParameters) -> tuple[Difference, ...]:
+    def find_differences(self, other: ComparedParameters) -> tuple[Difference, ...]:
         """Return the parameters that differ from `other` significantly, the most significant first.
 
         A difference counts above `min_difference` of the other value, above the sum of the biases, and above `z_limit`
         standard errors.
         """
-        gap, std = self._gap(other)
+        gap, std = self._compute_gap(other)
         large = np.abs(gap) > np.maximum(AGREEMENT.min_difference * np.abs(other.theta), self.known.bias + other.bias)
         significant = np.flatnonzero(large & (np.abs(gap) > self.z_limit * std))
         order = sorted(significant, key=lambda j: -abs(gap[j]) / std[j])
@@ -166,7 +166,7 @@ class RecordingFit:
         found = [Difference(column.name, self.units.unit(column.unit), *numbers) for column, *numbers in sizes]
         return tuple(found[j] for j in order)
 
-    def kind(self, other: ComparedParameters) -> tuple[Kind, dict[str, Quantity]]:
+    def classify_difference(self, other: ComparedParameters) -> tuple[Kind, dict[str, Quantity]]:
         """Return the kind of difference, with the factor if one factor explains the differences of all parameters.
 
         The factor is that of the torque, or of the inertia of a free swing.
@@ -177,7 +177,7 @@ class RecordingFit:
         scale = float(other.theta @ weight @ other.theta)
         factor = float(other.theta @ weight @ self.known.theta) / max(scale, 1e-300)
         scaled = other._replace(theta=factor * other.theta, covariance=factor**2 * other.covariance)
-        gap, std = self._gap(scaled)
+        gap, std = self._compute_gap(scaled)
         is_equal = np.abs(gap) <= np.maximum(AGREEMENT.min_difference * np.abs(scaled.theta), self.z_limit * std)
         if len(gap) < 2 or not is_equal.all() or abs(factor - 1) <= AGREEMENT.min_difference:
             return Kind.OUTLIER_RECORDING, {}
@@ -185,7 +185,7 @@ class RecordingFit:
             return Kind.SCALED_INERTIA, {"factor": Quantity(1 / factor)}
         return Kind.SCALED_TORQUE, {"factor": Quantity(factor)}
 
-    def _gap(self, other: ComparedParameters) -> tuple[Array, Array]:
+    def _compute_gap(self, other: ComparedParameters) -> tuple[Array, Array]:
         """Compute the differences of the parameters and their standard errors (P,)."""
         variance = np.diag(self.known.covariance + other.covariance)
         return self.known.theta - other.theta, np.maximum(np.sqrt(variance), 1e-300)
@@ -201,12 +201,14 @@ def find_disagreements(fits: Sequence[RecordingFit], *, only_if_all_fit: bool = 
     turned_only = only_if_all_fit and not all(fit.is_explained for fit in fits)
     while len(agreeing) > 1 and not turned_only:
         rest = {fit.number: [other for other in agreeing if other is not fit] for fit in agreeing}
-        if not any(fit.differences(pool(rest[fit.number])) for fit in agreeing):
+        if not any(fit.find_differences(pool_fits(rest[fit.number])) for fit in agreeing):
             break
         # exclude the recording without which the others agree best; of two, the later one
-        agreeing = rest[min(reversed(agreeing), key=lambda fit: spread(rest[fit.number])).number]
+        agreeing = rest[min(reversed(agreeing), key=lambda fit: compute_spread(rest[fit.number])).number]
     others = tuple(fit.name for fit in agreeing)
-    return _select_differing([fit for fit in fits if fit not in agreeing], pool(agreeing), others) if agreeing else ()
+    return (
+        _select_differing([fit for fit in fits if fit not in agreeing], pool_fits(agreeing), others) if agreeing else ()
+    )
 
 
 def find_disagreements_with_model(model: Model, fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
@@ -224,9 +226,9 @@ def _select_differing(
 ) -> tuple[Disagreement, ...]:
     """Select the fits that differ from known parameters."""
     return tuple(
-        Disagreement(fit.number, fit.name, others, differences, *fit.kind(known))
+        Disagreement(fit.number, fit.name, others, differences, *fit.classify_difference(known))
         for fit in fits
-        if (differences := fit.differences(known))
+        if (differences := fit.find_differences(known))
     )
 
 
@@ -310,7 +312,7 @@ def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term])
     return fits
 
 
-def pool(fits: Sequence[RecordingFit]) -> ComparedParameters:
+def pool_fits(fits: Sequence[RecordingFit]) -> ComparedParameters:
     """Combine several fits, weighted by information, and bound the bias of each parameter."""
     informations = [invert_covariance(fit.known.covariance) for fit in fits]
     covariance = invert_covariance(np.sum(informations, axis=0))
@@ -318,10 +320,10 @@ def pool(fits: Sequence[RecordingFit]) -> ComparedParameters:
     return ComparedParameters(covariance @ weighted, covariance, np.max([fit.known.bias for fit in fits], axis=0))
 
 
-def spread(fits: Sequence[RecordingFit]) -> float:
+def compute_spread(fits: Sequence[RecordingFit]) -> float:
     """Compute Cochran's Q, the squared distance of several fits from their common parameters in standard errors."""
     if len(fits) == 1:
         return 0.0  # exactly, so that ties are ties
-    pooled = pool(fits).theta
+    pooled = pool_fits(fits).theta
     gaps = [fit.known.theta - pooled for fit in fits]
     return float(sum(gap @ invert_covariance(fit.known.covariance) @ gap for gap, fit in zip(gaps, fits, strict=True)))

@@ -93,7 +93,7 @@ class FitData:
         if data.constant is not None:
             quantity = Quantity(data.constant.value, data.constant.std, data.constant.unit)
             data = data.with_treatment(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": quantity}))
-        if not in_loop.has_open_torque(data.every):
+        if not in_loop.has_open_torque(data.all_recordings):
             return data
         return data.decide_conventions([term for term in terms if isinstance(term, Term)] or BASE)
 
@@ -115,7 +115,7 @@ class FitData:
         if self.whole is not None:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
         raw, terms = self.untimed or self, [term for term in self.terms if isinstance(term, Term)]
-        recordings, count = raw.every, len(raw.recordings)
+        recordings, count = raw.all_recordings, len(raw.recordings)
         alignments = align_each(recordings, [*terms, *effects])
         pairs = zip(alignments, recordings, strict=True)
         corrected = tuple(alignment.apply(recording) for alignment, recording in pairs)
@@ -165,7 +165,9 @@ class FitData:
 
     def with_changes(self, change: Callable[[Recording], Recording], numbers: Collection[int]) -> Self:
         """Return the data, also untimed, with some recordings changed, numbered from 0, fitted ones first."""
-        changed = tuple(change(recording) if k in numbers else recording for k, recording in enumerate(self.every))
+        changed = tuple(
+            change(recording) if k in numbers else recording for k, recording in enumerate(self.all_recordings)
+        )
         untimed = None if self.untimed is None else self.untimed.with_changes(change, numbers)
         count = len(self.recordings)
         return replace(self, recordings=changed[:count], holdout=changed[count:], untimed=untimed)
@@ -223,7 +225,7 @@ class FitData:
         return self.holdout is self.recordings
 
     @property
-    def every(self) -> tuple[Recording, ...]:
+    def all_recordings(self) -> tuple[Recording, ...]:
         """All recordings, fitted ones first."""
         return self.recordings if self.is_comparison else (*self.recordings, *self.holdout)
 
@@ -273,14 +275,14 @@ class FitData:
 
     def simulate_in_loop(self, model: Model) -> LoopMotion:
         """Simulate all recordings, fitted ones first, with their controllers; return no motion without controllers."""
-        return simulate_in_loop(model, self.every)
+        return simulate_in_loop(model, self.all_recordings)
 
     def find_timing(self, is_late: bool) -> tuple[Finding, ...]:
         """Return findings on torque that is logged late if `is_late`, else on torque that acts late.
 
         Findings name their recordings, unless all recordings share one alignment.
         """
-        pairs = zip(self.every, self.alignments, strict=bool(self.alignments))
+        pairs = zip(self.all_recordings, self.alignments, strict=bool(self.alignments))
         found: list[Finding] = []
         names: list[list[str]] = []
         for recording, alignment in pairs:

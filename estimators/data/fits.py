@@ -9,7 +9,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.rows import Terms
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.least_squares import Fit, project_out, solve_least_squares
-from estimators.weak_form.columns import bounds_of_laws, mark_bounds
+from estimators.weak_form.columns import list_law_bounds, mark_bounds
 from estimators.weak_form.nonlinear import find_edges, get_step_unit, set_values
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Model, NonlinearParameter, Term
@@ -83,7 +83,7 @@ def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:
 
     A parameter meets its bound by noise if its fit without the bound is not significant. Without it, it has an error.
     """
-    balance, (least, _) = data.equations(terms), bounds_of_laws(terms)
+    balance, (least, _) = data.equations(terms), list_law_bounds(terms)
     is_at_bound = (theta == balance.least) & (least < balance.least)
     if not is_at_bound.any():
         return balance
@@ -94,7 +94,7 @@ def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:
 
 def fit_within_laws(data: RegressionData, terms: Terms) -> Model:
     """Fit the linear parameters of the terms within bounds of the laws alone, so that inertia may be negative."""
-    fit = data.equations(terms).with_bounds(*bounds_of_laws(terms)).fit(data.layout.clusters)
+    fit = data.equations(terms).with_bounds(*list_law_bounds(terms)).fit(data.layout.clusters)
     return Model.build(terms, fit.theta, fit.std)
 
 

@@ -25,7 +25,7 @@ def find_regions_at(
 
     Regions with a negligible mean are left out. `floor` is the noise floor [N m], by default that of the data.
     """
-    of_joint, least = residual[data.locate_rows(at)], data.data.negligible(at)
+    of_joint, least = residual[data.locate_rows(at)], data.data.compute_negligible_residual(at)
     floor = data.floors[at] if floor is None else floor
     found = find_regions(data.data.part(at).samples, of_joint, floor, axes, most, data.units(at))
     return [replace(region, at=at) for region in found if abs(region.residual) > least]
@@ -43,7 +43,7 @@ def find_failures(
     for at, error in data.joint_errors(residual).items():
         floor = (floors or data.floors)[at]
         found = find_regions_at(data, residual, at, most=most, floor=floor)
-        if not found and error > Criterion.misfit * max(floor, data.data.negligible(at)):
+        if not found and error > Criterion.misfit * max(floor, data.data.compute_negligible_residual(at)):
             found = [_make_scattered_region(data, error, floor, at)]
         regions += found
     return regions

@@ -18,7 +18,7 @@ from estimators.simulation.free_running import (
     compute_growth,
     compute_position_rms,
     refuse_long_horizon,
-    select,
+    select_segments,
 )
 from estimators.simulation.multiple_shooting import estimate_link_state, simulate_link_motion
 from estimators.weak_form.links import prepare_arm
@@ -89,7 +89,7 @@ class RegressionData:
         """
         candidates = self.segments if model.has_known_inertia else ()
         steady = [compute_growth(segments, model.terms, model.theta) < GROWS for segments in candidates]
-        kept = tuple(select(*pair) for pair in zip(candidates, steady, strict=True) if pair[1].any())
+        kept = tuple(select_segments(*pair) for pair in zip(candidates, steady, strict=True) if pair[1].any())
         unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
         return replace(self, segments=kept) if kept else self, unstable
 
@@ -139,12 +139,12 @@ class RegressionData:
             return self.maker.residual(terms, np.asarray(theta))
         return self.equations(terms).error(self.solve(terms))
 
-    def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
+    def compute_absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
         """Return, per term that filters torque, its rows and the variance of noise that it removes [(N m)^2].
 
         Rows of positions have none.
         """
-        return self.torque.absorbed_noise(terms) if self.layout.predicts_torque else []
+        return self.torque.compute_absorbed_noise(terms) if self.layout.predicts_torque else []
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
@@ -207,7 +207,7 @@ class RegressionData:
         count, inertia = len(model.theta), abs(model.estimates["inertia"].value)
         covariance = model.assumed_covariance[:count, :count]
         known = model.terms, model.theta, covariance, inertia
-        return replace(self, data=self.data.with_contacts(*known, self.data.free_range(*known)))
+        return replace(self, data=self.data.with_contacts(*known, self.data.find_free_range(*known)))
 
     def joint_errors(self, residual: Array) -> dict[str, float]:
         """Return the root mean square of a residual (R,) at each joint."""

@@ -80,7 +80,7 @@ def add(
     added = longer.model.terms[-1]
     found = case.refit(SearchResult(evaluator, [before, longer]), refitted.model.add(added))
     after, is_shown = found.steps[-1], is_hidden(added) and evaluator.train.segments  # the motion shows hidden states
-    objection = explain_rejection(evaluator.confirmation_gates(after, refitted))
+    objection = explain_rejection(evaluator.make_confirmation_gates(after, refitted))
     if objection is None and not is_shown:
         gain = evaluator.evidence(longer.model.terms, before.model.terms)
         objection = None if gain.p_value <= evaluator.criterion.p_value else Finding(Kind.BY_CHANCE)

@@ -11,7 +11,7 @@ from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.simulation.free_running import Segments, select
+from estimators.simulation.free_running import Segments, select_segments
 from estimators.weak_form.links import join_recording
 from estimators.weak_form.torque_windows import WEAK_FORM, bound_friction, compute_deviations, join_windows
 from estimators.weak_form.windows import Windows
@@ -36,7 +36,7 @@ def find_contacts(evaluator: ModelEvaluator, final: Terms, model: Model) -> list
         residual = part.residual(model.terms, model.theta) / part.data.scale
         is_contact = np.concatenate([np.isin(w.centers, w.unclear) for w in part.data.windows])
         places += _list_places(part, residual, is_contact)
-    return _report(places, sum(part.data.contacts for part in parts), model.units())
+    return _make_findings(places, sum(part.data.contacts for part in parts), model.units())
 
 
 def find_arm_contacts(evaluator: ModelEvaluator, model: Model, joints: Iterable[str]) -> list[Finding]:
@@ -46,7 +46,7 @@ def find_arm_contacts(evaluator: ModelEvaluator, model: Model, joints: Iterable[
     outwards, beyond all angles at which the joint moves freely.
     """
     found, runs = list[Finding](), [run for part in evaluator.parts for run in _split_with_rests(part, model)]
-    measured = [(run, *_measure(run, model)) for run in runs]
+    measured = [(run, *_measure_residual(run, model)) for run in runs]
     for at in joints:
         low, high, places, touching = np.inf, -np.inf, list[Place](), list[Windows]()
         for run, residual, limit in measured:
@@ -61,7 +61,7 @@ def find_arm_contacts(evaluator: ModelEvaluator, model: Model, joints: Iterable[
             is_contact[rows] = np.isin(w.centers, w.resting) & is_outwards & (np.abs(residual) > limit)[rows]
             places += _list_places(run, residual, is_contact)
             touching.append(replace(w, centers=w.centers[is_contact[rows]]))
-        found += _report(places, join_windows(touching).contacts if places else 0, model.units(at), at)
+        found += _make_findings(places, join_windows(touching).contacts if places else 0, model.units(at), at)
     return found
 
 
@@ -79,7 +79,7 @@ def is_misfit_between_contacts(evaluator: ModelEvaluator, step: Step) -> bool:
     if sum(part.data.contacts for part in parts) < REPEATED:
         return True
     pairs = zip(evaluator.train.segments, parts[0].data.windows, strict=True)
-    segments = tuple(select(segment, _is_clear(segment, w)) for segment, w in pairs)
+    segments = tuple(select_segments(segment, _is_clear(segment, w)) for segment, w in pairs)
     kept = tuple(segment for segment in segments if len(segment.first))
     between = replace(evaluator, train=replace(evaluator.train, segments=kept), drawn=evaluator.bootstrap)
     return between.is_misfit(step)
@@ -123,7 +123,7 @@ def _split_with_rests(part: RegressionData, model: Model) -> list[RegressionData
     ]
 
 
-def _measure(data: RegressionData, model: Model) -> tuple[Array, Array]:
+def _measure_residual(data: RegressionData, model: Model) -> tuple[Array, Array]:
     """Return the residual of each window of an arm, and the limit of dry friction and noise, (R,) each [N m]."""
     terms, theta, windows = model.terms, model.theta, data.data.windows
     covariance = model.assumed_covariance[: len(theta), : len(theta)]
@@ -144,7 +144,7 @@ def _list_places(data: RegressionData, residual: Array, which: Mask) -> list[Pla
     return [(float(abs(residual[k])), float(x.position[k]), float(x.time[k]), names[k]) for k in np.flatnonzero(which)]
 
 
-def _report(places: Sequence[Place], count: int, units: JointUnits, at: str = "") -> list[Finding]:
+def _make_findings(places: Sequence[Place], count: int, units: JointUnits, at: str = "") -> list[Finding]:
     """Return a finding on contacts of a joint with the place of the largest, or nothing without any."""
     if not places:
         return []

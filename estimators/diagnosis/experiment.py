@@ -70,7 +70,7 @@ class Limits:
     speed: float | None = None
     usual: float = USUAL
 
-    def quantities(self, units: JointUnits) -> dict[str, Quantity]:
+    def list_quantities(self, units: JointUnits) -> dict[str, Quantity]:
         """Return the limits that are not None, by name; a torque of zero is left out."""
         bounds = {"torque": (self.torque or None, "N m"), "angle": (self.angle, "rad"), "speed": (self.speed, "rad/s")}
         return {name: Quantity(x, unit=units.unit(unit)) for name, (x, unit) in bounds.items() if x is not None}
@@ -152,7 +152,7 @@ def suggest_experiment(
     if not forbidden:
         return suggestion, aims, None
     units = model.units()
-    numbers = limits.quantities(units)
+    numbers = limits.list_quantities(units)
     if place is not None:
         numbers["place"] = Quantity(place, unit=units.unit("rad"))
     pairs = tuple((aim.effect, aim.instead) for aim in forbidden)
@@ -160,7 +160,7 @@ def suggest_experiment(
 
 
 def _choose(
-    evaluator: ModelEvaluator, runs: Sequence[Run], questions: Sequence[Question]
+    evaluator: ModelEvaluator, runs: Sequence[SimulatedExperiment], questions: Sequence[Question]
 ) -> tuple[Suggestion | None, list[Question]]:
     """Choose the experiment that answers most questions, None if none does, and list questions without any answer."""
     if not runs:
@@ -180,11 +180,11 @@ def _choose(
         question.aim for question, ratio in zip(questions, shown[best], strict=True) if ratio > DESIGN.shown
     )
     hopeless = [question for question, hope in zip(questions, answerable, strict=True) if not hope]
-    return (runs[best].suggestion(settled) if settled else None), hopeless
+    return (runs[best].make_suggestion(settled) if settled else None), hopeless
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class SimulatedExperiment:
     """Simulated experiment.
 
     Attributes:
@@ -214,14 +214,14 @@ class Run:
         """Windowed equations of the recording."""
         return join_windows([cut(self.recording, self.half_width)])
 
-    def suggestion(self, settled: tuple[Aim, ...]) -> Suggestion:
+    def make_suggestion(self, settled: tuple[Aim, ...]) -> Suggestion:
         """Return the suggestion of this experiment for some aims."""
         peak = float(np.abs(self.recording.torque).max())
         release = float(self.recording.position[0]) if self.signal is None else None
         return Suggestion(self.signal, DESIGN.seconds, settled, peak, self.reach, self.peak_speed, release)
 
 
-def simulate_candidates(evaluator: ModelEvaluator, model: Model, torque: float) -> list[Run]:
+def simulate_candidates(evaluator: ModelEvaluator, model: Model, torque: float) -> list[SimulatedExperiment]:
     """Simulate the family of signals at each of `DESIGN.shares` of a torque [N m], from rest hanging down."""
     seconds, shares = DESIGN.seconds, DESIGN.shares
     signals = [signal for share in shares for signal in draw_family(np.random.default_rng(0), seconds, share * torque)]
@@ -231,7 +231,7 @@ def simulate_candidates(evaluator: ModelEvaluator, model: Model, torque: float) 
     )
 
 
-def simulate_releases(evaluator: ModelEvaluator, model: Model) -> list[Run]:
+def simulate_releases(evaluator: ModelEvaluator, model: Model) -> list[SimulatedExperiment]:
     """Simulate free swings from each of `DESIGN.releases`."""
     angles = np.array(DESIGN.releases)
     zeros = np.zeros((len(_make_times(evaluator)), len(angles)))
@@ -246,7 +246,7 @@ def _make_times(evaluator: ModelEvaluator) -> Array:
 
 def _simulate_experiments(
     evaluator: ModelEvaluator, model: Model, signals: Sequence[Excitation | None], torques: Array, position: ArrayLike
-) -> list[Run]:
+) -> list[SimulatedExperiment]:
     """Simulate K experiments under torques (N, K) from rest at positions (K,) [rad].
 
     Motions above `DESIGN.fastest` times the highest recorded speed are left out. The windows are those of the first
@@ -262,5 +262,5 @@ def _simulate_experiments(
         if (speed := float(np.abs(velocity).max())) <= fastest:
             run = Recording(time, angle, torque, name="experiment", is_checked=True)
             run = scale_swing(run, recorded.known_inertia, recorded.torque_unit) if signal is None else run
-            runs.append(Run(signal, run, half_width, speed))
+            runs.append(SimulatedExperiment(signal, run, half_width, speed))
     return runs

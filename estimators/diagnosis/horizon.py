@@ -42,8 +42,8 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     seconds, last = trial.setting.horizon, trial.final.steps[-1]
     if seconds is None or not last.model.has_known_inertia:
         return None
-    data = [_steady(part, last.model) for part in trial.data.with_horizon(seconds).parts]
-    before = _step(last, last.model, data)
+    data = [_select_steady(part, last.model) for part in trial.data.with_horizon(seconds).parts]
+    before = _make_step(last, last.model, data)
     if not errs_by_more_than_noise(data[0].segments, before.model, trial.evaluator.criterion):
         return HorizonRefit(seconds, before)
     doubled = [HORIZON * 2**k for k in range(max(0, int(np.ceil(np.log2(seconds / HORIZON)))))]
@@ -53,49 +53,49 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
         for number, length in enumerate(horizons):
             share = low + (high - low) * number / len(horizons)
             trial.setting.progress(f"refitting to {length:g} s of motion", share)
-            point = output_error.minimise(_rows(data[0], length, last.model, point)[0], point)
+            point = output_error.minimise(_make_rows(data[0], length, last.model, point)[0], point)
     except KeyboardInterrupt:
         is_interrupted = True
-    errors_of, clusters = _rows(data[0], seconds, last.model, point)
+    errors_of, clusters = _make_rows(data[0], seconds, last.model, point)
     error, slopes = output_error.compute_slopes(errors_of, point)
     model = output_error.make_model_with_covariance(
         point, compute_robust_covariance(slopes, error, clusters)
     ).convert_units(data[0].recordings[0].units)
     model = model.withhold({name for name, estimate in last.model.estimates.items() if estimate.is_unknown})
-    after = _step(last, model, data)
+    after = _make_step(last, model, data)
     old_rms, new_rms = (step.errors["holdout"].position_rms for step in (before, after))
     is_kept = new_rms < old_rms and not find_violations(model, trial.evaluator.train.motions)
     return HorizonRefit(seconds, before, after, is_kept, is_interrupted)
 
 
-def _step(last: Step, model: Model, data: Sequence[RegressionData]) -> Step:
+def _make_step(last: Step, model: Model, data: Sequence[RegressionData]) -> Step:
     """Return a step with a model and its errors on fitted and held-out data."""
     return Step(
         last.added, model, {name: part.errors(model) for name, part in zip(("train", "holdout"), data, strict=True)}
     )
 
 
-def _steady(part: RegressionData, model: Model) -> RegressionData:
+def _select_steady(part: RegressionData, model: Model) -> RegressionData:
     """Return the data with link states of a model, and without segments in which a small error grows tenfold."""
     return part.with_link_states(model).with_steady_segments(model)[0]
 
 
-def _rows(data: RegressionData, seconds: float, model: Model, point: Point) -> tuple[ErrorsOf, Index]:
+def _make_rows(data: RegressionData, seconds: float, model: Model, point: Point) -> tuple[ErrorsOf, Index]:
     """Return a function of K points that gives errors (R, K) of free motion and torque, and their clusters (R,).
 
     Motion and torque have norm one at `point`. Segments last `seconds`; those in which small errors grow are left out,
     and those with a large error have a small weight.
     """
-    segments = _steady(data.with_horizon(seconds, covers=True), model).segments
+    segments = _select_steady(data.with_horizon(seconds, covers=True), model).segments
     weights = np.sqrt(data.equations(point.terms).weights)
     error, owner = output_error.compute_errors(segments, [point], from_measured=True)
     trust = np.sqrt(output_error.weigh_segments(output_error.compute_rms_by_segment(error, owner)))[owner]
 
-    def parts_of(points: Sequence[Point]) -> tuple[Array, Array]:
+    def compute_parts(points: Sequence[Point]) -> tuple[Array, Array]:
         motion = output_error.compute_errors(segments, points, from_measured=True)[0]
         torque = np.column_stack([data.residual(point_k.terms, point_k.theta) for point_k in points])
         return motion * trust[:, None], torque * weights[:, None]
 
-    scales = [1 / np.linalg.norm(part) for part in parts_of([point])]
+    scales = [1 / np.linalg.norm(part) for part in compute_parts([point])]
     clusters = np.concatenate([owner, owner.max() + 1 + data.layout.clusters])
-    return lambda points: np.vstack([s * part for s, part in zip(scales, parts_of(points), strict=True)]), clusters
+    return lambda points: np.vstack([s * part for s, part in zip(scales, compute_parts(points), strict=True)]), clusters

@@ -11,7 +11,7 @@ from estimators.diagnosis.result import Candidate, Detectable
 from estimators.diagnosis.suggestion import Aim
 from estimators.findings import Finding, Verdict
 from estimators.free_swings import find_known_values
-from estimators.regression.least_squares import Equations, give, solve_least_squares
+from estimators.regression.least_squares import Equations, solve_least_squares, subtract_known_columns
 from estimators.selection.candidates import find_best_variant
 from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
@@ -49,7 +49,7 @@ class Question:
         """
         known = find_known_values(self.terms)
         given = [k for k, name in enumerate(c.name for term in self.terms for c in term.columns) if name in known]
-        equations = give(equations, given, np.array(list(known.values())))
+        equations = subtract_known_columns(equations, given, np.array(list(known.values())))
         phi, y = equations.phi, equations.y
         if self.torque is not None:
             term, theta = self.torque

@@ -9,7 +9,7 @@ import numpy as np
 from estimators.data.variants import compute_unique_share
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity, Verdict
-from estimators.selection.candidates import contains, needs_all_parts, screen_library, screen_replacements
+from estimators.selection.candidates import can_reproduce, needs_all_parts, screen_library, screen_replacements
 from estimators.selection.errors import Gate, Step, Terms, compute_error_fall, explain_rejection, get_error_at
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import remove_term
@@ -99,14 +99,14 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
         error_with, error_without = (_compute_held_out_rms(evaluator, terms, term.at) for terms in (final, others))
         reason = Finding(Kind.ERROR_FALLS_AT_JOINT, {"share": Quantity(error_with / error_without)}, joints=(term.at,))
     gates = (
-        *([] if is_hidden(term) else make_gates(evaluator, final, others)),
-        *evaluator.confirmation_gates(after, before),
+        *([] if is_hidden(term) else make_final_gates(evaluator, final, others)),
+        *evaluator.make_confirmation_gates(after, before),
     )
     best_gain: tuple[Gain | None, int] = (None, 1) if is_hidden(term) else _compute_gain(evaluator, final, others)
     ratio, total = error_with / error_without, score * sum(odds[id] for id in (term.id, *tied))
     found_tied = []
     for id in tied:
-        rival_gates = (*make_gates(evaluator, rivals[id], others), Gate("tie_probability", odds[id], least, True))
+        rival_gates = (*make_final_gates(evaluator, rivals[id], others), Gate("tie_probability", odds[id], least, True))
         gain, variants = _compute_gain(evaluator, rivals[id], others)
         ties = Finding(Kind.TIES, effects=(term.id,))
         found_tied.append(
@@ -128,21 +128,21 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
     others = tuple(other_terms)
     gain, variants = _compute_gain(evaluator, longer, others)
     ratio = _compute_held_out_rms(evaluator, longer, term.at) / _compute_held_out_rms(evaluator, others, term.at)
-    gates = make_gates(evaluator, longer, others)
+    gates = make_final_gates(evaluator, longer, others)
     if all(gate.passed for gate in gates) and not evaluator.residuals.is_noise(longer):
-        gates = make_gates(evaluator, longer, others, evaluator.criterion.needed_share)
+        gates = make_final_gates(evaluator, longer, others, evaluator.criterion.needed_share)
     untested, verdict = _find_untested_ends(evaluator, type(term), has_contacts), Verdict.NOT_EXCITED
     if untested is not None and not evaluator.is_significant(longer, others):
         reason = untested
     elif not (excited := make_excitation_gate(evaluator, longer)).passed:
         reason, gates = Finding(Kind.NOT_EXCITED, effects=(term.id,)), [excited]
-        if containing := [other.id for other in others if contains(evaluator, other, term)]:
+        if containing := [other.id for other in others if can_reproduce(evaluator, other, term)]:
             verdict, reason = Verdict.REJECTED, Finding(Kind.IMITATES, effects=(containing[0],))
     else:
         verdict, gates = Verdict.REJECTED, [excited, *gates]
         if all(gate.passed for gate in gates):
             step = evaluator.fit_with_std(term.id, longer)
-            gates += evaluator.confirmation_gates(step, found.steps[-1])
+            gates += evaluator.make_confirmation_gates(step, found.steps[-1])
         selected = [step.added for step in found.steps if step.added is not None]
         reason = explain_rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)
         verdict = Verdict.NOT_EXCITED if "frequencies" in [gate.name for gate in gates] else verdict
@@ -157,16 +157,18 @@ def _find_untested_ends(evaluator: ModelEvaluator, kind: type[Term], has_contact
     return Finding(Kind.NOT_TESTED, ends, effects=(kind.id,)) if ends and not has_contacts else None
 
 
-def make_gates(evaluator: ModelEvaluator, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
+def make_final_gates(
+    evaluator: ModelEvaluator, after: Terms, before: Terms, least_share: float | None = None
+) -> list[Gate]:
     """Return the gates of a final model over a smaller one, with that of a lag or delay in a closed loop."""
-    gates = evaluator.gates(after, before, least_share)
+    gates = evaluator.make_gates(after, before, least_share)
     is_open = all(gate.passed for gate in gates)
-    return [*gates, *evaluator.residuals.loop_gates(after, before)] if is_open else gates
+    return [*gates, *evaluator.residuals.make_loop_gates(after, before)] if is_open else gates
 
 
 def _compute_gain(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tuple[Gain, int]:
     """Return the gain of a candidate over its absence, and the number of variants that were tried."""
-    return evaluator.evidence(after, before), evaluator.n_variants(after, before)
+    return evaluator.evidence(after, before), evaluator.count_compared_variants(after, before)
 
 
 def _compute_held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:
@@ -187,7 +189,7 @@ def compute_alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) ->
     rivals = [
         rival
         for rival in screen_replacements(evaluator, terms, term)
-        if not contains(evaluator, rival[-1], term) and needs_all_parts(evaluator, rival)
+        if not can_reproduce(evaluator, rival[-1], term) and needs_all_parts(evaluator, rival)
     ]
     decisions: dict[Terms, bool] = {}
     while True:
@@ -209,7 +211,7 @@ def can_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: T
     """
     rival, terms, others = (remove_table(evaluator, model) for model in (rival, terms, others))
     is_confirmed = evaluator.keeps_base(rival, others) and evaluator.lowers_errors(rival, others)
-    if not (is_confirmed and all(gate.passed for gate in evaluator.residuals.loop_gates(rival, others))):
+    if not (is_confirmed and all(gate.passed for gate in evaluator.residuals.make_loop_gates(rival, others))):
         return False
     return evaluator.explained_shares_of_motion(terms, rival)[0] <= evaluator.criterion.explained_share
 

@@ -20,7 +20,7 @@ from estimators.diagnosis.explanation import explain
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import choose_treatment
-from estimators.progress import Progress, forward, no_progress
+from estimators.progress import Progress, no_progress, report_forward
 from estimators.selection.criterion import Criterion
 from pendulum_env.arms.joints import find_body
 from pendulum_env.errors import UserError
@@ -86,7 +86,7 @@ def diagnose(
     terms, effects = apply_limits(terms, select_effects(library, only, without, body), fixed, bounds)
     fitted, held_out = select_recordings(recordings, body=body), select_recordings(holdout, empty=True, body=body)
     effects, limits = select_visible_effects(effects, fitted), Limits(max_torque, max_angle, max_speed)
-    rng, progress = rng or np.random.default_rng(0), forward(progress)
+    rng, progress = rng or np.random.default_rng(0), report_forward(progress)
     setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, horizon)
     case = choose_case(terms, (*fitted, *held_out))
     check_horizon(horizon, case.refit_to_horizon is not None)

@@ -111,13 +111,13 @@ def include_payload(trial: Trial) -> FitData | None:
         return None
     parts = [part.data for part in (data.parts if data.holdout else data.parts[:1])]
     for payload, numbers in find_carried(parts, trial.found.terms):
-        names = tuple(data.every[k].name for k in numbers)
-        finding = payload_finding(payload, find_links(trial.setting.base), names)
+        names = tuple(data.all_recordings[k].name for k in numbers)
+        finding = make_payload_finding(payload, find_links(trial.setting.base), names)
         data = data.with_changes(partial(add_payload, load=payload.load), numbers).with_treatment(finding)
     return None if data is trial.data else data
 
 
-def payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> Finding:
+def make_payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> Finding:
     """Return the finding on a payload in recordings: mass, centre, and torque RMS of joints without and with it."""
     numbers = {"mass": payload.estimates["m"], **payload.center}
     sizes = {name: Quantity(quantity.value, quantity.std, quantity.unit) for name, quantity in numbers.items()}

@@ -70,7 +70,7 @@ def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[
     parts = zip(evaluator.parts, residuals, ((), evaluator.holdout.names), strict=True)
     for (part, residual, names), structures in zip(parts, evaluator.residuals.structures(terms), strict=True):
         for at, structure in structures.items():
-            floor = max(evaluator.residuals.noise_floor(part, at), part.data.negligible(at))
+            floor = max(evaluator.residuals.noise_floor(part, at), part.data.compute_negligible_residual(at))
             if at not in sizes and not criterion.is_noise(structure, floor):
                 sizes[at] = structure.correlated_rms if structure.z_score > criterion.z_score else structure.rms
                 places = find_regions_at(part, residual, at, most=1)

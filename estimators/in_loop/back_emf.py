@@ -21,7 +21,7 @@ from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import LoadDependentFriction
 
 
-def setting_with_back_emf(data: FitData, setting: Setting) -> Setting:
+def add_back_emf(data: FitData, setting: Setting) -> Setting:
     """Return the setting with back-EMF in the base model if that is a treatment of the data."""
     if not data.has_treatment(Kind.BACK_EMF_INCLUDED):
         return setting
@@ -42,7 +42,7 @@ def present(trial: Trial, step: Step) -> Step:
         return step
     other_terms = tuple(term for term in step.model.terms if term.id != BackEmf.id)
     start = Point.from_parameters(other_terms, np.array(list((theta | {"viscous": total}).values())))
-    refine_rows(trial.evaluator)[0].begin_at(start)
+    refine_rows(trial.evaluator)[0].set_start(start)
     return fit_step(trial.evaluator, step.added, start.terms)
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Case
 from estimators.diagnosis.setting import Setting
-from estimators.in_loop.back_emf import include_back_emf, present, setting_with_back_emf
+from estimators.in_loop.back_emf import add_back_emf, include_back_emf, present
 from estimators.in_loop.conclusion import conclude, find_regions
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.goal_reading import reread_goals
@@ -46,7 +46,7 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
         IdentificationError: if the recordings hold too little motion to begin with.
     """
     train, check = split_rollouts(data.recordings, data.holdout)
-    return setting_with_back_emf(data, setting).evaluator((train.data, check.data))
+    return add_back_emf(data, setting).evaluator((train.data, check.data))
 
 
 SERVO = Case(

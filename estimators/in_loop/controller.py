@@ -16,7 +16,7 @@ import numpy as np
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import BLOCK
 from estimators.findings import Finding, Kind, Quantity
-from estimators.in_loop.fit import Linear, choose_likeliest_point, densities
+from estimators.in_loop.fit import Linear, choose_likeliest_point, compute_log_densities
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.selection.criterion import Criterion
@@ -52,11 +52,13 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
                 start = choose_likeliest_point(simulated, known)[0]
                 if k in fits and start is known[0]:
                     continue
-                rows.begin_at(start, tuple(base))
+                rows.set_start(start, tuple(base))
             rows.fit(base, exactly=True)
             fits[k] = rows.near(base)
     blocks, _, of_block = rollouts[0].blocks(BLOCK)
-    scores = [np.bincount(blocks, densities(own, fits[k].error)).astype(float) for k, own in enumerate(rollouts)]
+    scores = [
+        np.bincount(blocks, compute_log_densities(own, fits[k].error)).astype(float) for k, own in enumerate(rollouts)
+    ]
     bootstrap = Bootstrap(of_block, np.random.default_rng(0))
     best, *others = sorted(range(len(scores)), key=lambda k: -scores[k].sum())
     gains = [bootstrap.gain(scores[best], score, float(np.log(len(scores)))) for score in scores]

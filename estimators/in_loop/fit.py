@@ -84,14 +84,14 @@ def compute_likelihood(rollouts: Rollouts, errors: Array) -> Array:
     return np.asarray(-len(errors) * np.log(scale) - np.sum(relative + np.log1p(np.exp(-2 * relative)), axis=0))
 
 
-def densities(rollouts: Rollouts, error: Array) -> Array:
+def compute_log_densities(rollouts: Rollouts, error: Array) -> Array:
     """Return the log density (R,) of each error (R,) with their scale, without a constant [nat]."""
     scale = compute_error_scales(rollouts, error[:, None])[0]
     relative = np.pi / 2 * np.abs(error) / scale
     return np.asarray(-np.log(scale) - relative - np.log1p(np.exp(-2 * relative)))
 
 
-def scale_of(rollouts: Rollouts, error: Array) -> float:
+def compute_likelihood_scale(rollouts: Rollouts, error: Array) -> float:
     """Return the scale with the same likelihood as the errors (R,) [rad]; a smaller scale is likelier."""
     return float(np.exp(-compute_likelihood(rollouts, error[:, None])[0] / len(error)))
 
@@ -157,7 +157,7 @@ def linearise_errors(
         for end in ends
         for is_changed, value in zip(is_moved, end, strict=True)
     ]
-    errors = rollouts.position_errors([point, *nearby])
+    errors = rollouts.compute_position_errors([point, *nearby])
     below = errors[:, :1] if len(ends) == 1 else errors[:, count + 1 :]
     slopes = (errors[:, 1 : count + 1] - below) / steps  # zero by known parameters, which `Point.with_values` keeps
     scale = compute_error_scales(rollouts, errors[:, :1])[0]
@@ -258,7 +258,7 @@ def _bind_terms(point: Point) -> Point:
 
 def choose_likeliest_point(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
     """Return the likeliest of some points, and its log density without a constant [nat]."""
-    likelihoods = compute_likelihood(rollouts, rollouts.position_errors(points))
+    likelihoods = compute_likelihood(rollouts, rollouts.compute_position_errors(points))
     return points[int(np.argmax(likelihoods))], float(likelihoods.max())
 
 

@@ -45,5 +45,5 @@ def refit_state(trial: Trial, evaluator: ModelEvaluator) -> SearchState:
     start = Point.from_parameters(last.terms, np.asarray(last.theta))
     rows = evaluator.train.rollouts
     assert isinstance(rows, RolloutRows)
-    rows.begin_at(start)
+    rows.set_start(start)
     return SearchState(evaluator, first.terms, start.terms).refit(start.terms)

@@ -16,7 +16,7 @@ import numpy as np
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import BLOCK
 from estimators.findings import Finding, Kind, Quantity
-from estimators.in_loop.fit import densities
+from estimators.in_loop.fit import compute_log_densities
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.selection.score import Bootstrap
@@ -65,7 +65,7 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
         blocks, _, of_block = rows.rollouts.blocks(BLOCK)
         for added in dict.fromkeys([(), *added_effects]):
             terms = rows.with_nonlinear((*base_terms, *added)) if added else base_terms
-            density = densities(rows.rollouts, rows.near(terms).error)
+            density = compute_log_densities(rows.rollouts, rows.near(terms).error)
             readings.append(Reading(is_held, terms, np.bincount(blocks, density).astype(float)))
     bootstrap = Bootstrap(of_block, np.random.default_rng(0))
     best = max(readings, key=lambda r: r.density.sum())

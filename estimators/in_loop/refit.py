@@ -86,7 +86,7 @@ def refine_rows(evaluator: ModelEvaluator) -> tuple[RolloutRows, RolloutRows]:
 def refit_step(evaluator: ModelEvaluator, step: Step) -> Step:
     """Refit a step with shorter steps of the integrator, from its parameters."""
     start = Point.from_parameters(step.model.terms, np.asarray(step.model.theta))  # where nonlinear parameters follow
-    refine_rows(evaluator)[0].begin_at(start)
+    refine_rows(evaluator)[0].set_start(start)
     return fit_step(evaluator, step.added, start.terms)
 
 
@@ -126,10 +126,10 @@ def widen_errors(model: Model, rows: RolloutRows, profile: Profile | None = None
     near, rollouts = rows.near(model.terms), rows.rollouts
     by_nonlinear, nonlinear = rows.nonlinear_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_nonlinear])
-    delayed_errors = np.column_stack([delayed.position_errors([point])[:, 0] for delayed in rollouts.mistimed])
+    delayed_errors = np.column_stack([delayed.compute_position_errors([point])[:, 0] for delayed in rollouts.mistimed])
     weights = near.weights[:, None]
     changes = np.linalg.lstsq(
-        weights * slopes, -weights * (delayed_errors - rollouts.position_errors([point])), rcond=None
+        weights * slopes, -weights * (delayed_errors - rollouts.compute_position_errors([point])), rcond=None
     )[0]
     names = [*(column.name for column in model.columns), *nonlinear]
     indices = [list(model.estimates).index(name) for name in names]

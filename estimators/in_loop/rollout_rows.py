@@ -18,9 +18,9 @@ from estimators.in_loop.fit import (
     Linear,
     choose_likeliest_point,
     compute_likelihood,
+    compute_likelihood_scale,
     fit,
     linearise_errors,
-    scale_of,
 )
 from estimators.in_loop.profile import Profile, scan_profile
 from estimators.in_loop.rollouts import FINE, Rollouts
@@ -65,7 +65,7 @@ class RolloutRows:
             precision={"": self.rollouts.precision},
             blocks=self.rollouts.blocks,
             noise=lambda at, inertia: self.rollouts.noise,
-            structure=lambda at, residual, inertia: self.rollouts.structure(residual),
+            structure=lambda at, residual, inertia: self.rollouts.measure_structure(residual),
             errors=self.rollouts.measure_errors,
             predicts_torque=False,
             has_fast_fits=False,
@@ -109,14 +109,16 @@ class RolloutRows:
         if others not in self._linear or (others, last.id) not in self._least_errors:
             return False
         best = self._least_errors[others, last.id]
-        gain = len(self.rollouts.position) * np.log(scale_of(self.rollouts, self.near(others).error) / best)
+        gain = len(self.rollouts.position) * np.log(
+            compute_likelihood_scale(self.rollouts, self.near(others).error) / best
+        )
         return bool(gain < LOOP.hopeless)
 
     def _keep(self, terms: Key, found: Linear) -> None:
         """Store a fit by `terms`, and by its own terms, in which nonlinear parameters may follow linear ones."""
         self._linear[terms] = self._linear[found.point.terms] = found
 
-    def begin_at(self, point: Point, terms: Key | None = None) -> None:
+    def set_start(self, point: Point, terms: Key | None = None) -> None:
         """Set the start of the fit of some terms, by default those of the point."""
         self._starts[terms or point.terms] = point
 
@@ -172,7 +174,7 @@ class RolloutRows:
             term = set_values(variant, parameters, [link_values[p.name] for p in parameters])
             points[term, share] = Point.from_parameters((*point.terms, term), np.append(point.theta, share * inertia))
         tried, typical = [*points.values()], self.typical(next(iter(points.values())).terms)
-        likelihood = compute_likelihood(self.rollouts, self.rollouts.position_errors(tried))
+        likelihood = compute_likelihood(self.rollouts, self.rollouts.compute_position_errors(tried))
         starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
         for k in np.argsort(-likelihood):
             starts.setdefault(tried[k].terms[-1].nonlinear_values[name], tried[k])
@@ -182,7 +184,7 @@ class RolloutRows:
             return [fit(self.rollouts, start, typical, nonlinear=True, secants=LOOP.secants[:1]) for start in begun]
 
         def size(linear: Linear) -> float:
-            return scale_of(self.rollouts, linear.error)
+            return compute_likelihood_scale(self.rollouts, linear.error)
 
         first, *others = [*starts.values()][: LOOP.starts]
         found = min(fit_roughly(first), key=size)
@@ -249,7 +251,7 @@ class RolloutRows:
         ]
         if not similar:
             return []
-        likeliest = min(similar, key=lambda linear: scale_of(self.rollouts, linear.error))
+        likeliest = min(similar, key=lambda linear: compute_likelihood_scale(self.rollouts, linear.error))
         return [Point.from_parameters(terms, likeliest.point.theta)]
 
     def _first(self, terms: Key) -> list[Point]:
@@ -272,11 +274,11 @@ class RolloutRows:
 
     def residual(self, terms: Terms, theta: Array) -> Array:
         """Return the measured minus the simulated positions (R,) [rad]."""
-        return -self.rollouts.position_errors([Point(tuple(terms), theta)])[:, 0]
+        return -self.rollouts.compute_position_errors([Point(tuple(terms), theta)])[:, 0]
 
     def trial(self, terms: Terms) -> ScoredTerms:
         """Fit one set of terms; its error is the scale of its errors [rad]."""
-        return ScoredTerms(tuple(terms), scale_of(self.rollouts, self.near(terms).error))
+        return ScoredTerms(tuple(terms), compute_likelihood_scale(self.rollouts, self.near(terms).error))
 
     def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
         """Fit all continuous nonlinear parameters of a trial from their values."""
@@ -300,8 +302,8 @@ class RolloutRows:
             )
             step = balance.solve()
             theta = start + step
-            self.begin_at(Point.from_parameters((*linear.point.terms, variant), theta), (*terms, variant))
-            found.append(scale_of(self.rollouts, -balance.error(step)))
+            self.set_start(Point.from_parameters((*linear.point.terms, variant), theta), (*terms, variant))
+            found.append(compute_likelihood_scale(self.rollouts, -balance.error(step)))
         self._least_errors[key] = min([*found, self._least_errors.get(key, np.inf)])
         return found
 
@@ -326,8 +328,8 @@ class RolloutRows:
                 shifts = np.vstack([np.zeros(len(size)), shifts])
             slices.append((len(points), len(points) + len(shifts)))
             points += [Point((*point.terms, variant), np.r_[point.theta, shift]) for shift in shifts]
-        base = self.rollouts.position_errors(points[:1])
-        errors = np.column_stack([base, self.rollouts.position_errors(points[1:])])
+        base = self.rollouts.compute_position_errors(points[:1])
+        errors = np.column_stack([base, self.rollouts.compute_position_errors(points[1:])])
         found = []
         for variant, (first, last) in zip(variants, slices, strict=True):
             shifted, size = errors[:, first:last], self._typical_of(variant)

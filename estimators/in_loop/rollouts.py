@@ -196,7 +196,7 @@ class Rollouts:
         drives = tuple(delay_recording(r, 0.0, seconds) for r, seconds in zip(self.recordings, jitter, strict=True))
         return replace(self, recordings=goals), replace(self, recordings=drives)
 
-    def position_errors(self, points: Sequence[Point]) -> Array:
+    def compute_position_errors(self, points: Sequence[Point]) -> Array:
         """Return simulated minus measured positions (R, V) of V models whose terms are of equal classes [rad]."""
         terms = []
         for variants in zip(*(point.terms for point in points), strict=True):
@@ -251,7 +251,7 @@ class Rollouts:
         """Return the errors of a model with a residual (R,) [rad]."""
         return LoopErrors.extend(Errors(np.nan, np.nan), residual)
 
-    def structure(self, residual: Array) -> ResidualStructure:
+    def measure_structure(self, residual: Array) -> ResidualStructure:
         """Return the size of a residual (R,) [rad], the geometric mean of the RMS over recordings.
 
         Correlated neighbours are no sign of a missing effect: a servo that sticks elsewhere than its model is off for

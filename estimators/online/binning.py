@@ -209,11 +209,11 @@ class Bins:
                 if column.mass is zero and column.force is zero and column.dry is zero:
                     phi[..., j] = (next(link_columns) / self.scale)[:, None]
                 elif in_joint.any():
-                    value, by_torque = joint_bins._column(column, column.of_torque)
+                    value, by_torque = joint_bins._average_column(column, column.of_torque)
                     phi[in_joint, :, j], slope[in_joint, :, j] = value / scale, by_torque
                 j += 1
             for column in term.fixed if in_joint.any() else ():
-                value, by_torque = joint_bins._column(column, True)
+                value, by_torque = joint_bins._average_column(column, True)
                 y[in_joint] -= value / scale
                 y_slope[in_joint] -= by_torque
         return ModelRows(phi, y, slope, y_slope)
@@ -222,20 +222,20 @@ class Bins:
         """Evaluate the balance of each bin for one model: (R, P), and (R,)."""
         return self.evaluate_rows(terms).select((slice(None), 0))
 
-    def _column(self, column: Column, of_torque: bool) -> tuple[Array, Array | float]:
+    def _average_column(self, column: Column, of_torque: bool) -> tuple[Array, Array | float]:
         """Average a column over the bins (R, V), and differentiate it by the torque if it depends on it.
 
         V is 1 if the variants do not differ.
         """
         x = Samples(*self.series)
-        value = self._impulse(column, x)
+        value = self._average_impulse(column, x)
         if not of_torque:
             return value, 0.0
-        return value, (self._impulse(column, replace(x, torque=x.torque + PERTURBATION)) - value) / PERTURBATION
+        return value, (self._average_impulse(column, replace(x, torque=x.torque + PERTURBATION)) - value) / PERTURBATION
 
-    def _impulse(self, column: Column, x: Samples) -> Array:
+    def _average_impulse(self, column: Column, x: Samples) -> Array:
         """Average the impulse view of a column (`schemes.six`) over the bins (R, V)."""
-        average = _averaging_matrix(x.velocity.shape[-1])  # (n + 3, n)
+        average = _make_averaging_matrix(x.velocity.shape[-1])  # (n + 3, n)
         total: Array | float = 0.0
         if column.mass is not zero:
             mass = np.broadcast_to(column.mass(x), x.velocity.shape) if column.mass is one else column.mass(x)
@@ -250,7 +250,7 @@ class Bins:
 
 
 @functools.cache
-def _averaging_matrix(length: int) -> Array:
+def _make_averaging_matrix(length: int) -> Array:
     """Return the matrix that averages over the sample before each instant, of fourth order (n + 3, n)."""
     mean = np.array([-1.0, 13.0, 13.0, -1.0]) / 24
     return np.column_stack([np.r_[np.zeros(k), mean, np.zeros(length - 4 - k)] for k in range(length - MARGIN)])

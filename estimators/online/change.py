@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from estimators.regression.recursive import PRIOR
-from estimators.selection.score import log_student
+from estimators.selection.score import compute_log_student
 from pendulum_env._typing import Array, Index
 
 
@@ -136,4 +136,4 @@ def _solve_least_squares(phi: Array, y: Array) -> tuple[Array, Array]:
 
 def _log_densities(error: Array, reference: Array) -> Array:
     """Return log densities of errors under Student's t with the scale of reference errors."""
-    return log_student(error**2, max(float(np.mean(reference**2)), 1e-12))
+    return compute_log_student(error**2, max(float(np.mean(reference**2)), 1e-12))

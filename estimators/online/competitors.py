@@ -37,7 +37,7 @@ from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE, Equations
 from estimators.regression.recursive import PRIOR, compute_history
-from estimators.selection.score import log_student, weigh_squares
+from estimators.selection.score import compute_log_student, weigh_squares
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Term
 
@@ -132,7 +132,7 @@ class CompetingModels:
         self._fit(bins)
         self.weight[self._forgets] = ONLINE.min_memory_weight
 
-    def _effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
+    def _evaluate_effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
         """Evaluate the columns that a family adds to the running model, padded to K columns."""
         models = self.models[family]
         rows = bins.evaluate_rows(self._stacked[family], models.stop - models.start)
@@ -151,7 +151,7 @@ class CompetingModels:
         self.information, self.moment = np.zeros((count, width, width)), np.zeros((count, width))
         self.square, self.weight = np.zeros((2, count))
         for family, models in enumerate(self.models):
-            family_rows = self._effect_rows(family, bins, base)
+            family_rows = self._evaluate_effect_rows(family, bins, base)
             residual, delta = np.repeat(self.residual[:, None], family_rows.y.shape[1], axis=1), self.moment[models]
             for _ in range(ONLINE.n_tangents if family_rows.slope.any() else 1):
                 columns, y = family_rows.linearise(delta, residual)
@@ -165,7 +165,7 @@ class CompetingModels:
                 self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining)
                 self.information[models] += prior[..., None] * np.eye(width)
                 self.moment[models] = np.einsum("rvk,rv->vk", remaining, error)
-                theta = self.theta_of(models)
+                theta = self.compute_theta(models)
                 residual, _ = _predict(theta, base, family_rows)
                 delta = theta[:, parameters:]
             squares = residual**2  # (R, V)
@@ -179,7 +179,7 @@ class CompetingModels:
         for recursion in self._recursions:
             recursion.root = root[None, None]
 
-    def theta_of(self, models: slice = slice(None)) -> Array:
+    def compute_theta(self, models: slice = slice(None)) -> Array:
         """Compute the parameters of the running model and of the effect for some models (V, P + K)."""
         return self._solve(models)[0]
 
@@ -192,7 +192,7 @@ class CompetingModels:
 
     def leaders(self) -> list[tuple[tuple[Term, ...], Array]]:
         """Return the variant of each family that predicted best, and its parameters; those of memories are left out."""
-        theta = self.theta_of()
+        theta = self.compute_theta()
         pairs = zip(self.families[: self._n_named], self.models[: self._n_named], strict=True)
         families = ((variants, models, int(np.argmax(self.weight[models]))) for variants, models in pairs)
         return [(variants[k : k + 1], theta[models][k]) for variants, models, k in families]
@@ -209,7 +209,7 @@ class CompetingModels:
             Log density of each bin under each family (R, F); and errors of the running model (R,) [N m].
         """
         base = bins.evaluate_running(self.terms)
-        family_rows = [self._effect_rows(family, bins, base) for family in range(len(self.families))]
+        family_rows = [self._evaluate_effect_rows(family, bins, base) for family in range(len(self.families))]
         rows = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*family_rows, strict=True)))
         pairs = zip(zip(*base, strict=True), zip(*rows, strict=True), strict=True)
         densities, errors = zip(*(self._take(ModelRows(*one), ModelRows(*other)) for one, other in pairs), strict=True)
@@ -218,7 +218,7 @@ class CompetingModels:
     def _take(self, base: ModelRows, rows: ModelRows) -> tuple[Array, float]:
         """Predict one bin with all models, then update them.
 
-        `base` is the row of the running model (P,), `rows` those of the effects (V, K), see `_effect_rows`.
+        `base` is the row of the running model (P,), `rows` those of the effects (V, K), see `_evaluate_effect_rows`.
 
         Returns:
             The log density under each family (F,), and the error of the running model.
@@ -239,7 +239,7 @@ class CompetingModels:
         # predicted variance of the error, relative to the squared scale
         of_effect = np.linalg.solve(information, remaining[..., None])[..., 0]
         variance_ratio = variance + np.einsum("vk,vk->v", remaining, of_effect)
-        density = log_student(residual**2, self.square * variance_ratio)
+        density = compute_log_student(residual**2, self.square * variance_ratio)
         # a law that passes almost none of the torque has small errors for that reason alone
         density = np.where(error_slope < LEAST_SLOPE, np.minimum(density, density[0]), density)
         densities = self._mix(density)

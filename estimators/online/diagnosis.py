@@ -210,7 +210,7 @@ class EffectMonitor:
         self._begin()
         self._recent: deque[Bin] = deque(maxlen=2 * self._comparison.n_fit)
         if self._given is not None:
-            self._change = self._change_from(self._given, CHANGE.comparison_time)
+            self._change = self._make_change(self._given, CHANGE.comparison_time)
 
     def _begin(self, kept: Sequence[Bin] = ()) -> None:
         """Begin a comparison of models with kept bins; the comparison with given parameters ends."""
@@ -224,7 +224,7 @@ class EffectMonitor:
         library = {id: effect for id, effect in self._library.items() if id not in self._added}
         return ModelComparison(self.terms, library, self._plant, kept, reference)
 
-    def _change_from(self, before: Fit, seconds: float, since: float | None = None) -> ParameterChange:
+    def _make_change(self, before: Fit, seconds: float, since: float | None = None) -> ParameterChange:
         """Create the change from former parameters; it is reported after a time of motion [s]."""
         names = [column.name for term in self.terms for column in term.columns]
         return ParameterChange(names, before, self._plant.count_bins(seconds), since)
@@ -328,10 +328,13 @@ class EffectMonitor:
         for bin_ in bins_since:
             comparison.take(bin_)
         blocks = len(comparison.blocks)
-        if comparison.best_density(blocks) < self._comparison.best_density(blocks) + self._blank.threshold:
+        if (
+            comparison.compute_best_density(blocks)
+            < self._comparison.compute_best_density(blocks) + self._blank.threshold
+        ):
             return False
         before = fit_rows(*self._comparison.linearise_rows(recent[:change]), self._block)
-        self._change = self._change_from(before, CHANGE.report_time, recent[change].time)
+        self._change = self._make_change(before, CHANGE.report_time, recent[change].time)
         self._comparison = comparison
         self._recent = deque(bins_since, maxlen=self._recent.maxlen)
         return True

@@ -123,7 +123,7 @@ class OnlineEstimator:
             if self._stream.joints != ("",):
                 raise ValueError(f"{joint.id} is a scheme of one joint: use the six schemes for an arm")
             self._joint = JointFilters(terms, 1.0 / rate, batch, noise, forgetting)
-        self._estimates = self._initial_estimates()
+        self._estimates = self._make_initial_estimates()
 
     @property
     def delay(self) -> int:
@@ -141,7 +141,7 @@ class OnlineEstimator:
             if part is not None:
                 part.reset(mask)
         if mask.all():
-            self._estimates = self._initial_estimates()
+            self._estimates = self._make_initial_estimates()
 
     def take(self, time: Array, position: Array, torque: Array) -> Estimates:
         """Add a sample of every pendulum, or of an arm, and return the estimates.
@@ -171,7 +171,7 @@ class OnlineEstimator:
                 self._estimates = self._joint.insert_estimates(self._estimates)
         return self._estimates
 
-    def after_reset(self, before: Estimates, is_reset: Mask, last_time: Array) -> Estimates:
+    def restart_estimates(self, before: Estimates, is_reset: Mask, last_time: Array) -> Estimates:
         """Return current estimates for the sample of earlier ones, after a reset of pendulums (B,).
 
         For these pendulums, the index is -1, no equation is used, and the time is relative to `last_time` (B,) [s].
@@ -206,13 +206,13 @@ class OnlineEstimator:
                 self.take(*sample)
         return self._estimates
 
-    def _initial_estimates(self) -> Estimates:
+    def _make_initial_estimates(self) -> Estimates:
         """Return the estimates before the first sample."""
         return self._make_estimates(np.full(self.batch, -1), np.zeros(self.batch), self._squares.count > 0, None)
 
     def _make_estimates(self, index: Index, time: Array, usable: Mask, regressor: Array | None) -> Estimates:
         """Collect the current theta and errors of the recursions with the index, time and regressor of their sample."""
-        squares, compute_P = self._squares, self._squares.unit_covariance()
+        squares, compute_P = self._squares, self._squares.make_covariance_function()
         compute_covariances = self._clusters.make_covariance(squares, compute_P)
         values = index, time, squares.theta, squares.error, usable, regressor, compute_covariances
         if self._noise_bias is None:

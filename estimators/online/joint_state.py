@@ -149,7 +149,7 @@ class _Filter:
         self._program: PreparedStep | None = None
         size = 2 + len(theta)
         points = MerweScaledSigmaPoints(size, alpha=1.0, beta=0.0, kappa=0.0)  # equal weights, none for the mean
-        self._ukf = UnscentedKalmanFilter(size, 1, period, _measure, self._forward, points)
+        self._ukf = UnscentedKalmanFilter(size, 1, period, _measure, self._simulate_period, points)
         self._ukf.x, self._ukf.P = np.r_[0.0, 0.0, theta], np.zeros((size, size))
         self._ukf.P[2:, 2:] = P
         self._ukf.R[:] = position_noise**2
@@ -204,15 +204,15 @@ class _Filter:
     def _predict(self, time: float) -> None:
         """Predict the state one period after `time`; states of terms follow the mean."""
         ukf = self._ukf
-        ukf.Q = self._process_noise()
+        ukf.Q = self._compute_process_noise()
         self._program = self._program or prepare_step(self._terms)
         mean, samples = ukf.x, list[Samples]()
         ukf.predict(time=time)
         if any(term.has_memory for term in self._terms):
-            self._forward(mean, self._period, time, samples.append)
+            self._simulate_period(mean, self._period, time, samples.append)
             self._memory = samples[-1].memory
 
-    def _process_noise(self) -> Array:
+    def _compute_process_noise(self) -> Array:
         """Compute the process noise of one period (S, S), of position, velocity and parameters.
 
         White torque noise drives position and velocity. `exp(log_variance)` is the variance of its mean over a period
@@ -227,7 +227,7 @@ class _Filter:
         noise[:2, :2] = velocity_variance * np.array([[period**2 / 3, period / 2], [period / 2, 1.0]])
         return noise
 
-    def _forward(
+    def _simulate_period(
         self, state: Array, period: float, time: float, observe: Callable[[Samples], None] | None = None
     ) -> Array:
         """Simulate one sigma point over a period that begins at `time`."""

@@ -155,7 +155,7 @@ class ModelComparison:
             blocks[len(blocks) % self._stretch_blocks :].reshape(-1, self._stretch_blocks, blocks.shape[1]).sum(axis=1)
         )
 
-    def best_density(self, blocks: int) -> float:
+    def compute_best_density(self, blocks: int) -> float:
         """Return the log density of a number of latest blocks under the best model without forgetting [nat]."""
         return float(np.array(self.blocks)[-blocks:, :-1].sum(axis=0).max())
 
@@ -197,7 +197,7 @@ class ModelComparison:
         Variants with the fewest columns are kept. Parameters that follow one of the model take its value in `base`.
         """
         names = [column.name for term in self.terms for column in term.columns]
-        known = dict(zip(names, base.theta_of()[0].tolist(), strict=False))
+        known = dict(zip(names, base.compute_theta()[0].tolist(), strict=False))
         for id, effect in self._library.items():
             if self._is_idle(effect):
                 continue

@@ -65,11 +65,11 @@ class SquareRootLeastSquares:
     @property
     def P(self) -> Array:
         """Return the covariance for unit noise (B, S, P, P)."""
-        return _square(self.root)
+        return _multiply_by_transpose(self.root)
 
-    def unit_covariance(self) -> Callable[[], Array]:
+    def make_covariance_function(self) -> Callable[[], Array]:
         """Return a function that computes the current P, also later."""
-        return functools.partial(_square, self.root)
+        return functools.partial(_multiply_by_transpose, self.root)
 
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
         """Update with one equation y = phi' theta each: phi (B, S, P), y (B, S); unusable ones change nothing."""
@@ -146,7 +146,7 @@ def _fade_information(root: Any, direction: Any, share: float) -> Any:
     return root - np.outer(root @ f, f / (total + np.sqrt(total)))
 
 
-def _square(root: Array) -> Array:
+def _multiply_by_transpose(root: Array) -> Array:
     """Return P = S S' of its factor S (..., P, P)."""
     return root @ np.swapaxes(root, -1, -2)
 
@@ -184,7 +184,7 @@ class KalmanLeastSquares:
         self.error, self.squares, self.count = np.where(which[:, None], 0.0, [self.error, self.squares, self.count])
         self.P = np.where(which[:, None, None, None], self.prior * np.eye(self.P.shape[-1]), self.P)
 
-    def unit_covariance(self) -> Callable[[], Array]:
+    def make_covariance_function(self) -> Callable[[], Array]:
         """Return a function that returns the current P, also later."""
         return functools.partial(np.asarray, self.P)
 

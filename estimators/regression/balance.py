@@ -15,12 +15,12 @@ from estimators.regression.least_squares import (
     Fit,
     compute_condition,
     compute_jackknife,
+    reduce_to_triangle,
     solve_gram,
     solve_least_squares,
     solve_within_bounds,
     sum_without_each,
-    triangle_of,
-    widen,
+    widen_covariance,
 )
 from pendulum_env._typing import Array, Index, Mask
 
@@ -263,7 +263,7 @@ class Balance:
         with_error = np.flatnonzero(np.append(free, np.ones(nonlinear.shape[1], dtype=bool)))
         covariance = np.zeros((len(theta) + nonlinear.shape[1],) * 2)
         variances, freedom_of_free = compute_jackknife(weighted, error * self.weights, clusters)
-        covariance[np.ix_(with_error, with_error)] = widen(variances, freedom_of_free)
+        covariance[np.ix_(with_error, with_error)] = widen_covariance(variances, freedom_of_free)
         freedom = np.zeros(len(theta))
         freedom[free] = freedom_of_free[: linear.shape[1]]
         return Fit(theta, covariance, error, condition, freedom)
@@ -356,7 +356,7 @@ def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) ->
         slopes: derivatives of their predicted torque by the parameters (L, P), divided by the torque share.
         target: their left-hand sides: `slopes` times the parameters plus the error (L,) [N m].
     """
-    triangle = triangle_of(slopes * balance.weights[is_linear, None], target * balance.weights[is_linear])
+    triangle = reduce_to_triangle(slopes * balance.weights[is_linear, None], target * balance.weights[is_linear])
     others, ones = balance[~is_linear], np.ones(len(triangle))
     zeros = np.zeros((len(triangle), balance.phi.shape[1]))
     added = {"phi": triangle[:, :-1], "y": triangle[:, -1], "by_torque": zeros, "weights": ones, "torque_share": ones}

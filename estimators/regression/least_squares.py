@@ -95,7 +95,7 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
     residual = equations.y - equations.phi @ theta
     full = phi if jacobian is None else np.column_stack([phi, jacobian * weights[:, None]])
     covariance, freedom = compute_jackknife(full, residual * weights, clusters)
-    return Fit(theta, widen(covariance, freedom), residual, compute_condition(phi), freedom[: len(theta)])
+    return Fit(theta, widen_covariance(covariance, freedom), residual, compute_condition(phi), freedom[: len(theta)])
 
 
 def compute_condition(phi: Array) -> float:
@@ -120,11 +120,11 @@ def is_converged(residual: Array, change: Array) -> bool:
 
 
 def compute_robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
-    """Return the widened covariance (P, P) of least squares, see `compute_jackknife` and `widen`."""
-    return widen(*compute_jackknife(phi, residual, clusters))
+    """Return the widened covariance (P, P) of least squares, see `compute_jackknife` and `widen_covariance`."""
+    return widen_covariance(*compute_jackknife(phi, residual, clusters))
 
 
-def widen(covariance: Array, freedom: Array) -> Array:
+def widen_covariance(covariance: Array, freedom: Array) -> Array:
     """Widen a covariance (P, P) with degrees of freedom (P,) until 1.96 standard errors cover 95 %.
 
     Standard errors from few clusters scatter as Student's t.
@@ -134,7 +134,7 @@ def widen(covariance: Array, freedom: Array) -> Array:
 
 
 def compute_widening(freedom: Array) -> Array:
-    """Return the factor on standard errors with some degrees of freedom, see `widen`."""
+    """Return the factor on standard errors with some degrees of freedom, see `widen_covariance`."""
     return np.asarray(scipy.special.stdtrit(np.maximum(freedom, 2.0), 0.975) / scipy.special.ndtri(0.975))
 
 
@@ -271,7 +271,7 @@ def compute_joint_rms(values: Array, joint: Index) -> Array:
     return np.sqrt(np.maximum(np.bincount(joint, values**2) / np.maximum(np.bincount(joint), 1), 1e-24))
 
 
-def give(equations: Equations, columns: Sequence[int], theta: Array) -> Equations:
+def subtract_known_columns(equations: Equations, columns: Sequence[int], theta: Array) -> Equations:
     """Move columns with known parameters theta (G,) from phi (R, P) to y."""
     known = list(columns)
     return Equations(np.delete(equations.phi, known, axis=1), equations.y - equations.phi[:, known] @ theta)
@@ -314,7 +314,7 @@ def solve_least_squares(phi: Array, y: Array) -> Array:
     return np.asarray(np.linalg.lstsq(phi, y, rcond=1e-10)[0] / scale)
 
 
-def triangle_of(phi: Array, y: Array) -> Array:
+def reduce_to_triangle(phi: Array, y: Array) -> Array:
     """Return at most P + 1 equations [phi, y] with the same squared error as R with columns (R, P) and y (R,)."""
     scale = np.linalg.norm(phi, axis=0)
     used = np.flatnonzero(scale)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.regression.least_squares import Equations, give, weigh_joints, weigh_recordings
+from estimators.regression.least_squares import Equations, subtract_known_columns, weigh_joints, weigh_recordings
 from estimators.schemes import six
 from estimators.schemes.six import Regression, Regressor, Scheme, average_over_samples, compute_increments
 from estimators.signals.measurements import Measurements, add_states, measure_joints
@@ -227,7 +227,7 @@ def stack(
     elif len(segments) > 1:
         columns = [column for term in terms for column in term.columns]
         known_values = {j: column.least for j, column in enumerate(columns) if column.is_known}
-        unknown_part = give(equations, list(known_values), np.array(list(known_values.values())))
+        unknown_part = subtract_known_columns(equations, list(known_values), np.array(list(known_values.values())))
         theta = np.linalg.lstsq(unknown_part.phi[usable], unknown_part.y[usable], rcond=None)[0]
         residual = (unknown_part.y - unknown_part.phi @ theta) * usable
         squares = np.asarray(np.bincount(recording, residual**2), dtype=float)

@@ -15,8 +15,8 @@ from estimators.regression.least_squares import (
     Fit,
     IdentificationError,
     compute_joint_rms,
-    give,
     solve,
+    subtract_known_columns,
 )
 from estimators.regression.recursive import choose_indices, compute_history
 from estimators.schemes.balance import Segments, Stack, find_momentum_columns, make_regressions, stack
@@ -180,7 +180,7 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
         given: Mapping[int, Estimate] = borrowed | known
         free = [j for j in range(len(columns)) if j not in given]
         given_values = np.array([estimate.value for estimate in given.values()])
-        equations = give(data.equations, list(given), given_values)
+        equations = subtract_known_columns(data.equations, list(given), given_values)
         # borrowed values come from the same data: their uncertainty widens that of the others
         jacobian = data.equations.phi[usable][:, list(borrowed)] if borrowed else None
         fit = solve(Equations(equations.phi[usable], equations.y[usable]), data.weights[usable], clusters, jacobian)

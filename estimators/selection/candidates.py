@@ -10,7 +10,7 @@ from estimators.data.variants import rank_variants, refine_variants, try_variant
 from estimators.search_hints import find_hints, is_possible
 from estimators.selection.errors import Gate, Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.weak_form.nonlinear import list_continuous_parameters, release, set_values
+from estimators.weak_form.nonlinear import list_continuous_parameters, list_released_variants, set_values
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
 
 SAME = 1e-6  # relative difference of equal torques by rounding
@@ -43,7 +43,7 @@ def screen_library(evaluator: ModelEvaluator, terms: Terms, excluded: Collection
         if (trial := screen_effect(evaluator, terms, effect)) is None:
             found[effect.id] = Screened(None, (Gate("variants", 0, 1, False),))
         else:
-            violations = tuple(evaluator.violations(trial.terms))
+            violations = tuple(evaluator.find_violations(trial.terms))
             found[effect.id] = Screened(None if violations else trial.terms, violations)
     return found
 
@@ -123,7 +123,7 @@ def find_undetermined_parameter(evaluator: ModelEvaluator, step: Step) -> str | 
     return None
 
 
-def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
+def can_reproduce(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
     """Return whether `larger`, with more parameters, can reproduce any torque of `term` at the same joint."""
     if larger.at != term.at or count_term_parameters(larger) <= count_term_parameters(term) or not term.columns:
         return False
@@ -132,7 +132,7 @@ def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
     return bool(np.linalg.norm(remaining) < SAME * np.linalg.norm(part.linear))
 
 
-def parts_of(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
+def list_simpler_parts(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
     """Return the simpler effects of the library that an effect contains, as a spring an offset.
 
     They have no nonlinear parameters. In rows of simulated motion, they include the laws that the effect becomes where
@@ -143,7 +143,7 @@ def parts_of(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
     if len(effect.columns) < 2:
         return []
     simple = [kind() for kind in evaluator.library.values() if kind.at == effect.at and not kind.nonlinear_parameters]
-    return [term for term in simple if contains(evaluator, effect, term)]
+    return [term for term in simple if can_reproduce(evaluator, effect, term)]
 
 
 def _list_reductions(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
@@ -158,9 +158,9 @@ def _list_reductions(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
 
 
 def needs_all_parts(evaluator: ModelEvaluator, terms: Terms) -> bool:
-    """Return whether the last of some terms is supported over each of its parts in its place; see `parts_of`."""
+    """Return whether the last of some terms is supported over each of its `list_simpler_parts` in its place."""
     *others, effect = terms
-    return all(evaluator.is_supported(terms, (*others, part)) for part in parts_of(evaluator, effect))
+    return all(evaluator.is_supported(terms, (*others, part)) for part in list_simpler_parts(evaluator, effect))
 
 
 def release_parameters(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
@@ -171,7 +171,7 @@ def release_parameters(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
     found = []
     for old in terms[len(evaluator.base) :]:
         others = tuple(term for term in terms if term is not old)
-        for variants in release(old):
+        for variants in list_released_variants(old):
             if len(variants) > 1:  # of an integer
                 variants = [variant for variant in variants if is_possible(variant, evaluator.train.motions[old.at])]
                 is_tried = variants and evaluator.train.layout.has_fast_fits
@@ -216,6 +216,6 @@ def screen_replacements(evaluator: ModelEvaluator, terms: Terms, term: Term) -> 
 def release_significant(evaluator: ModelEvaluator, terms: Terms) -> Terms:
     """Return the terms with nonlinear parameters released, one by one, while the gain is significant and possible."""
     for looser in sorted(release_parameters(evaluator, terms), key=evaluator.screening_score):
-        if evaluator.is_significant(looser, terms) and not evaluator.violations(looser):
+        if evaluator.is_significant(looser, terms) and not evaluator.find_violations(looser):
             return release_significant(evaluator, looser)
     return terms

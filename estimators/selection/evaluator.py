@@ -26,7 +26,7 @@ from estimators.selection.score import (
     Gain,
     compute_motion_gain,
     compute_motion_noise,
-    cross_validated,
+    cross_validate_density,
     errs_by_more_than_noise,
     make_blocks,
     predict_density,
@@ -122,7 +122,7 @@ class ModelEvaluator:
         if train is not None and holdout is not None:
             fitted = replace(train, weights=self.train.equations(terms).weights)
             recorded = np.concatenate(
-                [cross_validated(fitted, first), predict_density(fitted.solve(), holdout, second)]
+                [cross_validate_density(fitted, first), predict_density(fitted.solve(), holdout, second)]
             )
             for lag in (term for term in terms if term.lead):
                 without = tuple(other for other in terms if other is not lag)
@@ -139,7 +139,7 @@ class ModelEvaluator:
         time constant is added at its joint.
         """
         first, second = self._blocks
-        absorbed = [part.absorbed_noise(terms) for part in self.parts]
+        absorbed = [part.compute_absorbed_noise(terms) for part in self.parts]
         if without is not None:
             inertia = self.residuals.inertia[without.at or self.residuals.joints[0]]
             for of_part, part in zip(absorbed, self.parts, strict=True):
@@ -149,7 +149,7 @@ class ModelEvaluator:
         train_rows, holdout_rows = (part.equations(terms, by_noise=True) for part in self.parts)
         return np.concatenate(
             [
-                cross_validated(train_rows, first, absorbed[0], fits.without),
+                cross_validate_density(train_rows, first, absorbed[0], fits.without),
                 predict_density(fits.theta, holdout_rows, second, absorbed[1]),
             ]
         )
@@ -165,7 +165,11 @@ class ModelEvaluator:
         parts = []
         for part, pieces in zip(self.parts, self._blocks_with_short_folds, strict=True):
             terms_on_grid = set_grid(part, terms)
-            parts.append(cross_validated(part.equations(terms_on_grid), pieces, part.absorbed_noise(terms_on_grid)))
+            parts.append(
+                cross_validate_density(
+                    part.equations(terms_on_grid), pieces, part.compute_absorbed_noise(terms_on_grid)
+                )
+            )
         return np.concatenate(parts)
 
     def screening_score(self, terms: Terms) -> float:
@@ -200,10 +204,10 @@ class ModelEvaluator:
         return Bootstrap(self.bootstrap.of_block[self.held_out], np.random.default_rng(0))
 
     def penalty(self, after: Terms, before: Terms) -> float:
-        """Return the multiple-comparison penalty [nat]: ln(effects in the library times `n_variants`)."""
-        return float(np.log(max(1, len(self.library) * self.n_variants(after, before))))
+        """Return the multiple-comparison penalty [nat]: ln(effects in the library times `count_compared_variants`)."""
+        return float(np.log(max(1, len(self.library) * self.count_compared_variants(after, before))))
 
-    def n_variants(self, after: Terms, before: Terms) -> int:
+    def count_compared_variants(self, after: Terms, before: Terms) -> int:
         """Return the number of tried variants of the terms that only `after` has, plus values of its freed integers.
 
         It is at least one.
@@ -234,7 +238,7 @@ class ModelEvaluator:
         if by_torque.p_value <= self.criterion.p_value or not self._is_seen_at_rest(after, before):
             return by_torque
         compared = sum(is_dry(kind()) for kind in self.library.values())
-        penalty = float(np.log(max(1, compared * self.n_variants(after, before))))
+        penalty = float(np.log(max(1, compared * self.count_compared_variants(after, before))))
         by_motion = self.gain_in_motion(after, before, penalty)[0]
         return by_motion if by_motion.p_value <= self.criterion.p_value else by_torque
 
@@ -265,12 +269,12 @@ class ModelEvaluator:
         return bool(np.mean(output_error.compute_segment_rms(segments, point) ** 2 / noise) > criterion.misfit**2)
 
     def is_supported(self, after: Terms, before: Terms) -> bool:
-        """Return whether the larger model `after` passes all `gates` beside `before`."""
-        return all(gate.passed for gate in self.gates(after, before))
+        """Return whether the larger model `after` passes all gates beside `before`."""
+        return all(gate.passed for gate in self.make_gates(after, before))
 
     def is_needed(self, after: Terms, before: Terms) -> bool:
-        """Return whether `after` passes all `gates` with an explained share above `criterion.needed_share`."""
-        return all(gate.passed for gate in self.gates(after, before, self.criterion.needed_share))
+        """Return whether `after` passes all gates with an explained share above `criterion.needed_share`."""
+        return all(gate.passed for gate in self.make_gates(after, before, self.criterion.needed_share))
 
     def is_tied(self, one: Terms, other: Terms) -> bool:
         """Return whether the first of two models has a probability above `criterion.tie_probability`."""
@@ -278,7 +282,7 @@ class ModelEvaluator:
         probability = bootstrap.probabilities([self.density(terms)[blocks] for terms in (one, other)])[0]
         return bool(probability > self.criterion.tie_probability)
 
-    def gates(self, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
+    def make_gates(self, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
         """Return the gates of a larger model up to the first failure: gain with p-value, share, parameters.
 
         The gain is that of `evidence`.
@@ -286,14 +290,18 @@ class ModelEvaluator:
         explains only other values of them. `least_share` is the limit of the explained share of torque or
         motion, by default `criterion.explained_share`.
         """
-        gain, penalty, criterion = self.evidence(after, before), self.penalty(after, before), self.criterion
+        gain, penalty, criterion = (
+            self.evidence(after, before),
+            self.penalty(after, before),
+            self.criterion,
+        )
         least_share = criterion.explained_share if least_share is None else least_share
         std = gain.error if np.isfinite(gain.error) else None
         gates = [
             Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std),
             Gate("p_value", gain.p_value, criterion.p_value, gain.p_value <= criterion.p_value),
         ]
-        if gates[-1].passed and (freed := self.without_known(before)) != before:
+        if gates[-1].passed and (freed := self.release_known(before)) != before:
             chance = self.evidence(after, freed).p_value
             gates.append(Gate("known_parameters", chance, criterion.p_value, chance <= criterion.p_value))
         if gates[-1].passed:
@@ -301,10 +309,10 @@ class ModelEvaluator:
             gates.append(Gate("explained_share", share, least_share, share > least_share))
         if not gates[-1].passed:
             return gates
-        return [*gates, *self.coefficient_gates(after, before), *self.base_gates(after, before)]
+        return [*gates, *self.make_coefficient_gates(after, before), *self.make_base_gates(after, before)]
 
     @memoized
-    def coefficient_gates(self, after: Terms, before: Terms) -> list[Gate]:
+    def make_coefficient_gates(self, after: Terms, before: Terms) -> list[Gate]:
         """Return the gate of the coefficients of added effects, see `make_coefficient_gate`.
 
         What only free motion shows has none, nor has a model with a link, whose states may be unknown yet.
@@ -347,7 +355,7 @@ class ModelEvaluator:
         parts = self.train.segments, self.holdout.segments
         return compute_motion_gain(parts, new, old, penalty)
 
-    def without_known(self, terms: Terms) -> Terms:
+    def release_known(self, terms: Terms) -> Terms:
         """Return the terms with known parameters free; unchanged for free swings, whose inertia has to be known."""
         freed = tuple(map(release_term, terms))
         is_scaled = freed != terms and any(recording.known_inertia for recording in self.train.recordings)
@@ -412,7 +420,7 @@ class ModelEvaluator:
         step = self.make_step(added, output_error.make_model(self.train.segments, point))
         return self._in_motion.setdefault(step.model.terms, step)
 
-    def violations(self, terms: Terms) -> list[Gate]:
+    def find_violations(self, terms: Terms) -> list[Gate]:
         """Return a failed gate for each physical bound that a fit of the terms violates at joints of its effects."""
         joints = {joint for term in terms[len(self.base) :] for joint in list_loads(term.at)}
         return find_violations(
@@ -421,9 +429,9 @@ class ModelEvaluator:
 
     def is_confirmed(self, after: Step, before: Step) -> bool:
         """Return whether held-out errors of `after` are below those of `before` and its parameters are possible."""
-        return all(gate.passed for gate in self.confirmation_gates(after, before))
+        return all(gate.passed for gate in self.make_confirmation_gates(after, before))
 
-    def confirmation_gates(self, after: Step, before: Step) -> list[Gate]:
+    def make_confirmation_gates(self, after: Step, before: Step) -> list[Gate]:
         """Return the gates of physical bounds and held-out errors; see `make_confirmation_gates`.
 
         Windows neither confirm nor refute what only free motion shows: torque errors may rise by the margin of chance.
@@ -435,9 +443,9 @@ class ModelEvaluator:
 
     def keeps_base(self, after: Terms, before: Terms) -> bool:
         """Return whether a larger model keeps the base parameters of a smaller one; see `make_base_gates`."""
-        return all(gate.passed for gate in self.base_gates(after, before))
+        return all(gate.passed for gate in self.make_base_gates(after, before))
 
-    def base_gates(self, after: Terms, before: Terms) -> list[Gate]:
+    def make_base_gates(self, after: Terms, before: Terms) -> list[Gate]:
         """Return the gates of the base parameters of a larger model, see `make_base_gates`."""
         least = self.criterion.kept_inertia
         return make_base_gates(self._exact_model(after), self._exact_model(before), self.train.motions, least)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from estimators.selection.candidates import (
     find_best_variant,
-    parts_of,
+    list_simpler_parts,
     refine_parameters,
     refit_nonlinear,
     release_parameters,
@@ -18,7 +18,7 @@ from estimators.selection.dry_friction import screen_dry_friction
 from estimators.selection.errors import Terms, compute_held_out_cost
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import multiple_shooting
-from estimators.weak_form.nonlinear import reset
+from estimators.weak_form.nonlinear import list_reset_variants
 from pendulum_env.physics import Table, Term, has_link, has_stop, list_ids
 from pendulum_env.physics.terms import count_parameters, list_forms
 
@@ -125,7 +125,7 @@ def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
     for first in (model for model in firsts if not has_link(model)):
         elsewhere = [id for id, effect in evaluator.library.items() if effect.at != first[-1].at]
         for pair in [model for model in screen_effects(evaluator, first, elsewhere) if not has_link(model)][:1]:
-            singles = [evaluator.without_known(single) for single in (first, (*terms, pair[-1]))]
+            singles = [evaluator.release_known(single) for single in (first, (*terms, pair[-1]))]
             if (
                 evaluator.is_supported(pair, terms)
                 and evaluator.keeps_base(pair, state.start)
@@ -201,13 +201,13 @@ def drop_effect(state: SearchState) -> SearchState | None:
     """Replace the terms by the best smaller model over which they are not supported; None if they always are.
 
     A smaller model lacks an effect, has a released nonlinear parameter at its default, or has a simpler part of an
-    effect (`parts_of`).
+    effect (`list_simpler_parts`).
     """
     terms = state.terms
     tighter = [
         refine_parameters(state.evaluator, tuple(variant if term is effect else term for term in terms), variant.id)
         for effect in state.effects
-        for variant in (*reset(effect), *parts_of(state.evaluator, effect))
+        for variant in (*list_reset_variants(effect), *list_simpler_parts(state.evaluator, effect))
     ]
     smaller = sort_by_score(state, [*(remove_term(terms, effect) for effect in state.effects), *tighter])
     unneeded = (model for model in smaller if not state.evaluator.is_supported(terms, model))

@@ -43,7 +43,7 @@ def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
     )
     found = [
         Gate(column.name, value, column.clamp(value), False, model.units().unit(column.unit))
-        for column, value in bound_violations(at_joints.terms, at_joints.theta)
+        for column, value in find_bound_violations(at_joints.terms, at_joints.theta)
     ]
     found += [
         Gate(
@@ -121,7 +121,7 @@ def _compute_dry_friction_over_turn(parts: Sequence[tuple[Column, float]], x: Sa
     return sum((value * (column.dry(turn) + zeros) for column, value in parts), zeros)
 
 
-def bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
+def find_bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
     """Return the columns whose linear parameter theta (P,) is outside its bounds, with its value."""
     columns = [column for term in terms for column in term.columns]
     return [

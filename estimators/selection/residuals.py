@@ -108,7 +108,7 @@ class Residuals:
             for at, structure in structures.items()
         )
 
-    def loop_gates(self, after: Terms, before: Terms) -> list[Gate]:
+    def make_loop_gates(self, after: Terms, before: Terms) -> list[Gate]:
         """Return the gate of a lag or delay that a larger model adds, if the motion may not determine it.
 
         In motion of one frequency it is not determined (`frequencies`). In a closed loop its residual has to be noise:
@@ -181,7 +181,7 @@ class Residuals:
                 residual = part.equations(terms, by_noise=True).error(self.train.solve(terms))
             structures, powers = self._structures_in(part, residual), {}
             for at in self.joints:
-                absorbed = part.absorbed_noise([term for term in terms if term.at == at])
+                absorbed = part.compute_absorbed_noise([term for term in terms if term.at == at])
                 total = structures[at].rms ** 2 + sum(variance for _, variance in absorbed)
                 powers[at] = Power(total, structures[at].correlated_rms ** 2)
             powers_by_part.append(powers)

@@ -102,7 +102,7 @@ def make_blocks(layout: RowLayout, length: float = BLOCK) -> Blocks:
     return Blocks(*layout.blocks(BLOCK), layout.blocks(length)[0])
 
 
-def log_student(squares: Array, scale: Array | float) -> Array:
+def compute_log_student(squares: Array, scale: Array | float) -> Array:
     """Return log densities of Student's t at squared errors, for a squared scale, without the constant [nat]."""
     return np.asarray(-0.5 * np.log(scale) - (NU + 1) / 2 * np.log1p(squares / (NU * scale)))
 
@@ -112,7 +112,9 @@ def weigh_squares(squares: Array, scale: Array | float) -> Array:
     return np.asarray((NU + 1) * squares / (NU + squares / scale))
 
 
-def cross_validated(balance: Balance, blocks: Blocks, hidden: Hidden = (), without: Array | None = None) -> Array:
+def cross_validate_density(
+    balance: Balance, blocks: Blocks, hidden: Hidden = (), without: Array | None = None
+) -> Array:
     """Return the log density of each block (S,) [nat], predicted by the fits without each fold.
 
     `hidden` is torque noise that the model removes, which is added to the errors. `without` are the parameters of the
@@ -288,4 +290,4 @@ def _compute_density_of_ratios(ratios: Array, owner: Index) -> Array:
     for _ in range(TURNS):
         weighted = np.bincount(owner, weigh_squares(ratios, scale[owner])) / np.bincount(owner)
         scale = np.maximum(weighted, 1.0)
-    return log_student(ratios, scale[owner])
+    return compute_log_student(ratios, scale[owner])

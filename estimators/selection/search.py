@@ -51,7 +51,7 @@ def search(evaluator: ModelEvaluator) -> SearchResult:
     If a delay or lag of the torque may fit a controller's answer in the end, the search is repeated without both.
     """
     state = find_effects(evaluator)
-    if not all(gate.passed for gate in evaluator.residuals.loop_gates(state.terms, state.start)):
+    if not all(gate.passed for gate in evaluator.residuals.make_loop_gates(state.terms, state.start)):
         others = {id: effect for id, effect in evaluator.library.items() if not (effect().lead or effect().delay)}
         state = find_effects(replace(evaluator, library=others, drawn=evaluator.bootstrap))
         whole = replace(state.evaluator, library=evaluator.library, drawn=evaluator.bootstrap)
@@ -71,7 +71,7 @@ def find_effects(evaluator: ModelEvaluator) -> SearchState:
     if not state.is_noise:
         ids, first_models = list_ids(state.terms), screen_effects(evaluator, start)  # without states of a link
         rivals = [*first_models[:1], *((*start, effect) for effect in state.effects)]
-        freed = state.evaluator.without_known(start)
+        freed = state.evaluator.release_known(start)
         for first in first_models[: evaluator.criterion.beam]:
             if (
                 first[-1].id not in ids
@@ -91,10 +91,10 @@ def drop_imitations(state: SearchState) -> SearchState:
     They do if a simpler model with these parameters free leaves only noise in torque and motion, and predicts as well.
     Tried are models without one of the effects, and models with one of the best other effects.
     """
-    evaluator, freed = state.evaluator, state.evaluator.without_known(state.start)
+    evaluator, freed = state.evaluator, state.evaluator.release_known(state.start)
     if freed == state.start or not state.effects:
         return state
-    smaller = [evaluator.without_known(remove_term(state.terms, effect)) for effect in state.effects]
+    smaller = [evaluator.release_known(remove_term(state.terms, effect)) for effect in state.effects]
     others = screen_effects(evaluator, freed)[: evaluator.criterion.beam]
     is_imitated = any(
         count_parameters(terms) < count_parameters(state.terms)

@@ -34,10 +34,10 @@ def get_temperature(recording: Recording) -> Array:
 
 def get_known_load(recording: Recording) -> KnownLoad:
     """Return the known load of a recording; no load if the torque is not in N m."""
-    return UNLOADED if recording.torque_unit != NEWTON_METRE else load_in_newton_metres(recording)
+    return UNLOADED if recording.torque_unit != NEWTON_METRE else get_load_in_newton_metres(recording)
 
 
-def load_in_newton_metres(recording: Recording) -> KnownLoad:
+def get_load_in_newton_metres(recording: Recording) -> KnownLoad:
     """Return the known load of a recording [kg m^2, N m], for any unit of its torque."""
     measured = 0.0 if recording.load_torque is None else recording.load_torque
     if recording.load is None:

@@ -271,7 +271,7 @@ def compute_growth(segments: Segments, terms: Sequence[Term], theta: Array) -> A
     return np.asarray(np.abs(paths[:, 1] - paths[:, 0]).max(axis=0) / PERTURBATION)
 
 
-def select(segments: Segments, which: Mask | Index) -> Segments:
+def select_segments(segments: Segments, which: Mask | Index) -> Segments:
     """Return some of the segments, by the mask `which` (B,) or their numbers."""
     return replace(
         segments,

@@ -22,7 +22,7 @@ from estimators.simulation.free_running import (
     count_periods,
     cut_segments,
     list_spans,
-    select,
+    select_segments,
     simulate_segments,
     start_memory,
 )
@@ -219,7 +219,7 @@ def _refine_some(
     shooting: Shooting, points: Sequence[Point], fits: tuple[Array, Array, Array], which: Index, turns: int
 ) -> None:
     """Refine states, damping and squared errors of some segments in place."""
-    part = replace(shooting, segments=select(shooting.segments, which))
+    part = replace(shooting, segments=select_segments(shooting.segments, which))
     states, damping, squares = fits
     states[:, :, which], damping[:, which], squares[:, which] = refine_states(
         part, points, states[:, :, which], damping[:, which], turns

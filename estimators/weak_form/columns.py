@@ -16,7 +16,7 @@ def is_torque_dependent(*terms: Term) -> bool:
     return any(term.fixed or any(column.of_torque for column in term.columns) for term in terms)
 
 
-def is_known(*terms: Term) -> bool:
+def has_known_parameter(*terms: Term) -> bool:
     """Return whether the value of a linear parameter of the terms is given, so that it is not fitted."""
     return any(column.is_known for term in terms for column in term.columns)
 
@@ -30,13 +30,13 @@ def list_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     tables = {
         at for term in terms if isinstance(term, Table) and term.kind == "dissipative" for at in list_loads(term.at)
     }
-    least, most = bounds_of_laws(terms)
+    least, most = list_law_bounds(terms)
     is_body = np.array([_is_of_body(term, term.at in tables) for term in terms for _ in term.columns], dtype=bool)
     least[is_body & (least == -np.inf) & (most > 0.0)] = 0.0
     return least, most
 
 
-def bounds_of_laws(terms: Sequence[Term]) -> tuple[Array, Array]:
+def list_law_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     """Return the lower and upper bounds of the laws alone, (P,) each; they allow parameters that no body has."""
     columns = [column for term in terms for column in term.columns]
     return np.array([column.least for column in columns]), np.array([column.most for column in columns])

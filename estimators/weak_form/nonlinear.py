@@ -49,7 +49,7 @@ def list_continuous_parameters(term: Term) -> list[NonlinearParameter]:
     return [parameter for parameter in term.free if not parameter.integer and not parameter.follows]
 
 
-def release(term: Term) -> list[list[Term]]:
+def list_released_variants(term: Term) -> list[list[Term]]:
     """List, per nonlinear parameter at its nominal value, the variants with other values of it to start a search from.
 
     An integer takes each value from its start to its upper limit; only the first integer is released. Variants with a
@@ -67,7 +67,7 @@ def release(term: Term) -> list[list[Term]]:
     return variants_of_each
 
 
-def reset(term: Term) -> list[Term]:
+def list_reset_variants(term: Term) -> list[Term]:
     """List variants of the term, each with one released nonlinear parameter back at its nominal value."""
     starts = find_hints(type(term)).alternative_starts
     released = [parameter for parameter in term.free if parameter.name in starts]
@@ -199,7 +199,7 @@ def scan_edges(term: Term, residuals: Residuals, edges: Sequence[NonlinearParame
     return term
 
 
-def cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
+def search_by_cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
     """Return the best variant found by random draws around the best variants so far, for errors with many local minima.
 
     The free continuous parameters have to be positive: the draws are normal in their logarithms. The seed is fixed.

@@ -24,15 +24,15 @@ from estimators.regression.fold_grams import (
 )
 from estimators.regression.least_squares import solve, weigh_recordings
 from estimators.search_hints import find_hints, is_possible
-from estimators.weak_form.columns import bounds_of_laws, is_known, is_torque_dependent, list_bounds
+from estimators.weak_form.columns import has_known_parameter, is_torque_dependent, list_bounds, list_law_bounds
 from estimators.weak_form.nonlinear import (
     Residuals,
     compute_nonlinear_slopes,
-    cross_entropy,
     find_edges,
     list_continuous_parameters,
     refine_nonlinear,
     scan_edges,
+    search_by_cross_entropy,
 )
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
@@ -76,7 +76,7 @@ class TorqueRows:
             precision=precision,
             blocks=data.blocks,
             noise=lambda at, inertia: data.part(at).noise(inertia),
-            structure=lambda at, residual, inertia: data.part(at).structure(residual, inertia),
+            structure=lambda at, residual, inertia: data.part(at).measure_structure(residual, inertia),
         )
 
     @cached_property
@@ -85,13 +85,13 @@ class TorqueRows:
         return self.data.net_torque()
 
     @memoized
-    def _of_joint(self, joint: str) -> TorqueRows:
+    def _make_joint_rows(self, joint: str) -> TorqueRows:
         """Return the rows of one of several joints."""
         return TorqueRows(self.data.part(joint))
 
     def select_joint(self, joint: str) -> TorqueRows:
         """Return the rows of a joint; all rows for a term at no single joint."""
-        return self if self.data.part(joint) is self.data else self._of_joint(joint)
+        return self if self.data.part(joint) is self.data else self._make_joint_rows(joint)
 
     def columns(self, variants: Terms) -> list[Columns]:
         """Return the windowed columns of each variant of one effect, on the rows of its joint."""
@@ -110,7 +110,7 @@ class TorqueRows:
         if not is_torque_dependent(effect):
             return [Columns(linear, fixed, np.zeros_like(linear)) for linear, fixed in columns]
         step = PERTURBATION * self._largest_torque * self.data.scale
-        pairs = zip(columns, self._perturbed.columns(variants), strict=True)
+        pairs = zip(columns, self._perturbed_windows.columns(variants), strict=True)
         parts = [
             Columns(linear, fixed, (moved_linear - linear) / step[:, None], (moved_fixed - fixed) / step)
             for (linear, fixed), (moved_linear, moved_fixed) in pairs
@@ -130,14 +130,14 @@ class TorqueRows:
             return rows._with_change(term, part)
         if not term.fixed or term.has_state():
             return part
-        fixed = self.data.averages.fixed_under(term, self._perturbations)
+        fixed = self.data.averages.perturb_fixed_columns(term, self._perturbations)
         fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
         slopes = 1.0 - np.diff(fixed, axis=1) / np.diff(self.perturbations, axis=1)
         torque = self.data.torque()
         kept = float(np.linalg.norm(torque - part.fixed)) / max(float(np.linalg.norm(torque)), 1e-300)
-        return part._replace(fixed_change=self.perturbations - self._respond(slopes, min(kept, 1.0)))
+        return part._replace(fixed_change=self.perturbations - self._compute_response(slopes, min(kept, 1.0)))
 
-    def _respond(self, slopes: Array, kept: float) -> Array:
+    def _compute_response(self, slopes: Array, kept: float) -> Array:
         """Return the responses (R, J) [N m] of equations to perturbations, from slopes s between these (R, J - 1).
 
         Errors of the torque u and of the motion both explain a residual r. The motion has a share c of the variance of
@@ -173,7 +173,7 @@ class TorqueRows:
         return max(float(np.abs(self.data.torque()).max()), 1e-12)
 
     @cached_property
-    def _perturbed(self) -> TorqueWindows:
+    def _perturbed_windows(self) -> TorqueWindows:
         """Windows with a small offset of the torque, for derivatives."""
         return self.data.with_torque(offset=PERTURBATION * self._largest_torque)
 
@@ -202,16 +202,16 @@ class TorqueRows:
         if key not in self._recent:
             if len(self._recent) >= RECENT:
                 self._recent.pop(next(iter(self._recent)))
-            self._recent[key] = self.assemble(terms, self.columns_of_each(terms), self.data.weights)
+            self._recent[key] = self.assemble(terms, self.list_term_columns(terms), self.data.weights)
         balance = self._recent[key]
         return balance if by_noise else replace(balance, weights=self.weights(terms))
 
-    def columns_of_each(self, terms: Terms) -> list[Columns]:
+    def list_term_columns(self, terms: Terms) -> list[Columns]:
         """Return the columns of each term, on the rows of its joint, with `fixed_change`."""
-        return [self._whole_columns(term) for term in terms]
+        return [self._make_whole_columns(term) for term in terms]
 
     @memoized
-    def _whole_columns(self, term: Term) -> Columns:
+    def _make_whole_columns(self, term: Term) -> Columns:
         """Return the columns of a term with `fixed_change`."""
         return self._with_change(term, self.columns([term])[0])
 
@@ -243,7 +243,7 @@ class TorqueRows:
         condensed to their tangent. Terms that filter torque (`lead`) are assembled anew for each variant.
         """
         if not terms or any(term.lead for term in terms):
-            shared, w = self.columns_of_each(terms), self.weights(terms)
+            shared, w = self.list_term_columns(terms), self.weights(terms)
             return lambda variant, columns: self.assemble(
                 (*terms, variant), [*shared, self._with_change(variant, columns)], w
             )
@@ -261,21 +261,21 @@ class TorqueRows:
 
     def weights(self, terms: Terms) -> Array:
         """Return the weight of each row (R,), that of its entry: smaller with a larger residual of the terms."""
-        return self._weight_of_each(terms)[self.data.recording_of_window]
+        return self._weigh_entries(terms)[self.data.recording_of_window]
 
     @memoized
-    def _weight_of_each(self, terms: Terms) -> Array:
+    def _weigh_entries(self, terms: Terms) -> Array:
         """Return the weight of each recording, or recording of a joint (E,), by its residual under the terms.
 
         With a single recording, or without terms, it is the weight by noise.
         """
         if len(self.data.windows) == 1 or not terms:
-            return self._noise_of_each
+            return self._entry_weights
         if (linear_fit := self._fit_linearly(terms)) is not None:
             return linear_fit[1]
         balance, owner = self.equations(terms, by_noise=True), self.data.recording_of_window
         squares = np.bincount(owner, balance.error(self._solve_by_noise(terms)) ** 2).astype(float)
-        return weigh_recordings(squares, np.bincount(owner), self.data.least())
+        return weigh_recordings(squares, np.bincount(owner), self.data.compute_largest_precision())
 
     @memoized
     def _solve_by_noise(self, terms: Terms) -> Array:
@@ -300,7 +300,7 @@ class TorqueRows:
     @memoized
     def fit_folds(self, terms: Terms) -> FoldFits:
         """Fit some terms to all rows and without each fold; linearised around the fit without the last, if accurate."""
-        linearised = self._fit_linearly(terms) or self._fit_beside(terms)
+        linearised = self._fit_linearly(terms) or self._fit_last_term(terms)
         if linearised is not None:
             return linearised[0]
         theta, balance = self.solve(terms), self.equations(terms)
@@ -309,9 +309,9 @@ class TorqueRows:
     @memoized
     def _fit_linearly(self, terms: Terms) -> tuple[FoldFits, Array] | None:
         """Return the fits of terms, and the weights of recordings (E,); None if a term depends on the torque."""
-        return None if is_torque_dependent(*terms) else self._fit_beside(terms)
+        return None if is_torque_dependent(*terms) else self._fit_last_term(terms)
 
-    def _fit_beside(self, terms: Terms) -> tuple[FoldFits, Array] | None:
+    def _fit_last_term(self, terms: Terms) -> tuple[FoldFits, Array] | None:
         """Fit the last of some terms beside the others, to first order around the fit of these, by Gram matrices.
 
         Returns:
@@ -328,13 +328,15 @@ class TorqueRows:
             start = np.append(known.near.theta, np.zeros(len(last.columns)))
             return known.with_term(part, self.data.locate_rows(last.at)), start, least - start, most - start
 
-        weights, owner = self._noise_of_each, self.data.recording_of_window
+        weights, owner = self._entry_weights, self.data.recording_of_window
         if len(weights) > 1:
             grams, _, *bounds = linearise(True)
             if (step := solve_all_folds(grams, weights, *bounds)) is None:
                 return None
             counts = np.bincount(owner, minlength=len(weights))
-            weights = weigh_recordings(compute_entry_squares(grams, step), counts, self.data.least())
+            weights = weigh_recordings(
+                compute_entry_squares(grams, step), counts, self.data.compute_largest_precision()
+            )
         grams, start, *bounds = linearise(False)
         if (steps := solve_each_fold(grams, weights, *bounds)) is None:
             return None
@@ -357,7 +359,7 @@ class TorqueRows:
         return FoldGrams.compute(near, self.data.recording_of_window, self.layout.fold, len(self.data.windows), FOLDS)
 
     @cached_property
-    def _noise_of_each(self) -> Array:
+    def _entry_weights(self) -> Array:
         """Weight of each recording by its noise (E,), the mean over its rows."""
         owner = self.data.recording_of_window
         counts = np.bincount(owner, minlength=len(self.data.windows))
@@ -371,7 +373,7 @@ class TorqueRows:
         if self.data.contacts:
             return TorqueRows(self.data.without_contacts).base_inertia
         # below zero if the sign of torque is wrong
-        theta = self.equations(BASE).with_bounds(*bounds_of_laws(BASE)).solve()
+        theta = self.equations(BASE).with_bounds(*list_law_bounds(BASE)).solve()
         return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
@@ -399,18 +401,18 @@ class TorqueRows:
         least, most = list_bounds(terms)
         return np.linalg.qr(self.tangent(terms).slopes[:, least < most] * self.weights(terms)[:, None])[0]
 
-    def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
+    def compute_absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
         """Return, per term that filters torque, its rows and the variance of torque noise that it removes [(N m)^2].
 
         Errors are increased by it: a lag must not become likelier by smoothing noise.
         """
         filters = [term for term in terms if term.fixed and term.has_state()]
-        return [(self.data.locate_rows(term.at), self._absorbed(term)) for term in filters]
+        return [(self.data.locate_rows(term.at), self._average_absorbed_noise(term)) for term in filters]
 
     @memoized
-    def _absorbed(self, term: Term) -> float:
+    def _average_absorbed_noise(self, term: Term) -> float:
         """Return the variance of torque noise that a term removes from the rows of its joint [(N m)^2]."""
-        return self.data.part(term.at).absorbed(term)
+        return self.data.part(term.at).compute_absorbed_noise(term)
 
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
         """Return derivatives (R, S) of the modelled torque by continuous nonlinear parameters, and their full names.
@@ -453,18 +455,18 @@ class TorqueRows:
             limits = [end - start for end in list_bounds((*terms, variants[0]))]
 
             def squared(parts: Sequence[Columns]) -> Array:
-                return compute_squared_errors(grams.with_variants(parts, self._weight_of_each(terms), here), *limits)
+                return compute_squared_errors(grams.with_variants(parts, self._weigh_entries(terms), here), *limits)
 
             squares = squared(parts)
             if is_torque_dependent(variants[0]):
-                predicted = squared([_at_prediction(part, grams.near, here) for part in parts])
+                predicted = squared([_move_to_prediction(part, grams.near, here) for part in parts])
                 squares = _refit_exactly(list(zip(variants, parts, strict=True)), (squares, predicted), exact)
-        absorbed = [self._mean_absorbed((*terms, variant), w) for variant in variants]
+        absorbed = [self._weigh_absorbed_noise((*terms, variant), w) for variant in variants]
         return np.sqrt(squares / (w @ w) + absorbed).tolist()
 
-    def _mean_absorbed(self, terms: Terms, w: Array) -> float:
+    def _weigh_absorbed_noise(self, terms: Terms, w: Array) -> float:
         """Return the variance of torque noise that terms remove, mean over rows of weights (R,) [(N m)^2]."""
-        absorbed = self.absorbed_noise(terms)
+        absorbed = self.compute_absorbed_noise(terms)
         return sum(float(w[here] @ w[here]) * variance for here, variance in absorbed) / float(w @ w)
 
     def trial(self, terms: Terms) -> ScoredTerms:
@@ -477,7 +479,7 @@ class TorqueRows:
         residuals, name = self._residuals(terms), find_hints(type(variants[0])).multimodal
         values = {variant.nonlinear_values[name] for variant in variants}
         basins = [[v for v in variants if v.nonlinear_values[name] == value] for value in sorted(values)]
-        trials = [self.trial((*terms, cross_entropy(basin, residuals))) for basin in basins]
+        trials = [self.trial((*terms, search_by_cross_entropy(basin, residuals))) for basin in basins]
         best = min(trials, key=lambda trial: trial.fitted_rms)
         refined = self.trial((*terms, refine_nonlinear(best.terms[-1], residuals)))
         return min(best, refined, key=lambda trial: trial.fitted_rms)
@@ -514,7 +516,7 @@ class TorqueRows:
         The columns of the unknown parameters are projected out once, so each variant takes a small solve. A variant
         whose fit leaves the bounds, has known parameters or depends on the torque is fitted exactly.
         """
-        shared, w = self.columns_of_each(terms), self.weights(terms)
+        shared, w = self.list_term_columns(terms), self.weights(terms)
         tangent, frame, (least, most) = self.tangent(terms), self._frame_of_unknown(terms), list_bounds(terms)
         is_free = least < most
         start = np.where(is_free, tangent.theta, least)
@@ -533,7 +535,7 @@ class TorqueRows:
             return balance.weights * balance.error(balance.solve())
 
         def residual(variant: Term, variant_columns: Columns) -> Array:
-            if is_known(variant) or not variant.columns:
+            if has_known_parameter(variant) or not variant.columns:
                 return exact(self.assemble((*terms, variant), [*shared, variant_columns], w))
             here = self.data.locate_rows(variant.at)
             columns = scale[here, None] * variant_columns.linear
@@ -557,7 +559,7 @@ class TorqueRows:
         return residuals
 
 
-def _at_prediction(part: Columns, near: Tangent, here: slice) -> Columns:
+def _move_to_prediction(part: Columns, near: Tangent, here: slice) -> Columns:
     """Return the columns of a term at the torque that other terms predict, to first order from the recorded torque."""
     return part._replace(linear=part.linear - near.error[here, None] * part.slope)
 

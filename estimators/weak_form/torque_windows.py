@@ -126,7 +126,7 @@ class TorqueWindows:
     @cached_property
     def samples(self) -> Samples:
         """Samples at the middle of each window, all recordings concatenated, (R,) each."""
-        return concatenate_samples([w.at_centers() for w in self.windows])
+        return concatenate_samples([w.select_center_samples() for w in self.windows])
 
     @cached_property
     def averages(self) -> WindowAverages:
@@ -207,7 +207,7 @@ class TorqueWindows:
         recording_of_block[block] = np.array(_list_recordings(self.windows))[entry]
         return block, entry, recording_of_block
 
-    def structure(self, residual: Array, inertia: float) -> ResidualStructure:
+    def measure_structure(self, residual: Array, inertia: float) -> ResidualStructure:
         """Measure the size of a residual (R,) [N m], and its correlation between windows half a window apart.
 
         The covariance due to white sensor noise, of a joint with an inertia [kg m^2], is subtracted; noise larger than
@@ -240,13 +240,17 @@ class TorqueWindows:
         """Return the torque error of smoothing and integration [N m]."""
         return WEAK_FORM.precision * float(np.std(self.applied_torque()))
 
-    def least(self) -> float:
+    def compute_largest_precision(self) -> float:
         """Return the largest `precision` of all joints [N m]."""
         return max(self.part(at).precision() for at in self.joints)
 
-    def negligible(self, at: str) -> float:
+    def compute_negligible_residual(self, at: str) -> float:
         """Return the residual below which a joint of an arm has no structure [N m]; 0 for a pendulum."""
-        return max(NEGLIGIBLE * float(np.std(self.part(at).torque())), self.least()) if self.shared_columns else 0.0
+        return (
+            max(NEGLIGIBLE * float(np.std(self.part(at).torque())), self.compute_largest_precision())
+            if self.shared_columns
+            else 0.0
+        )
 
     def with_torque(self, factor: float = 1.0, offset: float = 0.0) -> TorqueWindows:
         """Return the windows with torque and its noise times a factor, and an offset added to the torque [N m]."""
@@ -271,7 +275,7 @@ class TorqueWindows:
             terms: of a model without a link.
             theta, covariance: linear parameters of the terms (P,), and their covariance (P, P).
             inertia: of the joint [kg m^2].
-            free: range of free motion [rad], see `free_range`.
+            free: range of free motion [rad], see `find_free_range`.
         """
         unclear = join_windows([replace(w, centers=w.unclear) for w in self.windows])
         residual, friction, noise = unclear._residual(terms, theta, covariance, inertia)
@@ -279,10 +283,10 @@ class TorqueWindows:
         is_outwards = ((residual > 0) & (angle > free[1])) | ((residual < 0) & (angle < free[0]))
         is_at_rest = np.concatenate([np.isin(w.unclear, w.resting) for w in self.windows])
         is_contact = (np.abs(residual) > 2 * friction + noise) & (is_outwards | ~is_at_rest)
-        error = np.abs(residual) / np.concatenate([_durations(w) for w in unclear.windows]) ** 2
+        error = np.abs(residual) / np.concatenate([_compute_durations(w) for w in unclear.windows]) ** 2
         for side in (residual > 0, residual < 0):
             selected = is_contact & is_at_rest & side
-            error[selected] = 2 * np.hypot(friction[selected], _spread(angle[selected], residual[selected]))
+            error[selected] = 2 * np.hypot(friction[selected], _compute_scatter(angle[selected], residual[selected]))
         ends = np.cumsum([len(w.unclear) for w in self.windows])[:-1]
         windows = []
         for w, selected, errors in zip(self.windows, np.split(is_contact, ends), np.split(error, ends), strict=True):
@@ -291,7 +295,9 @@ class TorqueWindows:
             windows.append(replace(w, centers=np.sort(np.r_[w.centers, centers]), scale=scale))
         return join_windows(windows)
 
-    def free_range(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> tuple[float, float]:
+    def find_free_range(
+        self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float
+    ) -> tuple[float, float]:
         """Return the least and largest angle [rad] in windows clear of stick without a residual above friction.
 
         The arguments are those of `with_contacts`; without such a window, the range is (inf, -inf).
@@ -356,10 +362,10 @@ class TorqueWindows:
         phi = np.column_stack([linear for linear, _ in parts])
         return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
 
-    def absorbed(self, term: Term) -> float:
+    def compute_absorbed_noise(self, term: Term) -> float:
         """Return the variance of torque noise that a term's fixed columns absorb, mean over all rows [(N m)^2]."""
         counts = [len(w.centers) for w in self.windows]
-        parts = [count * w.absorbed(term) for count, w in zip(counts, self.windows, strict=True) if count]
+        parts = [count * w.compute_absorbed_noise(term) for count, w in zip(counts, self.windows, strict=True) if count]
         return sum(parts) / max(1, sum(counts))
 
     def noise(self, inertia: float) -> float:
@@ -389,7 +395,7 @@ def bound_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: 
     )
 
 
-def _spread(angle: Array, force: Array) -> float:
+def _compute_scatter(angle: Array, force: Array) -> float:
     """Return the standard deviation of torques (R,) about their linear function of the angle (R,) [N m].
 
     The slope is at least zero; the result is 0 without torques.
@@ -399,7 +405,7 @@ def _spread(angle: Array, force: Array) -> float:
     return float(np.std(force - slope * deviation)) if len(force) else 0.0
 
 
-def _durations(w: Windows) -> Array:
+def _compute_durations(w: Windows) -> Array:
     """Return the effective number of samples of the acceleration a in each window, (sum a)^2 / sum a^2 >= 1 (R,)."""
     a = np.lib.stride_tricks.sliding_window_view(w.acceleration, len(w.kernel))[w.centers - len(w.kernel) // 2]
     return np.asarray(np.maximum(a.sum(axis=1) ** 2 / np.maximum((a**2).sum(axis=1), 1e-300), 1.0))

@@ -100,7 +100,7 @@ class WindowAverages:
             parts.append((np.column_stack(linear) if linear else np.empty((len(zeros), 0)), fixed))
         return parts
 
-    def fixed_under(self, term: Term, perturbations: Array) -> Array:
+    def perturb_fixed_columns(self, term: Term, perturbations: Array) -> Array:
         """Return the fixed columns of a term without memory (R, J) under perturbations of the torque (J,) [N m]."""
         x, size = self.samples, (self.narrow.shape[1], len(perturbations))
         perturbed = [replace(x, torque=x.torque + perturbation) for perturbation in perturbations]
@@ -248,7 +248,7 @@ class Windows:
         """Factor on each equation (R,)."""
         return np.ones(len(self.centers)) if self.scale is None else self.scale[self.centers]
 
-    def at_every_sample(self) -> Windows:
+    def center_at_every_sample(self) -> Windows:
         """Return windows about every sample that is clear of stick."""
         return replace(self, centers=np.flatnonzero(self.is_clear), scale=None)
 
@@ -293,7 +293,7 @@ class Windows:
         """Return the linear columns (R, P) and the sum of the fixed columns (R,) of each variant of one effect."""
         return self.averages.columns(variants, self.trace(variants))
 
-    def absorbed(self, term: Term) -> float:
+    def compute_absorbed_noise(self, term: Term) -> float:
         """Return the variance of white torque noise that a term's fixed columns absorb [(N m)^2], by random noise.
 
         It is at least 0. A delay absorbs none, for which random noise gives a small number.
@@ -317,7 +317,7 @@ class Windows:
         """Return the averages (R,) of the recorded torque less that of the known load, the left-hand side [N m]."""
         return self.torque() - self.averages.column(LOAD, self.samples) if self.samples.load else self.torque()
 
-    def at_centers(self) -> Samples:
+    def select_center_samples(self) -> Samples:
         """Return the samples at the middle of each window, without states, (R,) each."""
         x, c = self.samples, self.centers
         load, temperature = x.load.select(c), np.broadcast_to(x.temperature, x.time.shape)[c]

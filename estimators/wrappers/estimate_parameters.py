@@ -135,9 +135,9 @@ class EstimateParametersVector(MeasurementVectorWrapper):
             self.observation_space = batch_space(self.single_observation_space, env.num_envs)
 
     def _restart(self, which: Mask, time: Array) -> None:
-        """Restart plants (B,); their estimates lose the sample, see `OnlineEstimator.after_reset`."""
+        """Restart plants (B,); their estimates lose the sample, see `OnlineEstimator.restart_estimates`."""
         super()._restart(which, time)
-        self._known = self.estimator.after_reset(self._known, which, time)
+        self._known = self.estimator.restart_estimates(self._known, which, time)
 
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         write_estimates(info, self._known, self.estimator, slice(None))

@@ -8,7 +8,7 @@ import pytest
 from estimators import add, compare, diagnose, identify
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
-from estimators.simulation.free_running import compute_deviation, compute_growth, select
+from estimators.simulation.free_running import compute_deviation, compute_growth, select_segments
 from pendulum_env.backends import record
 from pendulum_env.errors import UserError
 from pendulum_env.excitation import excitation
@@ -92,7 +92,7 @@ def test_growth_of_an_error_upright_is_that_of_the_linear_equation():
     assert (compute_growth(hanging, BASE, theta) < 1.01).all()
     some = np.arange(len(segments.first)) % 2 == 0
     np.testing.assert_array_equal(
-        compute_growth(select(upright, some), BASE, theta), compute_growth(upright, BASE, theta)[some]
+        compute_growth(select_segments(upright, some), BASE, theta), compute_growth(upright, BASE, theta)[some]
     )
 
 

@@ -44,7 +44,7 @@ def gapped(whole) -> Recording:
 
 def test_windows_that_do_not_touch_a_gap_are_those_of_the_whole_recording(whole, gapped):
     full, parts = cut(whole, 0.012), cut(gapped, 0.012)
-    centers = (np.round(one.at_centers().time, 6) for one in (full, parts))
+    centers = (np.round(one.select_center_samples().time, 6) for one in (full, parts))
     shared, of_full, of_parts = np.intersect1d(*centers, return_indices=True)
     assert len(shared) > 100
     for term in BASE:

@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs(outputs, [arguments.model])
     asked = open_sources(arguments, list_sources(arguments, outputs), terminal)
     given, model = asked.convert(terminal, arguments.align), asked.model
-    recordings = list(given.every)
+    recordings = list(given.all_recordings)
     with terminal.progress("comparing"):
         found = compare(model, recordings, horizon=arguments.horizon)
     payload, is_asked = None, arguments.payload is not None

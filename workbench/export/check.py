@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.data.regression_data import RegressionData
 from estimators.in_loop.rollouts import GRAIN, Rollouts, are_driven
-from estimators.signals.motion import load_in_newton_metres
+from estimators.signals.motion import get_load_in_newton_metres
 from estimators.simulation.free_running import Segments, simulate_all, start_memory
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
@@ -38,7 +38,7 @@ def check(model: Model, exported: Exported, request: Request, recordings: Sequen
     recording holds too little motion, and ModuleNotFoundError if the extra `export` is not installed.
     """
     for recording in recordings:
-        if load_in_newton_metres(recording):
+        if get_load_in_newton_metres(recording):
             raise ExportError(f"{recording.name}: a known load acted on the joint: check with a recording without one")
     return CHECKS[type(choose_actuator(model, request))](model, exported, request, recordings)
 
@@ -72,7 +72,7 @@ def _check_in_loop(model: Model, exported: Exported, request: Request, recording
         raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
     rollouts = Rollouts(tuple(recordings), steps, grain=GRAIN)
 
-    simulated = rollouts.position_errors([Point(model.terms, model.theta)])
+    simulated = rollouts.compute_position_errors([Point(model.terms, model.theta)])
     theirs = rollouts.compare_paths(_simulate_servos(model, request, rollouts.servos, steps))
     errors = {
         "this project's simulation": _compute_mean_size(simulated),

@@ -31,7 +31,7 @@ def make_comparison(case: ReportData) -> Section:
     order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[:COMPARED]
     runs: list[Part] = []
     for k in order:
-        name, time = prepared.recordings[k].name, np.asarray(prepared.data.windows[k].at_centers().time)
+        name, time = prepared.recordings[k].name, np.asarray(prepared.data.windows[k].select_center_samples().time)
         left = [part[k] for part in split]
         position = plot_position(case, f"position-{k}", [part.segments[k] for part in case.parts[1]])
         drawn = plot_torque(case, f"torque-{k}", f"recording {name}", time, torque[k], left, noise)
@@ -95,7 +95,7 @@ def make_loop(case: ReportData, headline: str) -> Section:
     loops = [case.data.simulate_in_loop(step.model) for step in case.ends]
     fitted, (factor, unit) = len(case.data.recordings), case.angle
     rows, figures = [], list[Figure]()
-    for k, recording in sorted(enumerate(case.data.every), key=lambda one: one[0] < fitted):
+    for k, recording in sorted(enumerate(case.data.all_recordings), key=lambda one: one[0] < fitted):
         name = recording.name if k < fitted else f"{recording.name} (held out)"
         motions = [loop.select_recording(k) for loop in loops]
         errors = [factor * float(np.mean(np.abs(motion.error))) for motion in motions]

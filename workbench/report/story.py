@@ -174,7 +174,7 @@ def make_method(case: ReportData) -> Section:
     """Describe the method of the result."""
     terms = join_words([term.id for term in case.diagnosis.steps[0].model.terms])
     split = "" if case.data.holdout else " Held out is the last 30 % of each recording."
-    recordings = case.data.every
+    recordings = case.data.all_recordings
     content: Content = [
         f"The base model has the terms {terms}. Its torque balance is averaged over short smooth windows clear of "
         "stick and reversals, which passes both sides through the same filter, and solved by least squares; standard "

@@ -56,7 +56,9 @@ def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, prep
     terms = base if other is None else (*base, place_effect(effect(other), elsewhere)())
     variant = place_effect(effect(law), at)()
     (own,) = regression.columns([variant])
-    whole = regression.assemble((*terms, variant), [*regression.columns_of_each(terms), own], regression.weights(terms))
+    whole = regression.assemble(
+        (*terms, variant), [*regression.list_term_columns(terms), own], regression.weights(terms)
+    )
     small = regression.with_variant(terms, prepared.data.locate_rows(at))(variant, own)
     assert isinstance(own, Columns) and len(small.y) <= len(whole.y)
     left, full = (np.linalg.norm(one.weights * one.error(one.solve())) for one in (small, whole))

@@ -11,14 +11,14 @@ from estimators import identify
 from estimators.arms.excitation import (
     INFORMATION_PRIOR,
     MotionBatch,
+    compute_parameter_scales,
     design_excitation,
     is_clear_of_stick,
-    parameter_scales,
     stop_motion,
 )
 from estimators.arms.following import follow
 from estimators.arms.limits import Limits, find_limits
-from estimators.arms.reference import KNOT_PERIOD, TICK, torque_rows
+from estimators.arms.reference import KNOT_PERIOD, TICK, make_torque_rows
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
@@ -71,7 +71,7 @@ def test_what_a_motion_is_said_to_teach_is_what_its_rows_hold(body):
         speeds.append(motions.speed)
     taught = motions.information[0].copy()
     q, v, a = stop_motion(body, motions, start, speeds)(np.arange(TICK / 2, 20 * KNOT_PERIOD, TICK))
-    rows = torque_rows(body, q, v, a) * parameter_scales(body)
+    rows = make_torque_rows(body, q, v, a) * compute_parameter_scales(body)
     rows = rows[is_clear_of_stick(v, a)]
     np.testing.assert_allclose(taught, INFORMATION_PRIOR * np.eye(rows.shape[1]) + rows.T @ rows, rtol=1e-9, atol=1e-9)
 
@@ -97,7 +97,7 @@ def test_a_simulated_arm_that_follows_has_smaller_standard_errors_and_is_right(b
         truth = np.concatenate([body.values, [own for link in links for own in (link.viscous, link.coulomb)]])
         std = np.array([model.estimates[column.name].std for column in model.columns])
         assert np.abs((model.theta - truth) / std).max() < 4.5
-        errors[str(motion)] = np.sqrt(np.mean((std[:6] / parameter_scales(body)[:6]) ** 2))
+        errors[str(motion)] = np.sqrt(np.mean((std[:6] / compute_parameter_scales(body)[:6]) ** 2))
     planned, series = errors.values()
     assert planned < 0.8 * series
 
@@ -119,5 +119,5 @@ def test_what_no_arm_can_do_is_refused(six, bounds, told):
 def test_friction_that_a_file_sets_to_zero_has_a_size_all_the_same(body, tmp_path):
     text = TwoLink().urdf().replace("</joint>", '<dynamics damping="0.1" friction="0"/></joint>')
     (tmp_path / "arm.urdf").write_text(text)
-    own = parameter_scales(read_body(tmp_path / "arm.urdf"))
+    own = compute_parameter_scales(read_body(tmp_path / "arm.urdf"))
     assert (own > 0).all() and own[-4:-2] == pytest.approx(0.1) and own[-2:] == pytest.approx(PAPER["coulomb"])

@@ -7,7 +7,7 @@ from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
 from estimators import identify
 from estimators.arms.payload import find_carried, find_payload
-from estimators.arms.standard import nearest_link, pseudo_inertia
+from estimators.arms.standard import find_nearest_link, make_pseudo_inertia
 from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.links import prepare_arm
 from pendulum_env.arms.joints import arm_base
@@ -73,8 +73,8 @@ def test_what_the_motion_does_not_show_of_a_body_stays_of_its_size(shown):
     free = np.array([2.0, 0.2, 0.0, -0.1, 0.004, 0.0, 0.023, 0.01, 0.0, 0.019])  # less inertia than a point has
     columns = np.zeros((50, 10))
     columns[:, shown] = np.random.default_rng(0).normal(size=(50, len(shown)))
-    found = nearest_link(free, columns)
-    assert np.linalg.eigvalsh(pseudo_inertia(found)).min() > 0
+    found = find_nearest_link(free, columns)
+    assert np.linalg.eigvalsh(make_pseudo_inertia(found)).min() > 0
     assert found[0] < 20.0
 
 
@@ -82,11 +82,11 @@ def test_moments_that_no_body_has_give_way_to_the_best_of_a_body():
     point = np.array([2.0, 0.2, 0.0, -0.1, 0.005, 0.0, 0.025, 0.01, 0.0, 0.02])  # of 2 kg at (0.1, 0, -0.05) m
     free = point - [0, 0, 0, 0, 0.001, 0, 0.002, 0, 0, 0.001]  # less inertia than a point has
     columns = np.random.default_rng(0).normal(size=(50, 10))
-    found = nearest_link(free, columns)
-    assert np.linalg.eigvalsh(pseudo_inertia(found))[0] > -1e-9 > np.linalg.eigvalsh(pseudo_inertia(free))[0]
+    found = find_nearest_link(free, columns)
+    assert np.linalg.eigvalsh(make_pseudo_inertia(found))[0] > -1e-9 > np.linalg.eigvalsh(make_pseudo_inertia(free))[0]
     assert np.linalg.norm(columns @ (found - free)) < np.linalg.norm(columns @ (point - free))
     real = point + np.array([0, 0, 0, 0, 0.002, 0, 0.002, 0, 0, 0.002])
-    assert np.array_equal(nearest_link(real, columns), real)
+    assert np.array_equal(find_nearest_link(real, columns), real)
 
 
 def test_noise_in_the_place_of_a_payload_gives_way_to_a_light_body_without_a_warning():
@@ -94,8 +94,8 @@ def test_noise_in_the_place_of_a_payload_gives_way_to_a_light_body_without_a_war
     rng = np.random.default_rng(0)
     noise = 1e-3 * np.append(1.0, rng.normal(size=9))
     columns = rng.normal(size=(50, 10)) * np.geomspace(1, 30, 10)
-    found = nearest_link(noise, columns)
-    assert np.linalg.eigvalsh(pseudo_inertia(found))[0] > -1e-12 and found[0] > 0
+    found = find_nearest_link(noise, columns)
+    assert np.linalg.eigvalsh(make_pseudo_inertia(found))[0] > -1e-12 and found[0] > 0
     assert np.linalg.norm(columns @ (found - noise)) < np.linalg.norm(columns @ noise)
 
 
@@ -152,6 +152,6 @@ def test_the_possible_body_nearest_to_an_impossible_one_is_the_least_of_a_convex
         about = np.trace(second) * np.eye(3) - second
         body = np.array([1.0, *center, about[0, 0], about[0, 1], about[1, 1], about[0, 2], about[1, 2], about[2, 2]])
         free = body + np.linalg.lstsq(columns, rng.normal(size=60), rcond=None)[0]
-        found = nearest_link(free, columns)
-        assert np.linalg.eigvalsh(pseudo_inertia(found))[0] > -1e-12
+        found = find_nearest_link(free, columns)
+        assert np.linalg.eigvalsh(make_pseudo_inertia(found))[0] > -1e-12
         assert np.linalg.norm(columns @ (found - free)) <= np.linalg.norm(columns @ (body - free))

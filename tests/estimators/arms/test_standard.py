@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from benchmarks import six_joint
-from estimators.arms.standard import nearest_body, pseudo_inertia, standard_parameters
+from estimators.arms.standard import make_pseudo_inertia, nearest_body, standard_parameters
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
 
@@ -25,7 +25,7 @@ def test_links_have_the_base_parameters_that_were_found_and_are_bodies(six):
     assert np.sqrt(np.mean(((six.combine @ found - base) / std) ** 2)) < 1.0
     assert nearest_body(truth).exists
     for link in found[:60].reshape(6, 10):
-        assert np.linalg.eigvalsh(pseudo_inertia(link)).min() > 0
+        assert np.linalg.eigvalsh(make_pseudo_inertia(link)).min() > 0
     assert (found[60:] > 0).all()
 
 
@@ -44,6 +44,6 @@ def test_base_parameters_that_no_body_has_are_not_followed(six):
     standard[59] = -0.01  # Izz of the flange
     found = nearest_body(model(six, standard))
     link = np.array([estimate.value for estimate in found.parameters.values()])[50:60]
-    assert np.linalg.eigvalsh(pseudo_inertia(link)).min() >= 0
+    assert np.linalg.eigvalsh(make_pseudo_inertia(link)).min() >= 0
     assert found.distance > 100  # 0.01 kg m^2 at least, of which a thousandth is the standard error
     assert not found.exists and found.farthest

@@ -63,7 +63,7 @@ def evaluate(lag: float, cogging: float, bandwidth: float, seed: int) -> ModelEv
 @pytest.mark.parametrize("seed", [1, 3])
 def test_an_answer_to_cogging_is_no_lag(seed):
     evaluator = evaluate(0.0, COULOMB, 60.0, seed)
-    (gate,) = evaluator.residuals.loop_gates((*BASE, effect("actuator_lag")(0.02)), BASE)
+    (gate,) = evaluator.residuals.make_loop_gates((*BASE, effect("actuator_lag")(0.02)), BASE)
     assert not gate.passed  # the torque of the cogging is left
     assert evaluator.is_supported(find_best_variant(evaluator, BASE, effect("dead_time")).terms, BASE)  # by its gain
     assert search(evaluator).terms == evaluator.base
@@ -103,7 +103,7 @@ def test_motion_of_one_frequency_determines_no_lag():
     recording = record(2, 0.01, 0.0, 60.0, "sine")
     assert have_one_frequency([recording]) and not align([recording]).is_found
     evaluator = ModelEvaluator(*split_recordings([recording]), library={"actuator_lag": effect("actuator_lag")})
-    (gate,) = evaluator.residuals.loop_gates((*BASE, effect("actuator_lag")(0.02)), BASE)
+    (gate,) = evaluator.residuals.make_loop_gates((*BASE, effect("actuator_lag")(0.02)), BASE)
     assert gate.name == "frequencies" and not gate.passed
     assert [step.added for step in search(evaluator).steps] == [None]
 

@@ -308,7 +308,7 @@ def test_errors_of_a_comparison_are_those_of_whole_recordings(plain):
 
 def test_fit_finds_the_likeliest_parameters_from_far_away_and_a_limit_that_is_too_low_is_where_one_ends(rollouts):
     found = fit(rollouts, Point(TILTED, np.array([0.03, 0.4, 0.2, 0.2, 0.1])), TYPICAL, share=0.0)
-    true = rollouts.position_errors([Point(TILTED, np.array([*TRUE.values(), 0.0]))])
+    true = rollouts.compute_position_errors([Point(TILTED, np.array([*TRUE.values(), 0.0]))])
     told = [compute_likelihood(rollouts, e)[0] for e in (found.error[:, None], true)]
     assert told[0] >= told[1]
     assert found.point.theta[:4] == pytest.approx(list(TRUE.values()), rel=0.05)
@@ -322,7 +322,7 @@ def test_fit_finds_the_likeliest_parameters_from_far_away_and_a_limit_that_is_to
 def test_end_of_a_recording_is_compared_as_the_whole_has_it(plain):
     point = Point(TILTED, np.array([*TRUE.values(), 0.02]))
     whole, first, last = (Rollouts(tuple(plain[:2]), shares=own) for own in ((0.0, 1.0), (0.0, 0.7), (0.7, 1.0)))
-    told = [one.position_errors([point])[:, 0] for one in (whole, first, last)]
+    told = [one.compute_position_errors([point])[:, 0] for one in (whole, first, last)]
     assert np.sort(np.concatenate(told[1:])) == pytest.approx(np.sort(told[0]), abs=1e-12)
     assert len(told[2]) == pytest.approx(0.3 * len(told[0]), rel=0.02)
 
@@ -372,7 +372,7 @@ def test_slopes_are_those_of_smaller_and_larger_parameters(rollouts):
     theta = np.array([*TRUE.values(), 0.0])
     near = linearise_errors(rollouts, Point(TILTED, theta), TYPICAL, False)
     for k, step in enumerate(np.diag(TYPICAL / 20)):
-        more, less = (rollouts.position_errors([Point(TILTED, theta + s)])[:, 0] for s in (step, -step))
+        more, less = (rollouts.compute_position_errors([Point(TILTED, theta + s)])[:, 0] for s in (step, -step))
         slope = (more - less) / (2 * step[k])
         assert np.linalg.norm(near.slopes[:, k] - slope) < 0.1 * np.linalg.norm(slope)
 
@@ -535,7 +535,7 @@ def test_goals_are_read_from_the_data_also_where_a_given_model_favours_the_other
     wrong = Rollouts(tuple(with_goals(recordings, False)))
     point = fit(wrong, Point(TILTED, np.array([*TRUE.values(), 0.0])), TYPICAL, share=0.0).point
     held = Rollouts(tuple(with_goals(recordings, True)))
-    told = [compute_likelihood(own, own.position_errors([point]))[0] for own in (wrong, held)]
+    told = [compute_likelihood(own, own.compute_position_errors([point]))[0] for own in (wrong, held)]
     assert told[0] > told[1]
     found = compare(Model.build(point.terms, point.theta), recordings)
     assert found.data is not None and {own.drive.goal for own in found.data.recordings if own.drive} == {"held"}

@@ -58,7 +58,7 @@ def test_an_elastic_joint_starts_from_the_fit_of_a_play_in_its_place():
     theta = np.array([MOTOR + LINK, WEIGHT, VISCOUS, COULOMB, LINK])
     for terms in (BASE, (*BASE, DeadTime(0.005))):  # an effect without linear parameters is no link
         rows.near(terms)
-    rows.begin_at(Point.from_parameters((*BASE, play), theta))
+    rows.set_start(Point.from_parameters((*BASE, play), theta))
     linears = [rows.near((*BASE, link)) for link in (play, *play.reductions)]
     heights = [float(compute_likelihood(rows.rollouts, linear.error[:, None])[0]) for linear in linears]
     assert heights[1] > heights[0] - 10 > float(compute_likelihood(rows.rollouts, rows.near(BASE).error[:, None])[0])

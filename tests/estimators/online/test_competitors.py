@@ -33,7 +33,7 @@ def test_each_variant_is_least_squares_in_all_columns(id, shapes):
     for part in parts[1:]:
         densities, errors = models.take(part)
         models = models.refine(part, {id: variants})
-    for variant, theta in zip(variants, models.theta_of(models.models[1]), strict=True):
+    for variant, theta in zip(variants, models.compute_theta(models.models[1]), strict=True):
         columns = sum(len(term.columns) for term in (*BASE, variant))
         rows = [part.evaluate_rows([*BASE, variant]) for part in parts]
         phi, y = np.concatenate([one.phi[:, 0] for one in rows]), np.concatenate([one.y[:, 0] for one in rows])
@@ -90,7 +90,7 @@ def test_friction_that_grows_with_the_torque_is_unbiased_by_noise_of_the_torque_
     terms, gear = BASE[1:], effect("load_dependent_friction")(weight=2.0)
     models = CompetingModels(terms, bins_of_gear(0, 300, output, 1.0), [[gear]])
     models.take(bins_of_gear(300, 3000, output, 1.0))
-    gravity, viscous, coulomb, mu, of_output = models.theta_of()[1]
+    gravity, viscous, coulomb, mu, of_output = models.compute_theta()[1]
     assert of_output >= 0.0
     np.testing.assert_allclose([gravity, viscous, coulomb, mu], [2.0, 0.4, 0.5, 0.2], rtol=0.05)
     assert of_output == pytest.approx(output, abs=0.02)

@@ -17,7 +17,7 @@ from estimators.regression.least_squares import (
     weigh_recordings,
 )
 from estimators.search_hints import make_grid
-from estimators.weak_form.nonlinear import cross_entropy, list_continuous_parameters, refine_nonlinear
+from estimators.weak_form.nonlinear import list_continuous_parameters, refine_nonlinear, search_by_cross_entropy
 from pendulum_env.physics import Samples, Term, effect
 
 
@@ -222,10 +222,10 @@ def test_cross_entropy_finds_a_minimum_among_many():
 
     x = samples()
     variants = make_grid(effect("backlash"), x, x.torque)
-    found = cross_entropy(variants, errors)
+    found = search_by_cross_entropy(variants, errors)
     assert errors([found])[0] < 0.5 * min(errors(variants))
     np.testing.assert_allclose(logarithms(found), target, atol=0.35)
-    assert cross_entropy(variants, errors) == found
+    assert search_by_cross_entropy(variants, errors) == found
 
 
 def test_the_quietest_recording_counts_most_and_one_without_equations_not_at_all():

@@ -69,7 +69,7 @@ def test_a_long_lag_with_hardly_any_inertia_imitates_an_inertia_behind_a_short_l
     assert evaluator.model(short).estimates["inertia"].value == pytest.approx(inertia, rel=0.02)
     assert evaluator.model(long).estimates["inertia"].value == pytest.approx(viscous * lag, rel=0.3)
     assert evaluator.is_supported(short, BASE)
-    assert [gate.name for gate in evaluator.gates(long, BASE) if not gate.passed] == ["kept_inertia"]
+    assert [gate.name for gate in evaluator.make_gates(long, BASE) if not gate.passed] == ["kept_inertia"]
 
 
 def test_an_effect_is_excited_by_the_torque_over_the_least_that_three_standard_errors_show(evaluator):

@@ -6,7 +6,7 @@ from scipy.stats import t as student
 
 from estimators.data.rows import FOLDS
 from estimators.regression.balance import Balance
-from estimators.selection.score import NU, Blocks, Bootstrap, cross_validated, predict_density
+from estimators.selection.score import NU, Blocks, Bootstrap, cross_validate_density, predict_density
 
 
 def linear(phi: np.ndarray, y: np.ndarray) -> Balance:
@@ -32,7 +32,7 @@ def data(seed: int, where: Blocks, size: int = 3) -> tuple[np.ndarray, np.ndarra
 def test_a_stretch_is_predicted_by_the_fit_of_the_others():
     where = blocks(2, 20, 30)
     phi, y = data(0, where)
-    found = cross_validated(linear(phi, y), where)
+    found = cross_validate_density(linear(phi, y), where)
     for block in (0, 7, 25):
         fold, own = where.fold == block % FOLDS, where.recording == where.of_block[block]
         theta = np.linalg.lstsq(phi[~fold], y[~fold], rcond=None)[0]
@@ -46,8 +46,8 @@ def test_a_stretch_is_predicted_by_the_fit_of_the_others():
 def test_a_difference_of_models_does_not_depend_on_the_unit_of_torque(unit):
     where = blocks(1, 20, 30)
     phi, y = data(1, where)
-    one, other = (cross_validated(linear(phi[:, :size], y), where) for size in (3, 2))
-    scaled, rescaled = (cross_validated(linear(unit * phi[:, :size], unit * y), where) for size in (3, 2))
+    one, other = (cross_validate_density(linear(phi[:, :size], y), where) for size in (3, 2))
+    scaled, rescaled = (cross_validate_density(linear(unit * phi[:, :size], unit * y), where) for size in (3, 2))
     assert scaled - rescaled == pytest.approx(one - other, abs=1e-6)
 
 
@@ -74,9 +74,9 @@ def test_a_column_of_noise_predicts_no_better_and_a_true_one_does():
         phi, y = data(seed, where)
         bootstrap = Bootstrap(where.of_block, np.random.default_rng(0))
         with_noise = np.column_stack([phi, rng.standard_normal((len(y), 3))])
-        full = cross_validated(linear(phi, y), where)
-        useless += bootstrap.gain(cross_validated(linear(with_noise, y), where), full, 3.0).p_value < 0.05
-        useful += bootstrap.gain(full, cross_validated(linear(phi[:, :2], y), where), 3.0).p_value < 0.05
+        full = cross_validate_density(linear(phi, y), where)
+        useless += bootstrap.gain(cross_validate_density(linear(with_noise, y), where), full, 3.0).p_value < 0.05
+        useful += bootstrap.gain(full, cross_validate_density(linear(phi[:, :2], y), where), 3.0).p_value < 0.05
     assert useless == 0
     assert useful == 20
 
@@ -86,9 +86,9 @@ def test_noise_that_a_model_takes_out_counts_as_error_all_the_same():
     phi, y = data(4, where)
     square = 0.3**2
     smoothed = linear(phi, phi @ [1.0, 2.0, 3.0] + 0.5 * (y - phi @ [1.0, 2.0, 3.0]))  # the same with half the noise
-    honest = cross_validated(smoothed, where, [(slice(None), 0.75 * square)]).sum()
-    assert honest == pytest.approx(cross_validated(linear(phi, y), where).sum(), abs=len(y) * 0.05)
-    assert cross_validated(smoothed, where).sum() > honest + len(y) * 0.5
+    honest = cross_validate_density(smoothed, where, [(slice(None), 0.75 * square)]).sum()
+    assert honest == pytest.approx(cross_validate_density(linear(phi, y), where).sum(), abs=len(y) * 0.05)
+    assert cross_validate_density(smoothed, where).sum() > honest + len(y) * 0.5
 
 
 # ------------------------------------------------------------------------------------------------ what is sure of a sum

@@ -12,7 +12,7 @@ from estimators.data.split import split_recordings
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_parameters, screen_effects
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, add_pair, improves_form
-from estimators.selection.physical import bound_violations
+from estimators.selection.physical import find_bound_violations
 from estimators.selection.search import SearchResult, confirm_steps, search
 from estimators.selection.tables import add_beside_table
 from pendulum_env.physics import BASE, effect
@@ -149,8 +149,8 @@ def test_beside_a_table_an_effect_is_named_unless_another_table_predicts_more():
 
 def test_no_body_has_a_link_of_negative_inertia():
     terms = (*BASE, effect("joint_flexibility")())
-    assert not bound_violations(terms, np.array([0.09, 2.0, 0.35, 0.8, 0.05]))
-    ((column, value),) = bound_violations(terms, np.array([0.09, 2.0, 0.35, 0.8, -0.05]))
+    assert not find_bound_violations(terms, np.array([0.09, 2.0, 0.35, 0.8, 0.05]))
+    ((column, value),) = find_bound_violations(terms, np.array([0.09, 2.0, 0.35, 0.8, -0.05]))
     assert (column.name, value) == ("joint_flexibility", -0.05)
 
 

@@ -185,7 +185,7 @@ def test_screening_keeps_why_a_transmission_was_not_tried(gains: dict, before: s
 def test_gates_hold_gain_penalty_p_value_and_share_up_to_the_first_that_fails():
     evaluator, found = ScoredEvaluator({"A": 1.0, "D": 100.0, "O": 900.0}), {}
     for letter in "ADO":
-        gates = evaluator.gates(state(evaluator, letter).terms, BASE)
+        gates = evaluator.make_gates(state(evaluator, letter).terms, BASE)
         found[letter] = [(gate.name, gate.passed) for gate in gates]
         assert gates[0].value == pytest.approx(evaluator.total(state(evaluator, letter).terms))
         assert gates[0].limit == pytest.approx(np.log(len(LIBRARY)))  # one variant of each effect was tried

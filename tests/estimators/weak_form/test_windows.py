@@ -146,7 +146,11 @@ def coarse() -> SimulatedRecording:
 
 def test_averages_of_joined_recordings_are_those_of_each_however_dense_its_windows(sticky_runs):
     one, other = prepare([told(run) for run in sticky_runs[:2]]).windows
-    for parts in ((one, other), (one.at_every_sample(), other), (one.at_every_sample(), other.at_every_sample())):
+    for parts in (
+        (one, other),
+        (one.center_at_every_sample(), other),
+        (one.center_at_every_sample(), other.center_at_every_sample()),
+    ):
         series = [np.sin(3 * w.recording.time) for w in parts]
         joined = WindowAverages.join([w.averages for w in parts])
         apart = [w.average(own) for w, own in zip(parts, series, strict=True)]
@@ -188,8 +192,8 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
     for run in recorded(Plant(coulomb=0.1), *experiments):
         prepared = RegressionData.from_recordings([run])
         model, fit = fit_terms(prepared, BASE)
-        shared.append(prepared.data.structure(fit.residual, model.estimates["inertia"].value)[1])
-        without = prepared.data.structure(
+        shared.append(prepared.data.measure_structure(fit.residual, model.estimates["inertia"].value)[1])
+        without = prepared.data.measure_structure(
             fit.residual + 3 * fit.rms * np.sin(0.05 * np.arange(len(fit.residual))), 0.09
         )
         assert without[1] > 10  # what goes on from window to window is
@@ -201,7 +205,7 @@ def test_a_residual_smaller_than_the_noise_of_its_windows_has_no_structure():
     (run,) = recorded(Plant(coulomb=0.1), Experiment(rate=500, seconds=10, position_noise=2e-4, counts=None))
     prepared = RegressionData.from_recordings([run])
     model, fit = fit_terms(prepared, BASE)
-    small = prepared.data.structure(0.1 * fit.residual, model.estimates["inertia"].value)
+    small = prepared.data.measure_structure(0.1 * fit.residual, model.estimates["inertia"].value)
     assert abs(small.z_score) < 4.5
 
 
@@ -235,7 +239,7 @@ def test_a_turn_that_friction_of_another_law_makes_is_no_knock(hidden, terms):
 def test_a_delay_absorbs_no_noise_of_the_torque(coarse):
     windows = prepare([told(coarse)]).windows[0]
     for delay in (0.001, 0.0025, 0.01, 0.1):
-        assert 0.0 <= windows.absorbed(effect("dead_time")(delay)) < 0.1 * windows.raw_torque_noise**2
+        assert 0.0 <= windows.compute_absorbed_noise(effect("dead_time")(delay)) < 0.1 * windows.raw_torque_noise**2
 
 
 def test_noise_of_the_rate_of_a_torque_is_that_of_white_encoder_noise():
