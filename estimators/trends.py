@@ -82,12 +82,14 @@ def fit_trend(time: Array, value: Array, std: Array) -> Trend:
 def estimate_scatter_variance(value: Array, variance: Array) -> float:
     """Estimate the variance of values (N,) of a constant beyond that of their errors (N,), see `fit_trend`."""
 
-    def excess(s2: float) -> float:
+    def compute_excess(s2: float) -> float:
         w = 1 / (variance + s2)
         return float(w @ (value - np.average(value, weights=w)) ** 2) - (len(value) - 1)
 
     upper = float(np.sum((value - value.mean()) ** 2))  # chi-square is below 1 there
-    return float(scipy.optimize.brentq(excess, 0.0, upper, xtol=1e-9 * upper)) if excess(0.0) > 0 else 0.0
+    return (
+        float(scipy.optimize.brentq(compute_excess, 0.0, upper, xtol=1e-9 * upper)) if compute_excess(0.0) > 0 else 0.0
+    )
 
 
 @dataclass(frozen=True, eq=False)

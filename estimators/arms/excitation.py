@@ -148,9 +148,9 @@ def design_excitation(
         raise IdentificationError(f"a motion of {seconds:g} s is too short: give {KNOT_PERIOD:g} s or more")
     rng, limits = rng or np.random.default_rng(0), find_limits(body, max_angle, max_speed, max_torque, max_acceleration)
     for share in ACCELERATION_SHARES:
-        found = _search_motion(body, limits._replace(acceleration=share * limits.acceleration), seconds, rng)
-        if not find_problem(found, limits):
-            return found
+        motion = _search_motion(body, limits._replace(acceleration=share * limits.acceleration), seconds, rng)
+        if not find_problem(motion, limits):
+            return motion
     raise IdentificationError(f"{body.name}: {TORQUE_PROBLEM}")
 
 

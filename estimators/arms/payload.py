@@ -142,15 +142,15 @@ def find_carried(parts: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[
     group_of_recording = np.empty((2, count), dtype=np.intp)
     group_of_recording[:, order] = groups, groups[-1] - groups
     fits = [(rows.fit(grouping.tolist()), grouping) for grouping in group_of_recording]
-    found = []
+    candidates = []
     for (payloads, residual), grouping in fits:
         carried = [
             (payload, tuple(np.flatnonzero(grouping == k + 1).tolist()))
             for k, payload in enumerate(payloads)
             if payload.stands_out
         ]
-        found.append((not carried, round(residual, 6), carried))  # rounding differs; a possible body first
-    return min(found, key=lambda candidate: candidate[:2])[2]
+        candidates.append((not carried, round(residual, 6), carried))  # rounding differs; a possible body first
+    return min(candidates, key=lambda candidate: candidate[:2])[2]
 
 
 class PayloadRows(NamedTuple):

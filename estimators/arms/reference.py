@@ -62,13 +62,13 @@ def limit_speeds(body: Body, limits: Limits, q: Array, v: Array, share: Array) -
     change = np.clip(np.clip(share * limits.speed, low, high) - v, -max_change, max_change)
     accepted, excess = np.zeros_like(change), np.full(len(q), np.inf)
     changes = change, np.clip(-v, -max_change, max_change)  # if no share of the first suffices, it slows down
-    for wanted, factor in itertools.product(changes, SPEED_SHARES):
-        a = factor * wanted / h
+    for requested, factor in itertools.product(changes, SPEED_SHARES):
+        a = factor * requested / h
         ends = (q, v), (q + h * v + 0.5 * h**2 * a, v + h * a)
         needed = np.max([np.abs(body.torque(*end, a) @ body.values) for end in ends], axis=0)
         ratio = (needed / np.maximum(TORQUE_SHARE * limits.torque, 1e-300)).max(axis=1)
         is_better = (excess > 1) & (ratio < excess)
-        accepted[is_better], excess[is_better] = factor * wanted[is_better], ratio[is_better]
+        accepted[is_better], excess[is_better] = factor * requested[is_better], ratio[is_better]
         if (excess <= 1).all():
             break
     return np.clip(v + accepted, np.maximum(low, v - max_change), np.minimum(high, v + max_change))

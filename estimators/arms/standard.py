@@ -86,16 +86,16 @@ def nearest_body(model: Model) -> Nearest:
     start, scale = _factorise_links(body)
     n_links = len(body.links)
 
-    def misfit(x: Array) -> Array:
+    def compute_misfit(x: Array) -> Array:
         base = body.combine @ _compute_standard(start + scale * x, n_links)
         return np.concatenate([(base - theta) / std, x / NEAREST.prior_std])
 
-    def slope(x: Array) -> Array:
+    def compute_slope(x: Array) -> Array:
         base = body.combine @ (_differentiate_standard(start + scale * x, n_links) * scale)
         return np.vstack([base / std[:, None], np.eye(len(x)) / NEAREST.prior_std])
 
     solution = scipy.optimize.least_squares(
-        misfit, np.zeros(len(start)), slope, x_scale="jac", max_nfev=NEAREST.max_steps
+        compute_misfit, np.zeros(len(start)), compute_slope, x_scale="jac", max_nfev=NEAREST.max_steps
     )
     values = _compute_standard(start + scale * solution.x, n_links)
     parameters = {
@@ -150,9 +150,9 @@ def find_nearest_link(standard: Array, columns: Array) -> Array:
             curvature = hessian + ridge + weight * np.einsum("iab,jba->ij", shares, shares)
             scale = 1.0 / np.sqrt(np.diag(curvature))
             step = -scale * np.linalg.solve(curvature * np.outer(scale, scale), scale * slope)
-            tried = [best, *(best + step * length for length in BARRIER.lengths)]
-            best = min(tried, key=lambda values: compute_cost(values, weight))
-            if best is tried[0] or -(slope @ step) < weight:
+            candidates = [best, *(best + step * length for length in BARRIER.lengths)]
+            best = min(candidates, key=lambda values: compute_cost(values, weight))
+            if best is candidates[0] or -(slope @ step) < weight:
                 break
         if len(axes) * weight <= BARRIER.excess * compute_cost(best, 0.0):
             break

@@ -129,9 +129,9 @@ class Alignment:
         """Return whether delay and lag agree with those of another alignment within their errors."""
         if self.is_half_sample and other.is_half_sample:  # each of its own period
             return True
-        apart = self.delay + self.lag - other.delay - other.lag
-        spread = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
-        return bool(abs(apart) <= SEARCH.sure * spread)
+        difference = self.delay + self.lag - other.delay - other.lag
+        std = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
+        return bool(abs(difference) <= SEARCH.sure * std)
 
     def apply(self, recording: Recording, later: float = 0.0, slower: float = 0.0) -> Recording:
         """Correct the torque of a recording that was logged late or filtered; return other recordings unchanged.
@@ -147,16 +147,16 @@ class Alignment:
         edge = 2 * self.channel.is_sampled  # samples whose cubic has no neighbours
         first = max(edge, int(self.lag > 0))
         beyond = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + edge
-        kept, torque = [], []
+        kept_rows, torque = [], []
         joints = recording.torque.reshape(len(recording), -1).T  # of an arm several
         for begin, end in pairwise((*recording.starts, len(recording))):
             if end - beyond - begin - first >= 2:
                 acting = np.column_stack([changed.hold_torque(own[begin:end], period) for own in joints])
-                kept.append(np.arange(begin + first, end - beyond))
+                kept_rows.append(np.arange(begin + first, end - beyond))
                 torque.append(acting[first : end - beyond - begin])
-        if not kept:
+        if not kept_rows:
             return recording
-        rows, shape = np.concatenate(kept), (-1, *recording.torque.shape[1:])
+        rows, shape = np.concatenate(kept_rows), (-1, *recording.torque.shape[1:])
         own: dict[str, Any] = {quantity: values[rows] for quantity, values in recording.series.items()}
         own |= {"torque": np.concatenate(torque).reshape(shape)}
         if recording.torque.ndim == 1:
@@ -164,7 +164,7 @@ class Alignment:
             response = channel.hold_torque(np.eye(1, 2 * reach + 1, reach)[0], period)
             is_sampled = self.channel.is_sampled or self.is_half_sample
             own["moved"] = MovedTorque(estimate_white_noise(recording.torque), response, is_sampled)
-        starts = tuple(np.cumsum([0, *map(len, kept[:-1])]).tolist())
+        starts = tuple(np.cumsum([0, *map(len, kept_rows[:-1])]).tolist())
         return replace(recording, **own, starts=starts, notes=(*recording.notes, self._note))
 
     @property

@@ -151,8 +151,8 @@ class ChannelFits(ChannelRows):
     @cached_property
     def span(self) -> Array:
         """Return an orthonormal basis of the columns (R, P)."""
-        left, singular, _ = np.linalg.svd(self.phi / np.maximum(np.linalg.norm(self.phi, axis=0), 1e-300), False)
-        return np.asarray(left[:, singular > 1e-9 * singular[0]])
+        basis, singular, _ = np.linalg.svd(self.phi / np.maximum(np.linalg.norm(self.phi, axis=0), 1e-300), False)
+        return np.asarray(basis[:, singular > 1e-9 * singular[0]])
 
     @property
     def columns(self) -> tuple[Array, Array]:
@@ -281,9 +281,16 @@ class ChannelFits(ChannelRows):
             stds = max(delay.delay_std, abs(delay_time) / SEARCH.sure), max(lag.lag_std, abs(lag.lag) / SEARCH.sure)
             return replace(none, delay_std=stds[0], lag_std=stds[1])
         if delay_time > 0:
-            both = self.fit([delay_time * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)
-            if both.is_supported(none) and both.lag > self.period and both.beats(delay) and both.beats(lag):
-                return both
+            delay_and_lag = self.fit(
+                [delay_time * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0
+            )
+            if (
+                delay_and_lag.is_supported(none)
+                and delay_and_lag.lag > self.period
+                and delay_and_lag.beats(delay)
+                and delay_and_lag.beats(lag)
+            ):
+                return delay_and_lag
         is_filter = lag.predicts_better(delay) and lag.is_supported(none) and abs(lag.lag) >= self.period
         law, other = (lag, delay) if is_filter else (delay, lag)
         return law if law.beats(other) or not other.is_supported(none) else replace(law, rival=other.channel)
@@ -306,7 +313,7 @@ class ChannelFits(ChannelRows):
         freedom = independent - self.span.shape[1]
         if more < 1 or freedom < 1:
             return False
-        large, small = (float(np.sum(one.residual(one.torque(law.channel)) ** 2)) for one in (fits, self))
+        large, small = (float(np.sum(fit.residual(fit.torque(law.channel)) ** 2)) for fit in (fits, self))
         ratio = (large - small) / more / max(small / freedom, 1e-300)
         return bool(fdtrc(more, freedom, ratio) < SEARCH.p_value)
 
@@ -370,16 +377,16 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     if fits is None:
         return NO_ALIGNMENT
     if fits.data.shared_columns:  # the columns of links and smooth laws follow any motion
-        found = _choose_hold(fits)
-        return found if not found.is_found or fits.is_consistent(recordings, found) else NO_ALIGNMENT
+        law = _choose_hold(fits)
+        return law if not law.is_found or fits.is_consistent(recordings, law) else NO_ALIGNMENT
     fits = fits.select_most_precise()
-    if not (found := _choose_hold(fits)).is_found:
-        return found
-    if not (found.is_late or fits.keeps_inertia(found)):
+    if not (law := _choose_hold(fits)).is_found:
+        return law
+    if not (law.is_late or fits.keeps_inertia(law)):
         return NO_ALIGNMENT
-    if find_feedback(recordings) and (finer := fits.with_angle_columns()).explains_more(fits, found):
-        fits, found = finer, _choose_hold(finer)
-    return found if fits.is_consistent(recordings, found) else NO_ALIGNMENT
+    if find_feedback(recordings) and (finer := fits.with_angle_columns()).explains_more(fits, law):
+        fits, law = finer, _choose_hold(finer)
+    return law if fits.is_consistent(recordings, law) else NO_ALIGNMENT
 
 
 def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording:
@@ -389,31 +396,31 @@ def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording
         return recording
     velocity = np.gradient(recording.position, recording.time)
     x = Samples(recording.time, recording.position, velocity, recording.torque)
-    lost = sum(column.force(x) for law in laws for column in law.fixed)
-    return replace(recording, torque=recording.torque - lost)
+    removed_torque = sum(column.force(x) for law in laws for column in law.fixed)
+    return replace(recording, torque=recording.torque - removed_torque)
 
 
 def _choose_hold(fits: ChannelFits) -> Alignment:
     """Return the best law of torque that was held or sampled; see `align`."""
-    found, sampled = fits.select_law(), replace(fits, is_sampled=True)
+    law, sampled = fits.select_law(), replace(fits, is_sampled=True)
     free = fits.delay_fit
-    if not (found.is_late or (free.is_significant and not found.is_found)):
-        return found
+    if not (law.is_late or (free.is_significant and not law.is_found)):
+        return law
     half = sampled.fit([np.array([0.5 * fits.period, 0.0])])
-    if not found.is_late:
-        is_half = half.agrees(free) and half.predicts_better(found) and not free.beats(half)
-        return replace(half, delay_std=free.delay_std, is_half_sample=True) if is_half else found
-    other = sampled.select_law()
-    late, late_std = (found.delay + found.lag) / fits.period, (found.delay_std + found.lag_std) / fits.period
+    if not law.is_late:
+        is_half = half.agrees(free) and half.predicts_better(law) and not free.beats(half)
+        return replace(half, delay_std=free.delay_std, is_half_sample=True) if is_half else law
+    sampled_law = sampled.select_law()
+    late, late_std = (law.delay + law.lag) / fits.period, (law.delay_std + law.lag_std) / fits.period
     if late + SEARCH.sure * late_std < SEARCH.least_sampled:
-        return found
+        return law
     is_usual = late < 0.5 + SEARCH.sure * late_std
-    is_sampled = not found.beats(other) if is_usual else other.beats(found)
-    if not (is_sampled and other.is_late):
-        return found
-    if half.agrees(other) and not other.beats(half):
-        return replace(half, delay_std=other.delay_std, is_half_sample=True)
-    return replace(other, rival=None)
+    is_sampled = not law.beats(sampled_law) if is_usual else sampled_law.beats(law)
+    if not (is_sampled and sampled_law.is_late):
+        return law
+    if half.agrees(sampled_law) and not sampled_law.beats(half):
+        return replace(half, delay_std=sampled_law.delay_std, is_half_sample=True)
+    return replace(sampled_law, rival=None)
 
 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
@@ -428,17 +435,20 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
     is_closed = all(find_feedback([recording]) for recording in recordings)
     if len(recordings) == 1 or (is_closed and np.isfinite(joint.delay_std)):
         return [joint] * len(recordings)
-    each = [align([recording], beside) for recording in recordings]
-    if is_closed and not all(np.isfinite(alignment.delay_std) for alignment in each):
+    separate_laws = [align([recording], beside) for recording in recordings]
+    if is_closed and not all(np.isfinite(alignment.delay_std) for alignment in separate_laws):
         return [joint] * len(recordings)
-    for law in (joint, *sorted(each, key=lambda alignment: alignment.delay_std + alignment.lag_std)):
-        agree = [alignment.agrees(law) for alignment in each]
+    for law in (joint, *sorted(separate_laws, key=lambda alignment: alignment.delay_std + alignment.lag_std)):
+        agree = [alignment.agrees(law) for alignment in separate_laws]
         is_shared = (law.is_late and joint.agrees(law)) or (law is joint and law.is_found)
-        if is_shared and 2 * sum(agree) > len(each):
+        if is_shared and 2 * sum(agree) > len(separate_laws):
             uses_law = [
                 is_alike or (alignment.is_found and not alignment.is_late)
-                for alignment, is_alike in zip(each, agree, strict=True)
+                for alignment, is_alike in zip(separate_laws, agree, strict=True)
             ]
-            return [law if uses_shared else alignment for alignment, uses_shared in zip(each, uses_law, strict=True)]
-    separate = [alignment if alignment.is_late or not alignment.is_found else joint for alignment in each]
-    return separate if any(alignment.is_found for alignment in separate) else [joint] * len(each)
+            return [
+                law if uses_shared else alignment
+                for alignment, uses_shared in zip(separate_laws, uses_law, strict=True)
+            ]
+    separate = [alignment if alignment.is_late or not alignment.is_found else joint for alignment in separate_laws]
+    return separate if any(alignment.is_found for alignment in separate) else [joint] * len(separate_laws)

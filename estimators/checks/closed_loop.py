@@ -51,14 +51,18 @@ def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
     tested.
     """
     gains: dict[tuple[Kind, str], dict[str, float]] = {}
-    for recording in (own for own in recordings if own.position.ndim == 1):
+    for recording in (feedback_gains for feedback_gains in recordings if feedback_gains.position.ndim == 1):
         gains_by_stride = (_estimate_feedback_gain(recording, stride) for stride in ANSWER.strides)
         if (gain := next((gain for gain in gains_by_stride if gain is not None), None)) is not None:
             kind = Kind.FEEDBACK if recording.reference is None else Kind.FEEDBACK_WITH_REFERENCE
             gains.setdefault((kind, recording.units.unit("N m/rad")), {})[recording.name] = gain
     return [
-        Finding(kind, {"gain": Quantity(float(np.median([*own.values()])), unit=unit)}, recordings=tuple(own))
-        for (kind, unit), own in gains.items()
+        Finding(
+            kind,
+            {"gain": Quantity(float(np.median([*feedback_gains.values()])), unit=unit)},
+            recordings=tuple(feedback_gains),
+        )
+        for (kind, unit), feedback_gains in gains.items()
     ]
 
 
@@ -108,13 +112,13 @@ def _estimate_feedback_gain(recording: Recording, stride: int) -> float | None:
         for series in (recording.position, recording.torque)
     )  # (R, ANSWER.past + 1) each: past and present
     past = np.column_stack([position[:, :-1], torque[:, :-1], np.ones(len(torque))])
-    moved, answer = (now - past @ solve_least_squares(past, now) for now in (position[:, -1], torque[:, -1]))
-    usual = [ANSWER.tail * 1.4826 * float(np.median(np.abs(surprise))) for surprise in (moved, answer)]
-    calm = (np.abs(moved) < usual[0]) & (np.abs(answer) < usual[1])
-    moved, answer = moved[calm], answer[calm]
-    if len(moved) < ANSWER.parts or not (moved.any() and answer.any()):
+    innovation, answer = (now - past @ solve_least_squares(past, now) for now in (position[:, -1], torque[:, -1]))
+    limits = [ANSWER.tail * 1.4826 * float(np.median(np.abs(surprise))) for surprise in (innovation, answer)]
+    calm = (np.abs(innovation) < limits[0]) & (np.abs(answer) < limits[1])
+    innovation, answer = innovation[calm], answer[calm]
+    if len(innovation) < ANSWER.parts or not (innovation.any() and answer.any()):
         return None
-    parts = np.arange(len(moved)) * ANSWER.parts // len(moved)
-    fit = solve(Equations(moved[:, None], answer), np.ones(len(moved)), parts)
+    parts = np.arange(len(innovation)) * ANSWER.parts // len(innovation)
+    fit = solve(Equations(innovation[:, None], answer), np.ones(len(innovation)), parts)
     gain, std = float(fit.theta[0]), float(fit.std[0])
-    return gain if gain < -max(ANSWER.answered * answer.std() / moved.std(), ANSWER.sure * std) else None
+    return gain if gain < -max(ANSWER.answered * answer.std() / innovation.std(), ANSWER.sure * std) else None

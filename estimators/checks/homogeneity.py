@@ -200,11 +200,11 @@ def find_disagreements(fits: Sequence[RecordingFit], *, only_if_all_fit: bool = 
     agreeing = [fit for fit in fits if not fit.is_turned] or list(fits)
     turned_only = only_if_all_fit and not all(fit.is_explained for fit in fits)
     while len(agreeing) > 1 and not turned_only:
-        rest = {fit.number: [other for other in agreeing if other is not fit] for fit in agreeing}
-        if not any(fit.find_differences(pool_fits(rest[fit.number])) for fit in agreeing):
+        others_of = {fit.number: [other for other in agreeing if other is not fit] for fit in agreeing}
+        if not any(fit.find_differences(pool_fits(others_of[fit.number])) for fit in agreeing):
             break
         # exclude the recording without which the others agree best; of two, the later one
-        agreeing = rest[min(reversed(agreeing), key=lambda fit: compute_spread(rest[fit.number])).number]
+        agreeing = others_of[min(reversed(agreeing), key=lambda fit: compute_spread(others_of[fit.number])).number]
     others = tuple(fit.name for fit in agreeing)
     return (
         _select_differing([fit for fit in fits if fit not in agreeing], pool_fits(agreeing), others) if agreeing else ()

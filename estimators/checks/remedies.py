@@ -86,9 +86,9 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> boo
     base = {term.id for term in BASE}  # an effect that was added may imitate twice the load
     equations = data.equations([term for term in model.terms if term.id in base])
     phi = np.column_stack([equations.phi, data.averages.column(LOAD_TORQUE, data.averages.samples)])
-    found = solve(Equations(phi, equations.y), data.weights, data.blocks(TURNED_BLOCK)[0])
-    excess = -1.0 - float(found.theta[-1])  # share of the load beyond the other columns that is no noise
-    return found.condition < DEPENDENT and excess > max(TURNED_SHARE, TURNED_ERRORS * float(found.std[-1]))
+    fit = solve(Equations(phi, equations.y), data.weights, data.blocks(TURNED_BLOCK)[0])
+    excess = -1.0 - float(fit.theta[-1])  # share of the load beyond the other columns that is no noise
+    return fit.condition < DEPENDENT and excess > max(TURNED_SHARE, TURNED_ERRORS * float(fit.std[-1]))
 
 
 def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
@@ -121,9 +121,16 @@ def _make_remedies(
 
     Recordings of unknown origin are left out. `correct` returns the columns of an origin, or None.
     """
-    found: list[tuple[dict[str, str], str]] = []
+    corrections: list[tuple[dict[str, str], str]] = []
     for recording in recordings:
         if recording.origin is not None and (columns := correct(recording.origin)) is not None:
-            found.append((columns, recording.name))
-    distinct = [columns for k, (columns, _) in enumerate(found) if columns not in [other for other, _ in found[:k]]]
-    return tuple(Remedy(columns, tuple(name for other, name in found if other == columns)) for columns in distinct)
+            corrections.append((columns, recording.name))
+    distinct = [
+        columns
+        for k, (columns, _) in enumerate(corrections)
+        if columns not in [known_columns for known_columns, _ in corrections[:k]]
+    ]
+    return tuple(
+        Remedy(columns, tuple(name for known_columns, name in corrections if known_columns == columns))
+        for columns in distinct
+    )

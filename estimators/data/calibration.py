@@ -75,10 +75,10 @@ def _convert_by_constant(
         return combined, None
     if constant is not None and constant.of != unit:
         raise IdentificationError(f"torque is in {unit}, but the torque constant is of {constant.of}: convert the log")
-    found = constant or estimate_torque_constant(combined[:count])
-    if isinstance(found, Finding):
-        return combined, found
-    return tuple(recording.convert_to_newton_metres(found) for recording in combined), None
+    estimated = constant or estimate_torque_constant(combined[:count])
+    if isinstance(estimated, Finding):
+        return combined, estimated
+    return tuple(recording.convert_to_newton_metres(estimated) for recording in combined), None
 
 
 def _scale_swings(recordings: Recordings, inertia: float, torque_unit: str) -> Recordings:

@@ -145,14 +145,16 @@ class FitData:
         data are returned.
         """
         excluded, count = {outlier.recording for outlier in outliers}, len(self.recordings)
-        kept = [k for k in range(count) if k + 1 not in excluded]
-        if len(kept) == count:
+        kept_numbers = [k for k in range(count) if k + 1 not in excluded]
+        if len(kept_numbers) == count:
             return self
-        alignments = [self.alignments[k] for k in (*kept, *range(count, len(self.alignments))) if self.alignments]
-        names = tuple(recording.name for k, recording in enumerate(self.recordings) if k not in kept)
+        alignments = [
+            self.alignments[k] for k in (*kept_numbers, *range(count, len(self.alignments))) if self.alignments
+        ]
+        names = tuple(recording.name for k, recording in enumerate(self.recordings) if k not in kept_numbers)
         return self.with_treatment(
             Finding(Kind.RECORDINGS_EXCLUDED, recordings=names),
-            recordings=tuple(self.recordings[k] for k in kept),
+            recordings=tuple(self.recordings[k] for k in kept_numbers),
             alignments=tuple(alignments),
             excluded=tuple(outliers),
             whole=self,
@@ -283,14 +285,17 @@ class FitData:
         Findings name their recordings, unless all recordings share one alignment.
         """
         pairs = zip(self.all_recordings, self.alignments, strict=bool(self.alignments))
-        found: list[Finding] = []
+        findings: list[Finding] = []
         names: list[list[str]] = []
         for recording, alignment in pairs:
             if alignment.is_late != is_late or (finding := alignment.finding) is None:
                 continue
-            if finding not in found:
-                found, names = [*found, finding], [*names, []]
-            names[found.index(finding)].append(recording.name)
+            if finding not in findings:
+                findings, names = [*findings, finding], [*names, []]
+            names[findings.index(finding)].append(recording.name)
         if all(alignment is self.alignments[0] for alignment in self.alignments):
-            return tuple(found)
-        return tuple(replace(finding, recordings=tuple(own)) for finding, own in zip(found, names, strict=True))
+            return tuple(findings)
+        return tuple(
+            replace(finding, recordings=tuple(recording_names))
+            for finding, recording_names in zip(findings, names, strict=True)
+        )

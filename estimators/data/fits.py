@@ -57,7 +57,7 @@ def find_term_edges(data: RegressionData, terms: Terms) -> dict[Term, list[Nonli
 
 def _are_smooth(names: Sequence[str], edges: Mapping[Term, Sequence[NonlinearParameter]]) -> Mask:
     """Return the mask of the full names of parameters (S,) that are no edges."""
-    scanned = {term.get_full_name(parameter.name) for term, own in edges.items() for parameter in own}
+    scanned = {term.get_full_name(parameter.name) for term, parameters in edges.items() for parameter in parameters}
     return np.array([name not in scanned for name in names], dtype=bool)
 
 

@@ -40,12 +40,12 @@ def find_failures(
     `floors` are the noise floors of joints by name [N m], by default those of the data.
     """
     regions: list[Region] = []
-    for at, error in data.joint_errors(residual).items():
-        floor = (floors or data.floors)[at]
-        found = find_regions_at(data, residual, at, most=most, floor=floor)
-        if not found and error > Criterion.misfit * max(floor, data.data.compute_negligible_residual(at)):
-            found = [_make_scattered_region(data, error, floor, at)]
-        regions += found
+    for joint, error in data.joint_errors(residual).items():
+        floor = (floors or data.floors)[joint]
+        regions_at_joint = find_regions_at(data, residual, joint, most=most, floor=floor)
+        if not regions_at_joint and error > Criterion.misfit * max(floor, data.data.compute_negligible_residual(joint)):
+            regions_at_joint = [_make_scattered_region(data, error, floor, joint)]
+        regions += regions_at_joint
     return regions
 
 

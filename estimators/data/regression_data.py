@@ -89,9 +89,11 @@ class RegressionData:
         """
         candidates = self.segments if model.has_known_inertia else ()
         steady = [compute_growth(segments, model.terms, model.theta) < GROWS for segments in candidates]
-        kept = tuple(select_segments(*pair) for pair in zip(candidates, steady, strict=True) if pair[1].any())
+        steady_segments = tuple(
+            select_segments(*pair) for pair in zip(candidates, steady, strict=True) if pair[1].any()
+        )
         unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
-        return replace(self, segments=kept) if kept else self, unstable
+        return replace(self, segments=steady_segments) if steady_segments else self, unstable
 
     @classmethod
     def from_arm(cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> RegressionData:

@@ -87,23 +87,23 @@ def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) 
     """
     if has_link(terms):
         return data
-    add = make_contact_finder(data, terms)
-    found = add(data[0]), add(data[1])
-    counts = [part.data.contacts for part in found]
+    add_contacts = make_contact_finder(data, terms)
+    with_windows = add_contacts(data[0]), add_contacts(data[1])
+    counts = [part.data.contacts for part in with_windows]
     is_uneven = counts[0] < MOTION * sum(counts) or counts[1] == 0
     if is_uneven and sum(counts) >= repeated and data[0].recordings == data[1].recordings:
         contacts, center_shares = (
             np.concatenate([shares for part in parts for shares in instants(part)])
             for parts, instants in (
-                (found, lambda part: part.data.contact_instants),
+                (with_windows, lambda part: part.data.contact_instants),
                 (data, lambda part: [w.centers / len(w.recording) for w in part.data.windows]),
             )
         )
         split = split_at_contacts(center_shares, contacts)
         if split is not None:
-            found = add(_cut_again(data[0], split[0])), add(_cut_again(data[1], split[1]))
-            counts = [part.data.contacts for part in found]
-    return found if counts[0] >= 1 and sum(counts) >= repeated else data
+            with_windows = add_contacts(_cut_again(data[0], split[0])), add_contacts(_cut_again(data[1], split[1]))
+            counts = [part.data.contacts for part in with_windows]
+    return with_windows if counts[0] >= 1 and sum(counts) >= repeated else data
 
 
 def make_contact_finder(data: Parts, terms: Sequence[Term]) -> Callable[[RegressionData], RegressionData]:
@@ -126,11 +126,11 @@ def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | Non
     options: list[tuple[float, tuple[Part, Part]]] = []
     for k, share in enumerate(0.5 * (instants[1:] + instants[:-1]), 1):
         before, after = (0.0, float(share)), (float(share), 1.0)
-        for n_fitted, moved, parts in (
+        for n_fitted, motion_share, parts in (
             (k, np.mean(motion < share), (before, after)),
             (count - k, np.mean(motion >= share), (after, before)),
         ):
-            if moved >= MOTION:
+            if motion_share >= MOTION:
                 options.append((abs(n_fitted / count - (1 - HELD_OUT)), parts))
     return min(options)[1] if options else None
 

@@ -42,7 +42,7 @@ def find_stiff_stops(model: Model, recordings: Sequence[Recording]) -> list[Find
     The depths at each end vary by at most 3 standard errors of the end, as under one torque at rest, or if the stop
     yields too little. Nine tenths of the samples show the variation: a crossing of the end is short.
     """
-    found, widened = list[Finding](), widen_ends(model, recordings)
+    findings, widened = list[Finding](), widen_ends(model, recordings)
     for term in (term for term in model.terms if term.has_impacts and not term.at):
         names = [parameter.name for parameter in term.free]
         ends = {name: widened.estimates[term.get_full_name(name)] for name in names if name in ("lower", "upper")}
@@ -53,8 +53,8 @@ def find_stiff_stops(model: Model, recordings: Sequence[Recording]) -> list[Find
             unit = model.units().unit("rad")
             numbers = {"angle": Quantity(next(iter(ends.values())).value, unit=unit)}
             numbers |= {"depth": Quantity(max(float(depth.max()) for depth in depths.values()), unit=unit)}
-            found.append(Finding(Kind.STIFF_STOP, numbers, tuple(unknown), (term.id,)))
-    return found
+            findings.append(Finding(Kind.STIFF_STOP, numbers, tuple(unknown), (term.id,)))
+    return findings
 
 
 def _list_depths(recordings: Sequence[Recording], name: str, end: float) -> Array:

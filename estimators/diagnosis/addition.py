@@ -61,7 +61,7 @@ def add(
     body = model.body
     recordings = select_recordings(recordings, body=body, log_format=model.log_format)
     holdout = select_recordings(holdout, empty=True, body=body, log_format=model.log_format)
-    recordings, holdout = (apply_conventions(own, model.log_format) for own in (recordings, holdout))
+    recordings, holdout = (apply_conventions(part, model.log_format) for part in (recordings, holdout))
     kind = find_kind(id, body)
     model.add(kind())  # raises if the model has it
     select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that no recording has
@@ -78,12 +78,12 @@ def add(
     progress("refitting", 0.9)
     (refitted,) = case.refit(SearchResult(evaluator, [before]), replace(model, terms=tuple(setting.base))).steps
     added = longer.model.terms[-1]
-    found = case.refit(SearchResult(evaluator, [before, longer]), refitted.model.add(added))
-    after, is_shown = found.steps[-1], is_hidden(added) and evaluator.train.segments  # the motion shows hidden states
+    result = case.refit(SearchResult(evaluator, [before, longer]), refitted.model.add(added))
+    after, is_shown = result.steps[-1], is_hidden(added) and evaluator.train.segments  # the motion shows hidden states
     objection = explain_rejection(evaluator.make_confirmation_gates(after, refitted))
     if objection is None and not is_shown:
         gain = evaluator.evidence(longer.model.terms, before.model.terms)
         objection = None if gain.p_value <= evaluator.criterion.p_value else Finding(Kind.BY_CHANCE)
-    trial, log_format = Trial(case, data, setting, found), collect_log_format(data.recordings)
+    trial, log_format = Trial(case, data, setting, result), collect_log_format(data.recordings)
     refitted, after = (case.present(trial, step).with_log_format(log_format) for step in (refitted, after))
     return Addition(refitted, after, evaluator.residuals.floors, objection, data.doubt)

@@ -22,19 +22,19 @@ from estimators.selection.tables import find_explaining_law
 from pendulum_env.physics import TABLES
 
 
-def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
+def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     """Return the diagnosis of a pendulum with findings, detectable sizes, tables, and the next experiment.
 
     With a reversed sign of the logged torque, only findings on data and torque channel are added.
     """
-    found = replace(found, disagreements=trial.outliers)
-    channel = find_in_channel(trial, found)
+    diagnosis = replace(diagnosis, disagreements=trial.outliers)
+    channel = find_in_channel(trial, diagnosis)
     remedies = find_remedies(
-        trial.release_bounds(found.model), trial.data.recordings, found.ambiguous, not found.unexplained
+        trial.release_bounds(diagnosis.model), trial.data.recordings, diagnosis.ambiguous, not diagnosis.unexplained
     )
     if (cause := find_contradiction(trial.evaluator)) is not None:
-        return replace(found, findings=(*remedies, *channel), forbidden=cause)
-    evaluator, model, regions, doubts = trial.final.evaluator, trial.model, found.unexplained, trial.doubts
+        return replace(diagnosis, findings=(*remedies, *channel), forbidden=cause)
+    evaluator, model, regions, doubts = trial.final.evaluator, trial.model, diagnosis.unexplained, trial.doubts
     table = trial.found.table.id if trial.found.table is not None and trial.found.table.id in TABLES else None
     if regions and table is None:
         table = find_explaining_law(evaluator, model.terms, TABLES.values())
@@ -42,7 +42,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     trial.setting.progress("looking for the next experiment", 0.95)
     is_complete = not regions and len(trial.terms) == len(evaluator.base)
     detectable = find_detectable_effects(evaluator, trial.terms, evaluator.library) if is_complete else ()
-    questions = list_questions(evaluator, model.terms, found.ambiguous, found.candidates, doubts, detectable)
+    questions = list_questions(evaluator, model.terms, diagnosis.ambiguous, diagnosis.candidates, doubts, detectable)
     if find_violations(model, evaluator.train.motions) or not model.has_known_inertia:
         questions = []  # motion cannot be predicted
     limits = trial.setting.limits.with_trusted_torque((trial.data.whole or trial.data).recordings)
@@ -53,15 +53,15 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
         forbidden = find_holdout_structure(evaluator, trial.terms) or table_finding or Finding(Kind.NO_EFFECT_OPEN)
     contacts = find_contacts(evaluator, trial.terms, model)
     return replace(
-        found,
-        candidates=mark_met_stops(found.candidates, contacts),
+        diagnosis,
+        candidates=mark_met_stops(diagnosis.candidates, contacts),
         findings=(
             *remedies,
             *channel,
             *contacts,
-            *(Finding(Kind.TIED, effects=group) for group in found.ambiguous),
+            *(Finding(Kind.TIED, effects=group) for group in diagnosis.ambiguous),
             *doubts,
-            *find_caveats(evaluator, found.steps, trial.terms, detectable),
+            *find_caveats(evaluator, diagnosis.steps, trial.terms, detectable),
             *([table_finding] if table_finding and table_finding != forbidden else []),
         ),
         detectable=detectable,
@@ -72,34 +72,38 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     )
 
 
-def conclude_arm(trial: Trial, found: Diagnosis) -> Diagnosis:
+def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     """Return the diagnosis of an arm with the residual of each joint, tables that explain it, and the next step."""
     evaluator, terms = trial.evaluator, trial.terms
     residuals, regions = find_joint_residuals(evaluator, terms)
     joints = [region.at for region in regions if not region.held_out_recordings]
-    tables_at_joints = ([table for table in evaluator.tables if table.at == at] for at in joints)
+    tables_at_joints = ([table for table in evaluator.tables if table.at == joint] for joint in joints)
     tables = tuple(id for kinds in tables_at_joints if (id := find_explaining_law(evaluator, terms, kinds)) is not None)
     forbidden = Finding(Kind.NO_EFFECT_OPEN) if residuals else None
     if residuals and not joints:
         forbidden = Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names)
-    elif found.ambiguous:
-        forbidden = Finding(Kind.TIED, effects=found.ambiguous[0])
+    elif diagnosis.ambiguous:
+        forbidden = Finding(Kind.TIED, effects=diagnosis.ambiguous[0])
     elif tables:
         forbidden = Finding(Kind.TABLE_HELPS, effects=tables)
     payloads = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
     explained = {*residuals, *(term.at for term in terms if term.has_impacts)}
-    contacts = find_arm_contacts(evaluator, found.model, [at for at in found.body.joints if at not in explained])
+    contacts = find_arm_contacts(
+        evaluator, diagnosis.model, [joint for joint in diagnosis.body.joints if joint not in explained]
+    )
     findings = (
         *payloads,
         *contacts,
-        *find_driving_friction(trial.release_bounds(found.model)),
+        *find_driving_friction(trial.release_bounds(diagnosis.model)),
         *trial.data.corrections,
     )
-    candidates = mark_met_stops(found.candidates, contacts)
-    return replace(found, candidates=candidates, findings=findings, forbidden=forbidden, tables=tables, left=residuals)
+    candidates = mark_met_stops(diagnosis.candidates, contacts)
+    return replace(
+        diagnosis, candidates=candidates, findings=findings, forbidden=forbidden, tables=tables, left=residuals
+    )
 
 
-def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
+def find_in_channel(trial: Trial, diagnosis: Diagnosis) -> list[Finding]:
     """Return findings on the torque constant, the time between torque and motion, and feedback.
 
     Torque that acts late is reported with a dead time or lag in the model, or with an unexplained residual if the
@@ -108,13 +112,13 @@ def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
     data = trial.data.whole or trial.data
     constant, findings = data.constant, [] if data.doubt is None else [data.doubt]
     if constant is not None:
-        findings += find_gain_doubts(found.model, constant, data.parts[0].data)
+        findings += find_gain_doubts(diagnosis.model, constant, data.parts[0].data)
     findings += data.corrections
-    selected = {id for group in found.effects for id in group}
+    selected = {id for group in diagnosis.effects for id in group}
     if selected & {"dead_time", "actuator_lag"}:
         findings += data.find_timing(False)
-    elif found.unexplained and data.find_timing(False):
-        findings += data.with_timing([term for term in found.model.terms if term.id in found.selected]).find_timing(
-            False
-        )
+    elif diagnosis.unexplained and data.find_timing(False):
+        findings += data.with_timing(
+            [term for term in diagnosis.model.terms if term.id in diagnosis.selected]
+        ).find_timing(False)
     return [*findings, *find_feedback(data.recordings)]

@@ -45,24 +45,24 @@ def find_arm_contacts(evaluator: ModelEvaluator, model: Model, joints: Iterable[
     The torque of a joint at rest, less that of the model, exceeds twice its dry friction and noise, and presses
     outwards, beyond all angles at which the joint moves freely.
     """
-    found, runs = list[Finding](), [run for part in evaluator.parts for run in _split_with_rests(part, model)]
+    findings, runs = list[Finding](), [run for part in evaluator.parts for run in _split_with_rests(part, model)]
     measured = [(run, *_measure_residual(run, model)) for run in runs]
-    for at in joints:
+    for joint in joints:
         low, high, places, touching = np.inf, -np.inf, list[Place](), list[Windows]()
         for run, residual, limit in measured:
-            rows, (w,) = run.locate_rows(at), (own for own in run.data.windows if own.at == at)
+            rows, (w,) = run.locate_rows(joint), (windows for windows in run.data.windows if windows.at == joint)
             angle = run.samples.position[rows]
             is_free = ~np.isin(w.centers, w.resting) & (np.abs(residual) <= limit)[rows]
             low, high = min(low, angle[is_free].min(initial=np.inf)), max(high, angle[is_free].max(initial=-np.inf))
         for run, residual, limit in measured:
-            rows, (w,) = run.locate_rows(at), (own for own in run.data.windows if own.at == at)
+            rows, (w,) = run.locate_rows(joint), (windows for windows in run.data.windows if windows.at == joint)
             angle, is_contact = run.samples.position[rows], np.zeros(len(residual), dtype=bool)
             is_outwards = np.where(residual[rows] > 0, angle > high, angle < low)
             is_contact[rows] = np.isin(w.centers, w.resting) & is_outwards & (np.abs(residual) > limit)[rows]
             places += _list_places(run, residual, is_contact)
             touching.append(replace(w, centers=w.centers[is_contact[rows]]))
-        found += _make_findings(places, join_windows(touching).contacts if places else 0, model.units(at), at)
-    return found
+        findings += _make_findings(places, join_windows(touching).contacts if places else 0, model.units(joint), joint)
+    return findings
 
 
 def is_misfit_between_contacts(evaluator: ModelEvaluator, step: Step) -> bool:
@@ -73,15 +73,15 @@ def is_misfit_between_contacts(evaluator: ModelEvaluator, step: Step) -> bool:
     """
     model = step.model
     stops = [model.estimates[term.columns[0].name] for term in model.terms if term.has_impacts]
-    if not evaluator.is_misfit(step) or has_link(model.terms) or any(not own.is_unknown for own in stops):
+    if not evaluator.is_misfit(step) or has_link(model.terms) or any(not stiffness.is_unknown for stiffness in stops):
         return evaluator.is_misfit(step)
     parts = evaluator.parts if stops else _add_contacts(evaluator, model)
     if sum(part.data.contacts for part in parts) < REPEATED:
         return True
     pairs = zip(evaluator.train.segments, parts[0].data.windows, strict=True)
     segments = tuple(select_segments(segment, _is_clear(segment, w)) for segment, w in pairs)
-    kept = tuple(segment for segment in segments if len(segment.first))
-    between = replace(evaluator, train=replace(evaluator.train, segments=kept), drawn=evaluator.bootstrap)
+    clear_segments = tuple(segment for segment in segments if len(segment.first))
+    between = replace(evaluator, train=replace(evaluator.train, segments=clear_segments), drawn=evaluator.bootstrap)
     return between.is_misfit(step)
 
 
@@ -89,10 +89,10 @@ def mark_met_stops(candidates: Sequence[Candidate], contacts: Sequence[Finding])
     """Return candidates whose reason is contacts where one was said to be untested, but contacts were found."""
     met = {at: contact for contact in contacts for at in contact.joints or ("",)}
     return tuple(
-        replace(own, reason=Finding(Kind.ONLY_CONTACTS, {"angle": met[at].numbers["angle"]}))
-        if own.reason.kind is Kind.NOT_TESTED and (at := own.effect.partition("@")[2]) in met
-        else own
-        for own in candidates
+        replace(candidate, reason=Finding(Kind.ONLY_CONTACTS, {"angle": met[at].numbers["angle"]}))
+        if candidate.reason.kind is Kind.NOT_TESTED and (at := candidate.effect.partition("@")[2]) in met
+        else candidate
+        for candidate in candidates
     )
 
 
@@ -117,9 +117,9 @@ def _split_with_rests(part: RegressionData, model: Model) -> list[RegressionData
         for run in runs
     )
     return [
-        RegressionData(join_recording(own, model.terms), base=part.base)
-        for own in entries
-        if all(len(w.centers) for w in own)
+        RegressionData(join_recording(joints, model.terms), base=part.base)
+        for joints in entries
+        if all(len(w.centers) for w in joints)
     ]
 
 
@@ -131,9 +131,9 @@ def _measure_residual(data: RegressionData, model: Model) -> tuple[Array, Array]
     inertias, limits = data.inertias(data.base), list[Array]()
     owner = np.array([term.at for term in terms for _ in term.columns])
     for w in windows:
-        own = owner == w.at
+        in_joint = owner == w.at
         at_joint = [term for term in terms if term.at == w.at]
-        friction = bound_friction(w, at_joint, theta[own], covariance[np.ix_(own, own)])
+        friction = bound_friction(w, at_joint, theta[in_joint], covariance[np.ix_(in_joint, in_joint)])
         limits.append(2 * friction + WEAK_FORM.significant * w.noise(inertias[w.at]))
     return data.residual(terms, theta), np.concatenate(limits) + WEAK_FORM.significant * deviations
 

@@ -165,19 +165,19 @@ def _choose(
     """Choose the experiment that answers most questions, None if none does, and list questions without any answer."""
     if not runs:
         return None, list(questions)
-    shown = np.zeros((len(runs), len(questions)))  # [noise floors]
+    residual_ratios = np.zeros((len(runs), len(questions)))  # [noise floors]
     for j, run in enumerate(runs):
         if len(run.data.weights) >= DESIGN.fewest:
             rival_equations = {terms: run.data.equations(terms) for terms in {question.terms for question in questions}}
             residuals = [
                 question.measure_unexplained(run.data, rival_equations[question.terms]) for question in questions
             ]
-            shown[j] = np.array(residuals) / evaluator.residuals.noise_floor()
-    answerable = shown.max(axis=0) > DESIGN.shown
-    worth = np.log1p(np.minimum(shown[:, answerable], DESIGN.plenty)).sum(axis=1)
+            residual_ratios[j] = np.array(residuals) / evaluator.residuals.noise_floor()
+    answerable = residual_ratios.max(axis=0) > DESIGN.shown
+    worth = np.log1p(np.minimum(residual_ratios[:, answerable], DESIGN.plenty)).sum(axis=1)
     best = min(np.flatnonzero(worth >= worth.max() - DESIGN.alike).tolist(), key=lambda j: runs[j].swing)
     settled = tuple(
-        question.aim for question, ratio in zip(questions, shown[best], strict=True) if ratio > DESIGN.shown
+        question.aim for question, ratio in zip(questions, residual_ratios[best], strict=True) if ratio > DESIGN.shown
     )
     hopeless = [question for question, hope in zip(questions, answerable, strict=True) if not hope]
     return (runs[best].make_suggestion(settled) if settled else None), hopeless

@@ -11,10 +11,10 @@ from estimators.selection.errors import Step
 from pendulum_env.recording.study import collect_log_format
 
 
-def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
+def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
     """Return the diagnosis of a trial: verdicts, refit to the horizon, residual, findings and the next step."""
     trial.setting.progress("judging", 0.93)
-    has_contacts = any(tried_treatment.treatment.kind is Kind.IMPACTS_INCLUDED for tried_treatment in tried)
+    has_contacts = any(tried_treatment.treatment.kind is Kind.IMPACTS_INCLUDED for tried_treatment in treatments)
     candidates, groups = rank_effects(trial.final, trial.terms, trial.doubts, has_contacts)
     refit = trial.case.refit_to_horizon(trial) if trial.case.refit_to_horizon is not None else None
     *others, last = trial.final.steps
@@ -38,7 +38,7 @@ def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
         torque_constant=data.constant,
         data=data.without_history(last.model.terms),
         evaluator=trial.evaluator,
-        treatments=tuple(tried),
+        treatments=tuple(treatments),
         refit=refit,
     )
     diagnosis = trial.case.conclude(trial, diagnosis)
@@ -47,15 +47,17 @@ def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
     return diagnosis
 
 
-def find_small_effect(found: Diagnosis) -> list[Finding]:
+def find_small_effect(diagnosis: Diagnosis) -> list[Finding]:
     """Return a finding on the effect with the largest gain that failed only by its explained share.
 
     There is none if effects were selected, or a residual is unexplained.
     """
-    if found.selected or found.unexplained:
+    if diagnosis.selected or diagnosis.unexplained:
         return []
     with_gates = [
-        (candidate, {gate.name: gate for gate in candidate.gates}) for candidate in found.candidates if candidate.gates
+        (candidate, {gate.name: gate for gate in candidate.gates})
+        for candidate in diagnosis.candidates
+        if candidate.gates
     ]
     small = [
         (candidate, gates)
@@ -64,7 +66,7 @@ def find_small_effect(found: Diagnosis) -> list[Finding]:
     ]
     if not small:
         return []
-    candidate, gates = max(small, key=lambda one: one[1]["gain"].value)
+    candidate, gates = max(small, key=lambda pair: pair[1]["gain"].value)
     share = gates["explained_share"]
     numbers = {"share": share.value, "least": share.limit, "p_value": gates["p_value"].value}
     return [Finding(Kind.SMALL_EFFECT, {k: Quantity(v) for k, v in numbers.items()}, effects=(candidate.effect,))]

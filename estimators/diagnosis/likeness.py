@@ -83,7 +83,7 @@ def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
         _compute_residual_squares(curve, base, weights),
         [np.ones_like(curve.x)] * (table.axis == "position"),
     )
-    found = []
+    likenesses = []
     for family in _list_families(table):
 
         def residual_of(shape: Array, formula: Formula = family.formula) -> float:  # residual sum of squares
@@ -100,14 +100,18 @@ def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
                 residual_of, start, method="Nelder-Mead", bounds=family.ends, options={"maxiter": 200}
             ).x
         count = len(constant) + len(family.formula(curve.x[:1], *shape)) + len(shape)
-        found.append(Likeness(family.form, (*family.known, *shape.tolist()), 1.0 - residual_of(shape) / total, count))
-    found.sort(key=lambda likeness: -likeness.share)
+        likenesses.append(
+            Likeness(family.form, (*family.known, *shape.tolist()), 1.0 - residual_of(shape) / total, count)
+        )
+    likenesses.sort(key=lambda likeness: -likeness.share)
     similar = [
         likeness
-        for likeness in found
-        if likeness.share > LIKENESS.least and _is_significant(likeness, len(table.columns), len(found))
+        for likeness in likenesses
+        if likeness.share > LIKENESS.least and _is_significant(likeness, len(table.columns), len(likenesses))
     ]
-    return [nearest for nearest in similar if not any(_is_enough(other, nearest) for other in found)][: LIKENESS.most]
+    return [nearest for nearest in similar if not any(_is_enough(other, nearest) for other in likenesses)][
+        : LIKENESS.most
+    ]
 
 
 def _is_significant(likeness: Likeness, freedom: int, families: int) -> bool:
@@ -139,8 +143,8 @@ def _list_families(table: Table) -> list[Family]:
     if table.axis == "velocity":
         return [Family("power", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (LIKENESS.powers,))]
     places = np.linspace(low, high, 25)[1:-1].tolist()
-    around = list(product(places, ((high - low) * np.array([0.03, 0.08, 0.2, 0.5])).tolist()))
-    at, wide = (low, high), ((high - low) * LIKENESS.widths[0], (high - low) * LIKENESS.widths[1])
+    starts = list(product(places, ((high - low) * np.array([0.03, 0.08, 0.2, 0.5])).tolist()))
+    places_range, widths = (low, high), ((high - low) * LIKENESS.widths[0], (high - low) * LIKENESS.widths[1])
     waves = [
         Family("wave", lambda q, n=n: (np.sin(n * q), np.cos(n * q)), known=(n,))
         for n in (() if table.slides else LIKENESS.orders)
@@ -148,6 +152,6 @@ def _list_families(table: Table) -> list[Family]:
     return [
         *waves,
         Family("line", lambda q: (q,)),
-        Family("bump", lambda q, a, w: (np.exp(-(((q - a) / w) ** 2)),), around, (at, wide)),
-        Family("step", lambda q, a, w: (np.tanh((q - a) / w),), around, (at, wide)),
+        Family("bump", lambda q, a, w: (np.exp(-(((q - a) / w) ** 2)),), starts, (places_range, widths)),
+        Family("step", lambda q, a, w: (np.tanh((q - a) / w),), starts, (places_range, widths)),
     ]

@@ -48,8 +48,10 @@ class Question:
         `equations` are those of `terms` on `data`; known parameters keep their values.
         """
         known = find_known_values(self.terms)
-        given = [k for k, name in enumerate(c.name for term in self.terms for c in term.columns) if name in known]
-        equations = subtract_known_columns(equations, given, np.array(list(known.values())))
+        known_columns = [
+            k for k, name in enumerate(c.name for term in self.terms for c in term.columns) if name in known
+        ]
+        equations = subtract_known_columns(equations, known_columns, np.array(list(known.values())))
         phi, y = equations.phi, equations.y
         if self.torque is not None:
             term, theta = self.torque
@@ -145,12 +147,12 @@ def find_detectable_effects(
     A size beyond the bounds of the law, or whose torque exceeds the applied torque, is impossible and left out: the
     data do not excite the effect. A joint that makes whole turns has no range.
     """
-    found, data, units = list[Detectable](), evaluator.train.data, evaluator.train.units()
+    effects, data, units = list[Detectable](), evaluator.train.data, evaluator.train.units()
     for kind in (library[id] for id in TOLD if id in library):
         size, (term, _) = find_detectable_size(evaluator, terms, kind), make_typical_effect(kind)
         if size is not None:
             column = term.columns[0]
             is_possible = size <= data.find_largest_sizes(term)[0] and column.is_allowed(size)
-            found.append(Detectable(kind.id, size if is_possible else None, units.unit(column.unit)))
+            effects.append(Detectable(kind.id, size if is_possible else None, units.unit(column.unit)))
     stop = Detectable("hard_stop", unit=units.unit("rad"), between=evaluator.train.get_range())
-    return tuple(found) if makes_whole_turns(evaluator.train.samples.position) else (*found, stop)
+    return tuple(effects) if makes_whole_turns(evaluator.train.samples.position) else (*effects, stop)

@@ -21,7 +21,7 @@ from pendulum_env.physics.terms import find_untested_ends
 
 
 def rank_effects(
-    found: SearchResult, final: Terms, doubts: Sequence[Finding] = (), has_contacts: bool = False
+    result: SearchResult, final: Terms, doubts: Sequence[Finding] = (), has_contacts: bool = False
 ) -> tuple[list[Candidate], list[tuple[str, ...]]]:
     """Return the verdict on each effect of the library, and groups of ids that the data cannot tell apart.
 
@@ -29,26 +29,26 @@ def rank_effects(
     first in its group.
 
     Args:
-        found: result of the search; its last step may be refitted.
+        result: result of the search; its last step may be refitted.
         final: terms of the final model, see `Trial.terms`.
         doubts: findings on effects that imitate a term of the model, which are not rejected.
         has_contacts: whether contacts with a stop were tried, which tests the ends of the range.
     """
     verdicts: dict[str, Candidate] = {}
     groups: list[tuple[str, ...]] = []
-    for before, after in pairwise(found.steps):
-        chosen, *tied = _rank_selected(found, final, before, after)
+    for before, after in pairwise(result.steps):
+        chosen, *tied = _rank_selected(result, final, before, after)
         verdicts.update({candidate.effect: candidate for candidate in (chosen, *tied)})
         if tied:
             groups.append(tuple(candidate.effect for candidate in (chosen, *tied)))
-    library = screen_library(found.evaluator, final)
-    tried = [screened.terms for screened in library.values() if screened.terms is not None]
-    for longer in sorted(tried, key=found.evaluator.screening_score):
+    library = screen_library(result.evaluator, final)
+    screened_models = [screened.terms for screened in library.values() if screened.terms is not None]
+    for longer in sorted(screened_models, key=result.evaluator.screening_score):
         if longer[-1].id not in verdicts:
-            verdicts[longer[-1].id] = _rank_other(found, longer, has_contacts)
+            verdicts[longer[-1].id] = _rank_other(result, longer, has_contacts)
     for id, (_, gates) in sorted(library.items()):
         if id not in verdicts:
-            untested = _find_untested_ends(found.evaluator, found.evaluator.library[id], has_contacts)
+            untested = _find_untested_ends(result.evaluator, result.evaluator.library[id], has_contacts)
             reason = untested or explain_rejection(gates) or Finding(Kind.OTHERS_BETTER)
             verdict = Verdict.REJECTED if untested is None else Verdict.NOT_EXCITED
             verdicts[id] = Candidate(id, 0.0, verdict, 1.0, reason, gates=gates)
@@ -74,15 +74,15 @@ def sort_by_verdict(candidates: Iterable[Candidate]) -> list[Candidate]:
     return sorted(candidates, key=lambda candidate: (order.index(candidate.verdict), -candidate.score))
 
 
-def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step) -> list[Candidate]:
+def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step) -> list[Candidate]:
     """Return the verdicts on the effect added from `before` to `after`, then on effects that tie with it.
 
     The score is the probability of the effect, or of its group, times the explained share of the residual of the other
     terms, since an unknown law may cause the rest; it is at most `Criterion.max_score`. Effects with hidden states have
     no competitors, since the motion has decided; nor has a stop in data with contacts.
     """
-    evaluator = found.evaluator
-    final = (*final, found.table) if found.table is not None else final
+    evaluator = result.evaluator
+    final = (*final, result.table) if result.table is not None else final
     term = next(term for term in final if term.id == after.added)
     others = remove_term(final, term)
     is_met = term.has_impacts and evaluator.train.layout.predicts_torque and evaluator.train.data.contacts > 0
@@ -118,13 +118,13 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
     ]
 
 
-def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candidate:
+def _rank_other(result: SearchResult, longer: Terms, has_contacts: bool) -> Candidate:
     """Return the verdict on the last of some terms, an effect that the final model lacks, in its best variant.
 
     The score is half of the probability of a gain. An effect is not excited if its range was not tested or its torque
     is too small; but if a term of the model contains it, it is rejected. Other effects are rejected, by their gates.
     """
-    evaluator, (*other_terms, term) = found.evaluator, longer
+    evaluator, (*other_terms, term) = result.evaluator, longer
     others = tuple(other_terms)
     gain, variants = _compute_gain(evaluator, longer, others)
     ratio = _compute_held_out_rms(evaluator, longer, term.at) / _compute_held_out_rms(evaluator, others, term.at)
@@ -142,12 +142,12 @@ def _rank_other(found: SearchResult, longer: Terms, has_contacts: bool) -> Candi
         verdict, gates = Verdict.REJECTED, [excited, *gates]
         if all(gate.passed for gate in gates):
             step = evaluator.fit_with_std(term.id, longer)
-            gates += evaluator.make_confirmation_gates(step, found.steps[-1])
-        selected = [step.added for step in found.steps if step.added is not None]
+            gates += evaluator.make_confirmation_gates(step, result.steps[-1])
+        selected = [step.added for step in result.steps if step.added is not None]
         reason = explain_rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)
         verdict = Verdict.NOT_EXCITED if "frequencies" in [gate.name for gate in gates] else verdict
-        if found.table is not None and term.kind == found.table.kind:
-            reason = explain_table(Kind.IMITATES_TABLE, found.table)
+        if result.table is not None and term.kind == result.table.kind:
+            reason = explain_table(Kind.IMITATES_TABLE, result.table)
     return Candidate(term.id, 0.5 * (1 - gain.p_value), verdict, ratio, reason, gain, variants, tuple(gates), longer)
 
 

@@ -282,13 +282,13 @@ class Diagnosis(Shown):
             },
             "noise_floor": make_floors_json(self.floors),
             "findings": [finding.json() for finding in (*self.findings, *unlisted)],
-            "treatments": [one.json() for one in self.treatments],
+            "treatments": [item.json() for item in self.treatments],
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
             "table": next(iter(self.tables), None),
             "tables": list(self.tables),
             "inseparable": [list(group) for group in self.inseparable],
             "alignments": [alignment.json() for alignment in self.alignments],
-            "detectable": [one.json() for one in self.detectable],
+            "detectable": [item.json() for item in self.detectable],
             "horizon": None if self.refit is None else self.refit.json(),
         }
 

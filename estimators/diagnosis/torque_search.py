@@ -52,15 +52,15 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     if find_contradiction(trial.evaluator) is not None:
         return trial.found, ()
     trial.setting.progress("refitting", 0.93)
-    found = refit_by_likelihood(trial.found)
-    *others, last = found.steps
+    result = refit_by_likelihood(trial.found)
+    *others, last = result.steps
     measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
     doubts = find_undetermined(measured, last.model.terms, last.model.units())
     unknown = find_unidentifiable(last.model, measured, doubts)
     unknown = (*unknown, *find_stiff_stops(last.model, trial.data.recordings))
     withholding = (*unknown, *(doubt for doubt in doubts if doubt.kind in NOTHING_DETERMINED))
     model = last.model.withhold({name for doubt in withholding for name in doubt.withheld})
-    return replace(found, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
+    return replace(result, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
 
 
 def find_regions(trial: Trial) -> list[Region]:

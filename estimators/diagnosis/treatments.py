@@ -100,8 +100,8 @@ def include_contacts(trial: Trial) -> FitData | None:
 
 def exclude_outliers(trial: Trial) -> FitData | None:
     """Return data without recordings that disagree with the others; None if no more are excluded than before."""
-    kept = (trial.data.whole or trial.data).without_outliers(trial.outliers)
-    return kept if len(kept.recordings) < len(trial.data.recordings) else None
+    data = (trial.data.whole or trial.data).without_outliers(trial.outliers)
+    return data if len(data.recordings) < len(trial.data.recordings) else None
 
 
 def include_payload(trial: Trial) -> FitData | None:

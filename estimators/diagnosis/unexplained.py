@@ -23,14 +23,14 @@ def find_contradiction(evaluator: ModelEvaluator) -> Finding | None:
     return find_turned_torque(fit_within_laws(evaluator.train, evaluator.base), evaluator.train.recordings)
 
 
-def find_unexplained(found: SearchResult) -> list[Region]:
+def find_unexplained(result: SearchResult) -> list[Region]:
     """Return the regions of the unexplained residual of the final model of a pendulum; empty if all is noise.
 
     The first cause in this order decides: a reversed sign of the torque (all time), violated bounds (all velocities),
     a table that replaces effects, torque of fitted data, torque of held-out data, free-running motion near reversals
     without contacts.
     """
-    evaluator, last = found.evaluator, found.steps[-1]
+    evaluator, last = result.evaluator, result.steps[-1]
     if (reversal := find_contradiction(evaluator)) is not None:
         end = float(evaluator.train.samples.time.max())
         return [Region("time", 0.0, end, 0.0, 0.0, is_profiled=False, cause=reversal)]
@@ -40,9 +40,9 @@ def find_unexplained(found: SearchResult) -> list[Region]:
         numbers = {gate.name: Quantity(gate.value, unit=gate.unit) for gate in violations}
         return [make_region_everywhere(Finding(Kind.IMPOSSIBLE, numbers, tuple(numbers)))]
     residual = train.with_link_states(last.model).residual(last.model.terms, last.model.theta)
-    if found.table is not None:
-        regions, cause = find_regions_at(train, residual), explain_table(Kind.TABLE_EXPLAINS, found.table)
-        place = next((region for region in regions if region.axis == found.table.axis), None)
+    if result.table is not None:
+        regions, cause = find_regions_at(train, residual), explain_table(Kind.TABLE_EXPLAINS, result.table)
+        place = next((region for region in regions if region.axis == result.table.axis), None)
         if place is None:
             return [make_region_everywhere(cause, train.samples), *regions]
         return [replace(place, cause=cause), *(region for region in regions if region is not place)]
@@ -69,12 +69,12 @@ def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[
     residuals = evaluator.train.residual(terms), evaluator.residuals.holdout_residual(terms)
     parts = zip(evaluator.parts, residuals, ((), evaluator.holdout.names), strict=True)
     for (part, residual, names), structures in zip(parts, evaluator.residuals.structures(terms), strict=True):
-        for at, structure in structures.items():
-            floor = max(evaluator.residuals.noise_floor(part, at), part.data.compute_negligible_residual(at))
-            if at not in sizes and not criterion.is_noise(structure, floor):
-                sizes[at] = structure.correlated_rms if structure.z_score > criterion.z_score else structure.rms
-                places = find_regions_at(part, residual, at, most=1)
-                region = places[0] if places else make_region_everywhere(at=at, units=part.units(at))
+        for joint, structure in structures.items():
+            floor = max(evaluator.residuals.noise_floor(part, joint), part.data.compute_negligible_residual(joint))
+            if joint not in sizes and not criterion.is_noise(structure, floor):
+                sizes[joint] = structure.correlated_rms if structure.z_score > criterion.z_score else structure.rms
+                places = find_regions_at(part, residual, joint, most=1)
+                region = places[0] if places else make_region_everywhere(at=joint, units=part.units(joint))
                 regions.append(replace(region, held_out_recordings=names))
     return sizes, regions
 

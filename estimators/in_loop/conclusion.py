@@ -19,27 +19,29 @@ from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import compute_asked_torque
 
 
-def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
+def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     """Add findings on the drive and on the reading of the goals, and the noise floors of the rollouts.
 
     Candidates that the refit dropped get the reason `LONG_STEPS`. An unexplained residual forbids a next experiment.
     """
     data = trial.data
     dropped = list_ids(trial.found.terms) - list_ids(trial.final.terms)
-    doubts = (data.doubt, find_speed_rate(found.model, data.recordings), find_torque_scale(data.recordings))
+    doubts = (data.doubt, find_speed_rate(diagnosis.model, data.recordings), find_torque_scale(data.recordings))
     return replace(
-        found,
+        diagnosis,
         candidates=tuple(
             replace(candidate, reason=Finding(Kind.LONG_STEPS)) if candidate.effect in dropped else candidate
-            for candidate in found.candidates
+            for candidate in diagnosis.candidates
         ),
         floors=refine_rows(trial.evaluator)[0].rollouts.encoder,
         findings=(
             *data.conventions,
-            *find_remedies(trial.release_bounds(found.model), data.recordings, found.ambiguous, not found.unexplained),
+            *find_remedies(
+                trial.release_bounds(diagnosis.model), data.recordings, diagnosis.ambiguous, not diagnosis.unexplained
+            ),
             *filter(None, doubts),
         ),
-        forbidden=Finding(Kind.CHECK_DRIVE) if found.unexplained else None,
+        forbidden=Finding(Kind.CHECK_DRIVE) if diagnosis.unexplained else None,
     )
 
 

@@ -57,7 +57,8 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
             fits[k] = rows.near(base)
     blocks, _, of_block = rollouts[0].blocks(BLOCK)
     scores = [
-        np.bincount(blocks, compute_log_densities(own, fits[k].error)).astype(float) for k, own in enumerate(rollouts)
+        np.bincount(blocks, compute_log_densities(variant_rollouts, fits[k].error)).astype(float)
+        for k, variant_rollouts in enumerate(rollouts)
     ]
     bootstrap = Bootstrap(of_block, np.random.default_rng(0))
     best, *others = sorted(range(len(scores)), key=lambda k: -scores[k].sum())

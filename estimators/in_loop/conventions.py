@@ -42,20 +42,20 @@ def decide_conventions(
         IdentificationError: if there is too little motion.
         RecordingError: if only some have a drive, or their drives cannot be simulated together.
     """
-    both = tuple(recordings), tuple(holdout)
+    parts = tuple(recordings), tuple(holdout)
     if not are_driven(recordings):
-        return Conventions(*both, ())
+        return Conventions(*parts, ())
     base, part = make_base(recordings, base), choose_parts(holdout)[0]
     declared = find_declared_conventions([r.actuator for r in (*recordings, *holdout)])
-    recordings, holdout = (_apply_settings(own, declared) for own in both)
+    recordings, holdout = (_apply_settings(part_recordings, declared) for part_recordings in parts)
     opened = recordings, holdout
     controller = read_controller(recordings, base, part)
-    recordings, holdout = (_apply_finding(own, controller) for own in opened)
+    recordings, holdout = (_apply_finding(part_recordings, controller) for part_recordings in opened)
     goals = read_goals(recordings, base, part)
     is_held = goals is None or goals.kind is Kind.GOALS_HELD
     if controller is not None and not is_held:  # was read with held goals, whose error hides that of a controller
         controller = read_controller(with_goals(opened[0], is_held), base, part)
-        recordings, holdout = (_apply_finding(own, controller) for own in opened)
+        recordings, holdout = (_apply_finding(part_recordings, controller) for part_recordings in opened)
     if goals is not None and any(r.drive is not None and r.drive.goal for r in holdout):
         undeclared = tuple(r.name for r in recordings if r.drive is None or not r.drive.goal)
         goals = replace(goals, recordings=undeclared)  # a reading of some recordings is not reversed
@@ -84,8 +84,8 @@ def complete_conventions(recordings: Sequence[Recording], model: Model) -> Recor
 
 def has_open_torque(recordings: Sequence[Recording]) -> bool:
     """Return whether the torque of a recording is what its drive asked for, and depends on conventions."""
-    asked = [r.actuator for r in recordings if not r.has_logged_torque]
-    return any(depends_on_past(drive) or drive.open_conventions for drive in asked)
+    drives = [r.actuator for r in recordings if not r.has_logged_torque]
+    return any(depends_on_past(drive) or drive.open_conventions for drive in drives)
 
 
 def _apply_settings(recordings: Sequence[Recording], settings: Mapping[str, str | None]) -> Recordings:

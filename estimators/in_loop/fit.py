@@ -224,19 +224,19 @@ def _fit_by_secants(
 
     def best(near: Near[Linear], steps: list[Array]) -> tuple[Point, float]:
         limited_steps = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps]
-        found = _choose_likeliest_step(rollouts, near, limited_steps, typical)
+        best_point = _choose_likeliest_step(rollouts, near, limited_steps, typical)
         if (
-            found[1] > near.cost - rule.compute_small_decrease(points_near[0].cost, near.cost)
+            best_point[1] > near.cost - rule.compute_small_decrease(points_near[0].cost, near.cost)
             and next(polls, None) is not None
         ):
             polled = _choose_likeliest_step(rollouts, near, _make_steps(near.slopes), typical)
-            found = min(found, polled, key=lambda candidate: candidate[1])
-        return found
+            best_point = min(best_point, polled, key=lambda candidate: candidate[1])
+        return best_point
 
     rule = Rule(LOOP.turns, LOOP.dampings, least=LOOP.enough, of_fall=share)
-    found = gauss_newton(point, near, best, rule)
+    best_point = gauss_newton(point, near, best, rule)
     last = points_near[-1].known
-    return last if last.point is found else linearise_errors(rollouts, found, typical, nonlinear, secant)
+    return last if last.point is best_point else linearise_errors(rollouts, best_point, typical, nonlinear, secant)
 
 
 def _choose_likeliest_step(

@@ -73,12 +73,12 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
     tied = [r for r, gain in zip(readings, gains, strict=True) if r is best or gain.total <= TIE * gain.error]
     chosen = min(tied, key=lambda r: (len(r.terms), -r.density.sum()))
     others = [r for r in readings if r.is_held != chosen.is_held]
-    other = max(others, key=lambda r: r.density.sum())
-    gain = bootstrap.gain(chosen.density, other.density)
+    alternative = max(others, key=lambda r: r.density.sum())
+    gain = bootstrap.gain(chosen.density, alternative.density)
     numbers = {"gain": Quantity(gain.total, gain.error)}
-    for term in other.terms[len(base) :]:
+    for term in alternative.terms[len(base) :]:
         numbers |= {name: Quantity(float(value), unit="s") for name, value in term.nonlinear_values.items()}
-    effects = tuple(term.id for term in other.terms[len(base) :])
+    effects = tuple(term.id for term in alternative.terms[len(base) :])
     undeclared = tuple(r.name for r in recordings if r.drive is None or not r.drive.goal)
     names = undeclared if len(undeclared) < len(recordings) else ()
     return Finding(Kind.GOALS_HELD if chosen.is_held else Kind.GOALS_RUN_ON, numbers, effects=effects, recordings=names)

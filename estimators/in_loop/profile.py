@@ -98,10 +98,10 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
         if value == neighbour or starts.get((value, neighbour)) is fits[neighbour]:
             return
         starts[value, neighbour] = fits[neighbour]
-        found = fit_near(fits[neighbour].point, value)
-        height = _compute_height(rollouts, found)
+        fitted = fit_near(fits[neighbour].point, value)
+        height = _compute_height(rollouts, fitted)
         if height > heights.get(value, -np.inf):
-            fits[value], heights[value] = found, height
+            fits[value], heights[value] = fitted, height
 
     def find_best() -> tuple[list[float], int]:
         """Return the values in order, and the place of the likeliest one when its neighbours begin from its fit."""
@@ -117,33 +117,35 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
         values, k = find_best()
         if len(fits) >= PROFILE.most:
             break
-        steep = [
+        steep_values = [
             values[j]
             for j in (k - 1, k + 1)
             if 0 <= j < len(values) and heights[values[j]] < heights[values[k]] - PROFILE.fall
         ]
-        less, more = values[0] / PROFILE.ratio, values[-1] * PROFILE.ratio
-        if k < PROFILE.beside and values[0] not in steep and less >= parameter.low:
-            extend(less, values[0])
-        elif len(values) - 1 - k < PROFILE.beside and values[-1] not in steep and more <= parameter.high:
-            extend(more, values[-1])
-        elif steep:
-            extend(float(np.sqrt(steep[0] * values[k])), values[k])
+        lower, upper = values[0] / PROFILE.ratio, values[-1] * PROFILE.ratio
+        if k < PROFILE.beside and values[0] not in steep_values and lower >= parameter.low:
+            extend(lower, values[0])
+        elif len(values) - 1 - k < PROFILE.beside and values[-1] not in steep_values and upper <= parameter.high:
+            extend(upper, values[-1])
+        elif steep_values:
+            extend(float(np.sqrt(steep_values[0] * values[k])), values[k])
         else:
             break
-    near = values[max(0, k - PROFILE.beside) : k + PROFILE.beside + 1]
+    nearest_values = values[max(0, k - PROFILE.beside) : k + PROFILE.beside + 1]
     for j, value in enumerate(values):
-        if value in near and value != values[k]:  # a better fit may come from the side of the best
+        if value in nearest_values and value != values[k]:  # a better fit may come from the side of the best
             extend(value, values[j + 1 if j < k else j - 1])
     best = linearise_errors(rollouts, release(fits[values[k]].point), typical, nonlinear=True)  # by the parameter, too
     widening = _compute_widening(rollouts, best, place)
-    log_value, variance = fit_parabola(np.log(near), np.array([heights[value] for value in near]), widening)
+    log_value, variance = fit_parabola(
+        np.log(nearest_values), np.array([heights[value] for value in nearest_values]), widening
+    )
     estimate = float(np.exp(log_value))
-    closest = min(near, key=lambda value: abs(np.log(value / estimate)))
+    closest = min(nearest_values, key=lambda value: abs(np.log(value / estimate)))
     last = fit_near(fits[closest].point, estimate).point
-    named = [fits[value].point.named_values for value in near]  # a parameter at zero may be none
+    named = [fits[value].point.named_values for value in nearest_values]  # a parameter at zero may be none
     paths = np.array([[own.get(text, 0.0) for text in last.named_values] for own in named])
-    shifts = np.array(near) - np.mean(near)
+    shifts = np.array(nearest_values) - np.mean(nearest_values)
     slopes = shifts @ (paths - paths.mean(axis=0)) / (shifts @ shifts)
     # a controller that reads counts at the output does not see the motor move within one
     in_counts = rollouts.resolution if parameter.unit == "rad" and rollouts.servos.at_output else 0.0

@@ -21,9 +21,9 @@ from pendulum_env.recording import Recording
 from pendulum_env.units import is_of_torque
 
 
-def refit(found: SearchResult, start: Model | None = None) -> SearchResult:
+def refit(result: SearchResult, start: Model | None = None) -> SearchResult:
     """Refit all steps of a search with shorter steps of the integrator; `start` is not used."""
-    return replace(found, steps=[refit_step(found.evaluator, step) for step in found.steps])
+    return replace(result, steps=[refit_step(result.evaluator, step) for step in result.steps])
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
@@ -34,12 +34,12 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     has to explain `LOOP.needed` of the squared error that the others leave, fitted and held out; beside a rest that is
     not noise, a link `LOOP.dominant`.
     """
-    found = refit(trial.found)
-    last = found.steps[-1]
-    train, held_out = refine_rows(found.evaluator)
-    evaluator, steps = replace(found.evaluator, train=train.data, holdout=held_out.data), found.steps
+    result = refit(trial.found)
+    last = result.steps[-1]
+    train, held_out = refine_rows(result.evaluator)
+    evaluator, steps = replace(result.evaluator, train=train.data, holdout=held_out.data), result.steps
     fitted = {list_ids(step.model.terms): step.model.terms for step in steps}
-    terms, effects = found.terms, [step.added for step in steps[1:]]
+    terms, effects = result.terms, [step.added for step in steps[1:]]
 
     def without(*left_out: str | None) -> Terms:
         return tuple(term for term in terms if term.id not in left_out)
@@ -47,7 +47,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     def is_needed(id: str | None) -> bool:
         is_link = any(term.link for term in terms if term.id == id)
         least = LOOP.dominant if is_link and not evaluator.residuals.is_noise(terms) else LOOP.needed
-        models = [evaluator.model(one) for one in (terms, without(id))]
+        models = [evaluator.model(model_terms) for model_terms in (terms, without(id))]
         errors = [[part.data.errors(model).loop[0] for model in models] for part in (train, held_out)]
         share = min(1.0 - (after / before) ** 2 for after, before in errors)
         return share > least and evaluator.is_significant(terms, without(id))
@@ -60,11 +60,11 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
         effects.remove(idle[-1])
         remaining = without(idle[-1])
         terms = fitted.get(list_ids(remaining)) or train.with_nonlinear(remaining)
-        last = fit_step(found.evaluator, effects[-1] if effects else None, terms)
+        last = fit_step(result.evaluator, effects[-1] if effects else None, terms)
     if len(effects) == len(steps) - 1:
-        return found, ()
-    earlier = [fit_step(found.evaluator, id, without(*effects[k + 1 :])) for k, id in enumerate(effects[:-1])]
-    return replace(found, steps=[steps[0], *earlier, *([last] if effects else [])]), ()
+        return result, ()
+    earlier = [fit_step(result.evaluator, id, without(*effects[k + 1 :])) for k, id in enumerate(effects[:-1])]
+    return replace(result, steps=[steps[0], *earlier, *([last] if effects else [])]), ()
 
 
 def has_size(model: Model, term: Term) -> bool:

@@ -114,9 +114,9 @@ class RolloutRows:
         )
         return bool(gain < LOOP.hopeless)
 
-    def _keep(self, terms: Key, found: Linear) -> None:
+    def _keep(self, terms: Key, linear: Linear) -> None:
         """Store a fit by `terms`, and by its own terms, in which nonlinear parameters may follow linear ones."""
-        self._linear[terms] = self._linear[found.point.terms] = found
+        self._linear[terms] = self._linear[linear.point.terms] = linear
 
     def set_start(self, point: Point, terms: Key | None = None) -> None:
         """Set the start of the fit of some terms, by default those of the point."""
@@ -141,9 +141,9 @@ class RolloutRows:
         point = self.near(terms).point
         if len(point.values) == len(point.theta):
             return point.terms
-        found = fit(self.rollouts, point, self.typical(terms), nonlinear=True)
-        self._keep(found.point.terms, found)
-        return found.point.terms
+        linear = fit(self.rollouts, point, self.typical(terms), nonlinear=True)
+        self._keep(linear.point.terms, linear)
+        return linear.point.terms
 
     def scan(self, terms: Terms) -> Profile | None:
         """Refit some terms by the profile of a parameter with many local minima, and keep the fit; None without."""
@@ -173,11 +173,11 @@ class RolloutRows:
             link_values["gravity"] = weight / max(share * inertia, 1e-9)
             term = set_values(variant, parameters, [link_values[p.name] for p in parameters])
             points[term, share] = Point.from_parameters((*point.terms, term), np.append(point.theta, share * inertia))
-        tried, typical = [*points.values()], self.typical(next(iter(points.values())).terms)
-        likelihood = compute_likelihood(self.rollouts, self.rollouts.compute_position_errors(tried))
+        points_list, typical = [*points.values()], self.typical(next(iter(points.values())).terms)
+        likelihood = compute_likelihood(self.rollouts, self.rollouts.compute_position_errors(points_list))
         starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
         for k in np.argsort(-likelihood):
-            starts.setdefault(tried[k].terms[-1].nonlinear_values[name], tried[k])
+            starts.setdefault(points_list[k].terms[-1].nonlinear_values[name], points_list[k])
 
         def fit_roughly(start: Point) -> list[Linear]:
             begun = [_release_link_friction(start, share) for share in LOOP.link_friction]
@@ -187,12 +187,12 @@ class RolloutRows:
             return compute_likelihood_scale(self.rollouts, linear.error)
 
         first, *others = [*starts.values()][: LOOP.starts]
-        found = min(fit_roughly(first), key=size)
-        if size(found) ** 2 < (1.0 - LOOP.promising) * size(self.near(terms)) ** 2:
-            best = min([found, *(linear for start in others for linear in fit_roughly(start))], key=size)
-            found = fit(self.rollouts, best.point, typical, nonlinear=True, share=0.0)
-        self._keep(found.point.terms, found)
-        return self.trial(found.point.terms)
+        linear_fit = min(fit_roughly(first), key=size)
+        if size(linear_fit) ** 2 < (1.0 - LOOP.promising) * size(self.near(terms)) ** 2:
+            best = min([linear_fit, *(linear for start in others for linear in fit_roughly(start))], key=size)
+            linear_fit = fit(self.rollouts, best.point, typical, nonlinear=True, share=0.0)
+        self._keep(linear_fit.point.terms, linear_fit)
+        return self.trial(linear_fit.point.terms)
 
     def typical(self, terms: Terms) -> Array:
         """Return the size of each linear parameter that matters (P,), see `LOOP.typical`."""
@@ -243,11 +243,11 @@ class RolloutRows:
         """Return the likeliest fit that differs from some terms in the kind of its link, with their link, if any."""
         if not has_link(terms):
             return []
-        own, names = find_link(terms).id, _list_columns_without_link(terms)
+        link_id, names = find_link(terms).id, _list_columns_without_link(terms)
         similar = [
             linear
             for key, linear in self._linear.items()
-            if has_link(key) and find_link(key).id != own and _list_columns_without_link(key) == names
+            if has_link(key) and find_link(key).id != link_id and _list_columns_without_link(key) == names
         ]
         if not similar:
             return []
@@ -293,7 +293,7 @@ class RolloutRows:
         key = terms, variants[0].id
         slopes = linear.slopes[:, : len(linear.point.theta)]
         others = slice(None), Columns(slopes, np.zeros(len(slopes)), np.zeros_like(slopes))
-        found = []
+        scales = []
         for variant, columns in zip(variants, self._columns(variants, linear.point), strict=True):
             start = np.append(linear.point.theta, np.zeros(len(variant.columns)))
             least, most = (end - start for end in list_bounds((*linear.point.terms, variant)))
@@ -303,9 +303,9 @@ class RolloutRows:
             step = balance.solve()
             theta = start + step
             self.set_start(Point.from_parameters((*linear.point.terms, variant), theta), (*terms, variant))
-            found.append(compute_likelihood_scale(self.rollouts, -balance.error(step)))
-        self._least_errors[key] = min([*found, self._least_errors.get(key, np.inf)])
-        return found
+            scales.append(compute_likelihood_scale(self.rollouts, -balance.error(step)))
+        self._least_errors[key] = min([*scales, self._least_errors.get(key, np.inf)])
+        return scales
 
     def columns(self, variants: Terms) -> list[Columns]:
         """Return the change of positions by each variant of one effect, added to the first model that was fitted."""
@@ -330,15 +330,15 @@ class RolloutRows:
             points += [Point((*point.terms, variant), np.r_[point.theta, shift]) for shift in shifts]
         base = self.rollouts.compute_position_errors(points[:1])
         errors = np.column_stack([base, self.rollouts.compute_position_errors(points[1:])])
-        found = []
+        columns = []
         for variant, (first, last) in zip(variants, slices, strict=True):
             shifted, size = errors[:, first:last], self._typical_of(variant)
             fixed = shifted[:, :1] - base if self._acts_without_size(variant) else np.zeros_like(base)
             linear = (
                 shifted[:, len(shifted[0]) - len(size) :] - base - fixed if len(size) else np.empty((len(shifted), 0))
             )
-            found.append(Columns(linear / size, fixed[:, 0], np.zeros((len(shifted), len(size)))))
-        return found
+            columns.append(Columns(linear / size, fixed[:, 0], np.zeros((len(shifted), len(size)))))
+        return columns
 
     def _acts_without_size(self, variant: Term) -> bool:
         """Return whether a term moves the measured positions even if its parameters are zero."""

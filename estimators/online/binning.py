@@ -95,15 +95,15 @@ class Binner:
         A bin of n samples is left out if an equation is not usable, or if the instants before it are missing.
         """
         for sample in self._stream.take(time, position, torque):
-            j, every, ring = sample.joint, self._every, self._every + MARGIN
+            j, n_samples, ring = sample.joint, self._every, self._every + MARGIN
             instants, total, n_usable = self._parts[j]
             instants[self._step[j] % ring] = sample.following[[TIME, POSITION, VELOCITY, TORQUE]]
             total += np.where(sample.usable, sample.equations[:, 0], 0.0)
             n_usable += sample.usable[:, 0]
             self._step[j] += 1
-            if self._step[j] % every:
+            if self._step[j] % n_samples:
                 continue
-            is_complete, mean = (n_usable == every) & (sample.place > every), total / every
+            is_complete, mean = (n_usable == n_samples) & (sample.place > n_samples), total / n_samples
             total[:], n_usable[:] = 0.0, 0
             if is_complete.any():
                 series = instants[(self._step[j] + np.arange(ring)) % ring]  # (n + 3, 4, B)

@@ -212,7 +212,9 @@ class CompetingModels:
         family_rows = [self._evaluate_effect_rows(family, bins, base) for family in range(len(self.families))]
         rows = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*family_rows, strict=True)))
         pairs = zip(zip(*base, strict=True), zip(*rows, strict=True), strict=True)
-        densities, errors = zip(*(self._take(ModelRows(*one), ModelRows(*other)) for one, other in pairs), strict=True)
+        densities, errors = zip(
+            *(self._take(ModelRows(*base_row), ModelRows(*effect_rows)) for base_row, effect_rows in pairs), strict=True
+        )
         return np.array(densities), np.array(errors) * bins.scale
 
     def _take(self, base: ModelRows, rows: ModelRows) -> tuple[Array, float]:
@@ -320,17 +322,17 @@ def solve_each_within_bounds(information: Array, moment: Array, lower: Array, up
         Parameters, and information of those within the bounds; a parameter at a bound has unit information.
     """
     matrix, right_side, scale = information, moment, np.sqrt(np.einsum("vkk->vk", information))
-    held: Mask = np.zeros(moment.shape, dtype=bool)
+    is_held: Mask = np.zeros(moment.shape, dtype=bool)
     while True:
         theta = np.linalg.solve(matrix, right_side[..., None])[..., 0]
-        excess = np.where(held, 0.0, np.maximum(lower - theta, theta - upper) * scale)
+        excess = np.where(is_held, 0.0, np.maximum(lower - theta, theta - upper) * scale)
         violated = np.flatnonzero((excess > 0).any(axis=1))
         if not len(violated):
             return np.asarray(theta, dtype=float), matrix
-        held[violated, np.argmax(excess[violated], axis=1)] = True
-        held_values = np.where(held, np.clip(theta, lower, upper), 0.0)
-        matrix = np.where(held[:, :, None] | held[:, None], np.eye(held.shape[1]), information)
-        right_side = np.where(held, held_values, moment - np.einsum("vkl,vl->vk", information, held_values))
+        is_held[violated, np.argmax(excess[violated], axis=1)] = True
+        held_values = np.where(is_held, np.clip(theta, lower, upper), 0.0)
+        matrix = np.where(is_held[:, :, None] | is_held[:, None], np.eye(is_held.shape[1]), information)
+        right_side = np.where(is_held, held_values, moment - np.einsum("vkl,vl->vk", information, held_values))
 
 
 def _predict(theta: Array, base: ModelRows, rows: ModelRows) -> tuple[Array, Array]:

@@ -212,17 +212,17 @@ class EffectMonitor:
         if self._given is not None:
             self._change = self._make_change(self._given, CHANGE.comparison_time)
 
-    def _begin(self, kept: Sequence[Bin] = ()) -> None:
+    def _begin(self, bins: Sequence[Bin] = ()) -> None:
         """Begin a comparison of models with kept bins; the comparison with given parameters ends."""
-        self._comparison, self._change = self._make_comparison(kept), None
+        self._comparison, self._change = self._make_comparison(bins), None
         self.diagnosis = replace(self._blank, terms=self.terms, added=self._added)
 
     def _make_comparison(
-        self, kept: Sequence[Bin] = (), reference: ReferenceDistribution | None = None
+        self, bins: Sequence[Bin] = (), reference: ReferenceDistribution | None = None
     ) -> ModelComparison:
         """Create a comparison of the running model with the effects that it lacks."""
         library = {id: effect for id, effect in self._library.items() if id not in self._added}
-        return ModelComparison(self.terms, library, self._plant, kept, reference)
+        return ModelComparison(self.terms, library, self._plant, bins, reference)
 
     def _make_change(self, before: Fit, seconds: float, since: float | None = None) -> ParameterChange:
         """Create the change from former parameters; it is reported after a time of motion [s]."""

@@ -41,16 +41,16 @@ class ModelComparison:
         terms: Sequence[Term],
         library: Mapping[str, type[Term]],
         plant: PlantBins,
-        kept: Sequence[Bin] = (),
+        bins: Sequence[Bin] = (),
         reference: ReferenceDistribution | None = None,
     ) -> None:
         """Begin a comparison of terms with effects of a library; all models are fitted to the kept bins.
 
         The reference is the distribution of the gain of forgetting, if it is known; the comparison has its own copy.
         """
-        self.terms, self._library, self._plant, self.fit_bins = tuple(terms), library, plant, list(kept)
+        self.terms, self._library, self._plant, self.fit_bins = tuple(terms), library, plant, list(bins)
         count = len(plant.joints)
-        n_bins = np.bincount([bin_.joint for bin_ in kept], minlength=count)  # of each joint
+        n_bins = np.bincount([bin_.joint for bin_ in bins], minlength=count)  # of each joint
         self._motion_time = n_bins * plant.length * count  # of each joint [s]
         self._is_tried = np.zeros(count, dtype=bool)  # joints that effects are tried at
         self._scale = np.ones(count)  # of errors at each joint, relative to those of all

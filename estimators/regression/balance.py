@@ -229,16 +229,18 @@ class Balance:
         tangent = self.tangent(theta)
         rows = np.column_stack([tangent.error, tangent.slopes]) * self.weights[:, None]
         grams = np.array([fold_rows.T @ fold_rows for fold_rows in (rows[fold == k] for k in range(count))])
-        found = np.empty((count, len(tangent.theta)))
+        parameters = np.empty((count, len(tangent.theta)))
         for k, gram in enumerate(sum_without_each(grams)):
             step = solve_gram(gram, self.least - tangent.theta, self.most - tangent.theta)
             if step is not None:
-                found[k] = np.clip(tangent.theta + step, self.least, self.most)
+                parameters[k] = np.clip(tangent.theta + step, self.least, self.most)
                 combination = np.append(1.0, -step)
-                if self.is_linear or self.fits_tangent(found[k], fold != k, float(combination @ gram @ combination)):
+                if self.is_linear or self.fits_tangent(
+                    parameters[k], fold != k, float(combination @ gram @ combination)
+                ):
                     continue
-            found[k] = self[fold != k].solve(tangent.theta)
-        return found
+            parameters[k] = self[fold != k].solve(tangent.theta)
+        return parameters
 
     def fits_tangent(self, theta: Array, rows: Mask, square: float) -> bool:
         """Return whether the squared weighted error of some rows (R,) at parameters (P,) is close to `square`.

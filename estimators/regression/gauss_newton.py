@@ -102,19 +102,19 @@ def gauss_newton(
         best: returns the place reached by steps (S,), whole or in part, and its cost.
         rule: when to end.
     """
-    first, slow = None, 0
+    first, n_small = None, 0
     for _ in range(rule.turns):
         local = near(place)
         first = local.cost if first is None else first
         steps = [local.step(damping) for damping in rule.dampings]
         if rule.by_offset and is_converged(local.error, local.slopes @ steps[0]):
             break
-        found, cost = best(local, steps)
+        next_place, cost = best(local, steps)
         if not cost < local.cost:
             break
-        place = found
-        slow += local.cost - cost < rule.compute_small_decrease(first, local.cost)
-        if slow == rule.patience:
+        place = next_place
+        n_small += local.cost - cost < rule.compute_small_decrease(first, local.cost)
+        if n_small == rule.patience:
             break
     return place
 

@@ -206,7 +206,7 @@ def solve_within_bounds(
         free: parameters to solve for (P,).
         least, most: bounds (P,).
     """
-    fixed, tried = ~free, set[bytes]()
+    fixed, tried_masks = ~free, set[bytes]()
     while True:
         theta = solve(theta, free)
         bounded = np.clip(theta, least, most)
@@ -214,11 +214,11 @@ def solve_within_bounds(
         theta, free = np.where(leaves, bounded, theta), free & ~leaves
         if leaves.any():
             continue
-        held = np.flatnonzero(~free & ~fixed)
-        if len(held) < 2 or free.tobytes() in tried:
+        held_parameters = np.flatnonzero(~free & ~fixed)
+        if len(held_parameters) < 2 or free.tobytes() in tried_masks:
             return theta, free
-        tried.add(free.tobytes())
-        for k in held:
+        tried_masks.add(free.tobytes())
+        for k in held_parameters:
             freed = free | (np.arange(len(free)) == k)
             if least[k] < solve(theta, freed)[k] < most[k]:
                 free = freed

@@ -177,10 +177,10 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
     usable = data.usable
     clusters = np.unique(data.clusters[usable], return_inverse=True)[1]
     while True:
-        given: Mapping[int, Estimate] = borrowed | known
-        free = [j for j in range(len(columns)) if j not in given]
-        given_values = np.array([estimate.value for estimate in given.values()])
-        equations = subtract_known_columns(data.equations, list(given), given_values)
+        known_estimates: Mapping[int, Estimate] = borrowed | known
+        free = [j for j in range(len(columns)) if j not in known_estimates]
+        given_values = np.array([estimate.value for estimate in known_estimates.values()])
+        equations = subtract_known_columns(data.equations, list(known_estimates), given_values)
         # borrowed values come from the same data: their uncertainty widens that of the others
         jacobian = data.equations.phi[usable][:, list(borrowed)] if borrowed else None
         fit = solve(Equations(equations.phi[usable], equations.y[usable]), data.weights[usable], clusters, jacobian)
@@ -193,8 +193,8 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
         fit = replace(fit, covariance=_compute_random_walk_covariance(equations, data, fit.theta))
 
     theta, std, count = np.empty(len(columns)), np.empty(len(columns)), len(free)
-    theta[free], theta[list(given)] = fit.theta, given_values
-    std[free], std[list(given)] = fit.std[:count], [estimate.std for estimate in given.values()]
+    theta[free], theta[list(known_estimates)] = fit.theta, given_values
+    std[free], std[list(known_estimates)] = fit.std[:count], [estimate.std for estimate in known_estimates.values()]
     model = Model.build(terms, theta, std).with_covariance(
         [columns[j].name for j in free], fit.covariance[:count, :count]
     )

@@ -136,10 +136,17 @@ def withhold_estimates(
     else:
         measurements = [m for (m,) in measured]
         doubts = find_undetermined(measurements, terms, units)
-        found = {id: find_unidentifiable(result.model, measurements, doubts) for id, result in results.items()}
-        unknown = {id: {name for doubt in findings for name in doubt.withheld} for id, findings in found.items()}
+        findings_by_scheme = {
+            id: find_unidentifiable(result.model, measurements, doubts) for id, result in results.items()
+        }
+        unknown = {
+            id: {name for doubt in findings for name in doubt.withheld} for id, findings in findings_by_scheme.items()
+        }
         shared = set.intersection(*unknown.values())
-        doubts = (*doubts, *(doubt for doubt in next(iter(found.values())) if shared.issuperset(doubt.withheld)))
+        doubts = (
+            *doubts,
+            *(doubt for doubt in next(iter(findings_by_scheme.values())) if shared.issuperset(doubt.withheld)),
+        )
     withheld = {name for doubt in doubts for name in doubt.withheld}
     return {
         id: replace(result, model=result.model.withhold(withheld | unknown[id])) for id, result in results.items()
@@ -195,9 +202,9 @@ def find_undetermined_links(model: Model, position: Array, velocity: Array, torq
 
 def _find_large_errors(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
     """Find base parameters with large standard errors against torque and inertia of each joint (n,)."""
-    seen = position[:: max(1, len(position) // PLACES)]
+    places = position[:: max(1, len(position) // PLACES)]
     units = np.eye(len(body.joints))
-    masses = [body.momentum(seen, np.broadcast_to(unit, seen.shape))[:, k] for k, unit in enumerate(units)]
+    masses = [body.momentum(places, np.broadcast_to(unit, places.shape))[:, k] for k, unit in enumerate(units)]
     mean = np.mean(masses, axis=1)  # (n, P)
     felt = np.sqrt(np.mean(np.square(masses), axis=1))  # (n, P)
     anywhere = np.random.default_rng(0).uniform(-np.pi, np.pi, (DRAWS, len(body.joints)))

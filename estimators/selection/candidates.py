@@ -25,34 +25,36 @@ class Screened(NamedTuple):
 
 def screen_effects(evaluator: ModelEvaluator, terms: Terms, excluded: Collection[str] = ()) -> list[Terms]:
     """Return the terms plus the best variant of each further possible effect, the best prediction first."""
-    found = screen_library(evaluator, terms, excluded).values()
-    return sorted((screened.terms for screened in found if screened.terms is not None), key=evaluator.screening_score)
+    library = screen_library(evaluator, terms, excluded).values()
+    return sorted((screened.terms for screened in library if screened.terms is not None), key=evaluator.screening_score)
 
 
 def screen_library(evaluator: ModelEvaluator, terms: Terms, excluded: Collection[str] = ()) -> dict[str, Screened]:
     """Screen each effect of the library that the terms lack, by id; slow transmissions come last."""
     missing = [effect for id, effect in evaluator.library.items() if id not in list_ids(terms) | {*excluded}]
     missing.sort(key=lambda effect: effect.kind == "transmission")
-    found: dict[str, Screened] = {}
+    screened: dict[str, Screened] = {}
     for n_done, effect in enumerate(missing):
-        gate = _make_transmission_gate(evaluator, terms, found) if effect.kind == "transmission" else None
+        gate = _make_transmission_gate(evaluator, terms, screened) if effect.kind == "transmission" else None
         if gate is not None:
-            found[effect.id] = Screened(None, (gate,))
+            screened[effect.id] = Screened(None, (gate,))
             continue
         evaluator.progress(f"screening {effect.id}", n_done / len(missing))
         if (trial := screen_effect(evaluator, terms, effect)) is None:
-            found[effect.id] = Screened(None, (Gate("variants", 0, 1, False),))
+            screened[effect.id] = Screened(None, (Gate("variants", 0, 1, False),))
         else:
             violations = tuple(evaluator.find_violations(trial.terms))
-            found[effect.id] = Screened(None if violations else trial.terms, violations)
-    return found
+            screened[effect.id] = Screened(None if violations else trial.terms, violations)
+    return screened
 
 
-def _make_transmission_gate(evaluator: ModelEvaluator, terms: Terms, found: dict[str, Screened]) -> Gate | None:
+def _make_transmission_gate(
+    evaluator: ModelEvaluator, terms: Terms, screened_effects: dict[str, Screened]
+) -> Gate | None:
     """Return the failed gate of a transmission that is not tried; None if it is tried.
 
     It is not tried beside another transmission. In a search by torque, it must be the first effect, and the terms must
-    not leave only noise, alone or with an effect already in `found`.
+    not leave only noise, alone or with an effect already in `screened_effects`.
     """
     if has_transmission(terms):
         return Gate("transmissions", 1, 0, False)
@@ -60,10 +62,10 @@ def _make_transmission_gate(evaluator: ModelEvaluator, terms: Terms, found: dict
         return None
     if len(terms) > len(evaluator.base):
         return Gate("earlier_effects", len(terms) - len(evaluator.base), 0, False)
-    for other in (terms, *(screened.terms for screened in found.values() if screened.terms is not None)):
-        if evaluator.residuals.is_noise(other):
+    for model in (terms, *(screened.terms for screened in screened_effects.values() if screened.terms is not None)):
+        if evaluator.residuals.is_noise(model):
             limit = evaluator.criterion.misfit
-            return Gate("residual_over_noise", evaluator.residuals.relative_rms(other), limit, False)
+            return Gate("residual_over_noise", evaluator.residuals.relative_rms(model), limit, False)
     return None
 
 
@@ -76,8 +78,10 @@ def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -
         ranked = rank_variants(evaluator.train, terms, effect)
         if not ranked:
             return None
-        alike = len({len(trial.terms[-1].columns) for trial in ranked}) == 1  # else the one with most columns is first
-        if alike and (
+        have_same_size = (
+            len({len(trial.terms[-1].columns) for trial in ranked}) == 1
+        )  # else the one with most columns is first
+        if have_same_size and (
             evaluator.gain(ranked[0].terms, terms).p_value > evaluator.criterion.coarse_p_value
             or evaluator.residuals.explained_share(ranked[0].terms, terms) < evaluator.criterion.coarse_share
         ):
@@ -148,13 +152,15 @@ def list_simpler_parts(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
 
 def _list_reductions(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
     """Return the effects of the library that an effect becomes where a parameter is zero, with its other parameters."""
-    found = []
+    reductions = []
     for reduced in effect.reductions:
         variants = [kind() for kind in evaluator.library.values() if (kind.id, kind.at) == (reduced.id, effect.at)]
         for variant in variants:
             sought = list_continuous_parameters(variant)
-            found.append(set_values(variant, sought, [reduced.nonlinear_values[own.name] for own in sought]))
-    return found
+            reductions.append(
+                set_values(variant, sought, [reduced.nonlinear_values[parameter.name] for parameter in sought])
+            )
+    return reductions
 
 
 def needs_all_parts(evaluator: ModelEvaluator, terms: Terms) -> bool:
@@ -168,7 +174,7 @@ def release_parameters(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
 
     Of the values of an integer, only the best is returned; none is tried if fits are slow.
     """
-    found = []
+    released_models = []
     for old in terms[len(evaluator.base) :]:
         others = tuple(term for term in terms if term is not old)
         for variants in list_released_variants(old):
@@ -178,8 +184,8 @@ def release_parameters(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
                 trials = try_variants(evaluator.train, others, variants) if is_tried else []
                 variants = [trial.terms[-1] for trial in sorted(trials, key=lambda trial: trial.fitted_rms)[:1]]
             released = [tuple(new if term is old else term for term in terms) for new in variants]
-            found += [refine_parameters(evaluator, model, old.id) for model in released]
-    return found
+            released_models += [refine_parameters(evaluator, model, old.id) for model in released]
+    return released_models
 
 
 def refine_parameters(evaluator: ModelEvaluator, terms: Terms, id: str) -> Terms:

@@ -26,7 +26,7 @@ def screen_dry_friction(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
     """
     if not evaluator.has_misfit(terms):
         return []
-    known, found = list_ids(terms), list[Terms]()
+    known, models = list_ids(terms), list[Terms]()
     for id, kind in evaluator.library.items():
         if id in known or not is_dry(kind()):
             continue
@@ -34,8 +34,8 @@ def screen_dry_friction(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
         x = evaluator.train.motions[kind.at]
         starts = list_starts(evaluator, terms, make_grid(kind, x, np.zeros_like(x.torque)), x)
         if starts:
-            found.append(evaluator.fit_to_motion(choose_start(evaluator, starts), id).model.terms)
-    possible = [longer for longer in found if is_possible(longer[-1], evaluator.train.motions[longer[-1].at])]
+            models.append(evaluator.fit_to_motion(choose_start(evaluator, starts), id).model.terms)
+    possible = [longer for longer in models if is_possible(longer[-1], evaluator.train.motions[longer[-1].at])]
     return sorted(possible, key=lambda longer: -evaluator.gain_in_motion(longer, terms)[0].total)
 
 
@@ -53,8 +53,8 @@ def list_starts(evaluator: ModelEvaluator, terms: Terms, variants: list[Term], x
             friction = abs(other.linear_values.get("coulomb", 0.0))
             for k, of_column in enumerate(largest):
                 for size in friction / max(of_column, 1e-300) * np.array(SHARES) if of_column else ():
-                    own = np.where(np.arange(len(largest)) == k, size, 0.0)
-                    point = Point.from_parameters((*other.terms, variant), np.append(other.theta, own))
+                    sizes = np.where(np.arange(len(largest)) == k, size, 0.0)
+                    point = Point.from_parameters((*other.terms, variant), np.append(other.theta, sizes))
                     if point.theta[len(other.theta) + k] == size:  # within its bounds
                         starts.append(point)
     return starts
@@ -67,7 +67,7 @@ def choose_start(evaluator: ModelEvaluator, starts: list[Point]) -> Point:
     """
     sizes = list[float]()
     for _, batch in groupby(starts, key=lambda start: len(start.theta)):
-        errors, which = output_error.compute_errors(evaluator.train.segments, list(batch))
-        squares: list[Array] = [np.bincount(which, series**2) / np.bincount(which) for series in errors.T]
-        sizes += [float(np.mean(np.log(own + 1e-24))) for own in squares]
+        errors, segment = output_error.compute_errors(evaluator.train.segments, list(batch))
+        squares: list[Array] = [np.bincount(segment, series**2) / np.bincount(segment) for series in errors.T]
+        sizes += [float(np.mean(np.log(segment_squares + 1e-24))) for segment_squares in squares]
     return starts[int(np.argmin(sizes))]

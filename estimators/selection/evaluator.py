@@ -213,7 +213,7 @@ class ModelEvaluator:
         It is at least one.
         """
         known = {other.id: other for other in before}
-        tried = [count_tried(self.train, before, type(term)) for term in after if term.id not in known]
+        tried_counts = [count_tried(self.train, before, type(term)) for term in after if term.id not in known]
         freed = [
             parameter
             for term in after
@@ -221,7 +221,9 @@ class ModelEvaluator:
             for parameter in term.free
             if parameter not in known[term.id].free
         ]
-        return max(1, sum(tried) + sum(int(parameter.high - parameter.low) for parameter in freed if parameter.integer))
+        return max(
+            1, sum(tried_counts) + sum(int(parameter.high - parameter.low) for parameter in freed if parameter.integer)
+        )
 
     def is_significant(self, after: Terms, before: Terms) -> bool:
         """Return whether the model `after` predicts significantly better than `before`."""
@@ -349,7 +351,7 @@ class ModelEvaluator:
         """
         if not self.train.segments or has_transmission(after) or has_transmission(before):
             return Gain(0.0, 0.0, 1.0), (0.0, 0.0)
-        new, old = (self.refit_to_motion(self.fit(None, one)).model for one in (after, before))
+        new, old = (self.refit_to_motion(self.fit(None, terms)).model for terms in (after, before))
         if not (new.has_known_inertia and old.has_known_inertia):
             return Gain(0.0, 0.0, 1.0), (0.0, 0.0)
         parts = self.train.segments, self.holdout.segments

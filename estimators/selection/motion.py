@@ -18,20 +18,20 @@ SEGMENT = 0.5  # length of a segment [s], short enough to linearise the growth o
 FEWEST = 2  # least number of segments per parameter
 
 
-def refit_if_misfit(found: SearchResult) -> SearchResult:
+def refit_if_misfit(result: SearchResult) -> SearchResult:
     """Return the result with the last model refitted to free-running motion, if that is confirmed by held-out data.
 
     The result is unchanged if the model is no misfit to the motion and has no bristles. The better of both by held-out
     cost is kept.
     """
-    evaluator, (*others, last) = found.evaluator, found.steps
+    evaluator, (*others, last) = result.evaluator, result.steps
     if not (evaluator.is_misfit(last) or any(has_bristles(term) for term in last.model.terms)):
-        return found
+        return result
     evaluator.progress("fitting the segments", 0.9)
     refined = min(last, evaluator.refit_to_motion(last), key=compute_held_out_cost)
     if others and not evaluator.is_confirmed(refined, others[-1]):
-        return found
-    return replace(found, steps=[*others, refined])
+        return result
+    return replace(result, steps=[*others, refined])
 
 
 def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> SearchResult:
@@ -66,7 +66,7 @@ def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> 
 def _has_edges(evaluator: ModelEvaluator, model: Model) -> bool:
     """Return whether a law of the model jumps at a parameter other than an instant, see `find_term_edges`."""
     edges = find_term_edges(evaluator.train, model.terms).values()
-    return any(not own.instant for of_term in edges for own in of_term)
+    return any(not edge.instant for of_term in edges for edge in of_term)
 
 
 def _refit_by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:

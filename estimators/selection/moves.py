@@ -74,11 +74,11 @@ def add_effect(state: SearchState) -> SearchState | None:
     evaluator, terms = state.evaluator, state.terms
     confirmed: list[Terms] = []
     screened = screen_effects(evaluator, terms)
-    tried = sorted(screened + release_parameters(evaluator, terms), key=evaluator.screening_score)
+    candidates = sorted(screened + release_parameters(evaluator, terms), key=evaluator.screening_score)
     needs_stop = not has_stop(terms) and evaluator.train.layout.predicts_torque and evaluator.train.data.contacts > 0
     if needs_stop:  # torque at contacts is no gravity or friction
-        tried = list(filter(has_stop, tried))
-    for longer in tried[: evaluator.criterion.max_tried]:
+        candidates = list(filter(has_stop, candidates))
+    for longer in candidates[: evaluator.criterion.max_tried]:
         if confirmed and not evaluator.is_tied(longer, confirmed[0]):
             break
         if not (evaluator.is_supported(longer, terms) and evaluator.keeps_base(longer, state.start)):
@@ -118,7 +118,7 @@ def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
     A pair is supported over the terms, significant over each of its effects alone, and lowers the held-out errors. The
     best prediction is taken. `firsts` are the terms of the state plus each first effect to try; links are left out.
     """
-    evaluator, terms, found = state.evaluator, state.terms, list[Terms]()
+    evaluator, terms, pairs = state.evaluator, state.terms, list[Terms]()
     is_full = len(state.effects) + 2 > evaluator.criterion.max_effects
     if is_full or state.is_noise or not evaluator.train.layout.has_fast_fits:
         return None
@@ -132,8 +132,8 @@ def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
                 and all(evaluator.is_significant(pair, single) for single in singles)
                 and evaluator.lowers_errors(pair, terms)
             ):
-                found.append(refit_nonlinear(evaluator, pair))
-    return state.with_terms(min(found, key=evaluator.screening_score)) if found else None
+                pairs.append(refit_nonlinear(evaluator, pair))
+    return state.with_terms(min(pairs, key=evaluator.screening_score)) if pairs else None
 
 
 def add_dry_friction(state: SearchState) -> SearchState | None:
@@ -157,9 +157,9 @@ def add_link(state: SearchState, longer: Terms) -> SearchState | None:
     held-out cost decides: only estimated states show which kind of link fits.
     """
     evaluator, terms = state.evaluator, state.terms
-    found = fit_link_states(state, longer)
-    if found is None or found.is_noise:
-        return found
+    linked = fit_link_states(state, longer)
+    if linked is None or linked.is_noise:
+        return linked
     kinds = [kind for kind in evaluator.library.values() if kind.link and kind.id != longer[-1].id]
     trials = [
         trial.terms for trial in (find_best_variant(evaluator, terms, kind) for kind in kinds) if trial is not None
@@ -167,7 +167,7 @@ def add_link(state: SearchState, longer: Terms) -> SearchState | None:
     for alone in (longer, *trials):
         trials += [larger for larger in screen_effects(evaluator, alone)[:1] if evaluator.is_significant(larger, alone)]
     others = [fit_link_states(state, trial) for trial in trials]
-    fitted = [found, *(other for other in others if other is not None)]
+    fitted = [linked, *(alternative for alternative in others if alternative is not None)]
     return min(fitted, key=lambda candidate: candidate.evaluator.cost_with_link)
 
 
@@ -180,10 +180,10 @@ def fit_link_states(state: SearchState, longer: Terms) -> SearchState | None:
     step, before = evaluator.fit(longer[-1].id, longer), evaluator.fit(None, state.terms)
     evaluator.progress(f"fitting the states of {step.added}", 0.9)
     refitted = evaluator.make_step(step.added, multiple_shooting.estimate(evaluator.train.data.windows, step.model))
-    found = [fitted for fitted in (refitted, step) if evaluator.is_confirmed(fitted, before)]
-    if not found or compute_held_out_cost(found[0]) >= compute_held_out_cost(evaluator.refit_to_motion(before)):
+    confirmed = [fitted for fitted in (refitted, step) if evaluator.is_confirmed(fitted, before)]
+    if not confirmed or compute_held_out_cost(confirmed[0]) >= compute_held_out_cost(evaluator.refit_to_motion(before)):
         return None
-    linked = min(found, key=compute_held_out_cost)
+    linked = min(confirmed, key=compute_held_out_cost)
     return replace(state, evaluator=evaluator.with_link(linked), terms=linked.model.terms)
 
 
@@ -219,8 +219,8 @@ def swap_effect(state: SearchState) -> SearchState | None:
     if len(state.effects) < 2:
         return None
     evaluator = state.evaluator
-    for rest in sort_by_score(state, [remove_term(state.terms, effect) for effect in state.effects]):
-        effect = next(term for term in state.terms if term not in rest)
+    for others in sort_by_score(state, [remove_term(state.terms, effect) for effect in state.effects]):
+        effect = next(term for term in state.terms if term not in others)
         for competitor in screen_replacements(evaluator, state.terms, effect)[:1]:
             if evaluator.is_significant(competitor, state.terms):
                 return state.with_terms(competitor)

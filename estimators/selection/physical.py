@@ -41,21 +41,21 @@ def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
     at_joints = replace(
         model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(list_loads(term.at)))
     )
-    found = [
+    gates = [
         Gate(column.name, value, column.clamp(value), False, model.units().unit(column.unit))
         for column, value in find_bound_violations(at_joints.terms, at_joints.theta)
     ]
-    found += [
+    gates += [
         Gate(
             term.get_full_name(parameter.name), parameter.high, parameter.high, False, parameter.get_unit(model.units())
         )
         for term, parameter in find_parameters_at_limit(at_joints.terms)
     ]
-    for at, x in motions.items():
-        at_joint = replace(model, terms=tuple(term for term in model.terms if term.at == at))
-        is_coupled = any(at in list_loads(term.at) for term in model.terms if term.at != at)
-        found += _find_violations_at(at_joint, x, is_coupled)
-    return found
+    for joint, x in motions.items():
+        at_joint = replace(model, terms=tuple(term for term in model.terms if term.at == joint))
+        is_coupled = any(joint in list_loads(term.at) for term in model.terms if term.at != joint)
+        gates += _find_violations_at(at_joint, x, is_coupled)
+    return gates
 
 
 def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
@@ -66,14 +66,14 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     presses them in by more than the range between them. The power of friction is not tested at a coupled joint,
     dry friction not in an arm.
     """
-    found, inertia = [], model.estimates.get("inertia")
+    gates, inertia = [], model.estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
-        found.append(Gate("negative_inertia", inertia.value, 0.0, False, inertia.unit))
+        gates.append(Gate("negative_inertia", inertia.value, 0.0, False, inertia.unit))
     friction = [(term, column, value) for term, column, value in _list_parts(model) if _is_friction(term)]
     power = sum((value * column.power(x) for term, column, value in friction if not term.hides), np.zeros_like(x.time))
     share = float(np.mean(power < 0))
     if share > SELDOM and not is_coupled:
-        found.append(Gate("driving_friction", share, SELDOM, False))
+        gates.append(Gate("driving_friction", share, SELDOM, False))
     driving = [(column, value) for term, column, value in _list_parts(model) if _drives_joint(term)]
     driving_torque = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *driving]), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - driving_torque).max())
@@ -87,11 +87,11 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
         free = min(stop.upper, highest) - max(stop.lower, lowest)
         depth = max(highest - lowest - free, limit / max(stiffness, 1e-300))
         if depth > free:
-            found.append(Gate("soft_stop", depth, free, False, model.units().unit("rad")))
+            gates.append(Gate("soft_stop", depth, free, False, model.units().unit("rad")))
     is_arm = any(term.at for term in model.terms)
     if dry > limit and x.torque.any() and not is_arm:
-        found.append(Gate("dry_friction", float(dry), limit, False, model.units().unit("N m")))
-    return found
+        gates.append(Gate("dry_friction", float(dry), limit, False, model.units().unit("N m")))
+    return gates
 
 
 def _is_friction(term: Term) -> bool:
@@ -134,14 +134,14 @@ def find_parameters_at_limit(terms: Sequence[Term]) -> list[tuple[Term, Nonlinea
 
     A fit ends there if the data have another law. Limits that a user has set do not count.
     """
-    found = []
+    at_limit = []
     for term in terms:
         sought = {parameter.name: parameter for parameter in effects().get(term.id, type(term)).nonlinear_parameters}
         parameters = (sought[parameter.name] for parameter in list_continuous_parameters(term))
-        found += [
+        at_limit += [
             (term, parameter) for parameter in parameters if term.nonlinear_values[parameter.name] >= parameter.high
         ]
-    return found
+    return at_limit
 
 
 def find_driving_friction(model: Model) -> list[Finding]:
@@ -179,12 +179,12 @@ def make_coefficient_gate(terms: Sequence[Term], fit: Fit, known: frozenset[str]
     """
     owner, chance = np.array([term.id for term in terms for _ in term.columns]), 0.0
     for id in set(owner.tolist()) - known:
-        own = (owner == id) & (fit.std > 0)  # others are known, or at their bounds
-        if not own.any():
+        of_term = (owner == id) & (fit.std > 0)  # others are known, or at their bounds
+        if not of_term.any():
             continue
-        count, freedom = np.count_nonzero(own), float(np.mean(fit.freedom[own]))
-        scaled = fit.theta[own] * compute_widening(fit.freedom[own])  # the covariance without its widening
-        square = scaled @ invert_covariance(fit.covariance[np.ix_(own, own)]) @ scaled
+        count, freedom = np.count_nonzero(of_term), float(np.mean(fit.freedom[of_term]))
+        scaled = fit.theta[of_term] * compute_widening(fit.freedom[of_term])  # the covariance without its widening
+        square = scaled @ invert_covariance(fit.covariance[np.ix_(of_term, of_term)]) @ scaled
         second = max(1.0, freedom - count + 1)
         chance = max(chance, float(scipy.special.fdtrc(count, second, square * second / (freedom * count))))
     return Gate("coefficients", chance, p_value, chance <= p_value)
@@ -242,16 +242,20 @@ def make_confirmation_gates(
     common = list_forms(after.model.terms) & list_forms(before.model.terms)
     others = [term for step in (after, before) for term in step.model.terms if list_forms([term]).isdisjoint(common)]
     changed = {joint for term in others for joint in list_loads(term.at)} or set(motions)
-    violated = find_violations(after.model, {at: motions[at] for at in motions if at in changed})
+    violated = find_violations(
+        after.model, {joint_name: motions[joint_name] for joint_name in motions if joint_name in changed}
+    )
     if violated:
         return violated
     gates = [Gate("physical_bounds", 0, 0, True)]
     angle, kinds = after.model.units().unit("rad"), [kind for kind in new.kinds if kind != "torque_rms"]
     errors = [(kind.removesuffix("_rms"), getattr(new, kind), getattr(old, kind), angle) for kind in kinds]
-    for at in (joint for joint in new.joints if joint in changed):
-        unit = after.model.units(at).unit("N m")
-        limit = (1.0 + torque_margin) * old.get_joint_error(at)
-        errors.append((f"torque@{at}" if at else "torque", new.get_joint_error(at), limit, unit))
+    for joint_name in (joint for joint in new.joints if joint in changed):
+        unit = after.model.units(joint_name).unit("N m")
+        limit = (1.0 + torque_margin) * old.get_joint_error(joint_name)
+        errors.append(
+            (f"torque@{joint_name}" if joint_name else "torque", new.get_joint_error(joint_name), limit, unit)
+        )
     for name, error, limit, unit in errors:
         if not np.isnan([error, limit]).any() and all(gate.passed for gate in gates):
             gates.append(Gate(f"holdout_{name}", error, limit, error < limit, unit))

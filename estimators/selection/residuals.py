@@ -137,7 +137,7 @@ class Residuals:
     @property
     def _recordings(self) -> list[Recording]:
         """Recordings of training and held-out data."""
-        return [own for part in self.parts for own in part.recordings]
+        return [recording for part in self.parts for recording in part.recordings]
 
     @cached_property
     def has_feedback(self) -> bool:
@@ -229,11 +229,11 @@ class Residuals:
 
 def set_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:
     """Return the terms with each table that does not cover some data on a grid that does."""
-    found = list[Term]()
+    terms_on_grid = list[Term]()
     for term in terms:
         if isinstance(term, Table) and not term.covers(x := part.data.part(term.at).samples):
             grid = [cast(Table, table) for table in make_grid(type(term), x, np.empty(0))]
-            alike = [table for table in grid if table.extent.pieces == term.extent.pieces]
-            term = (alike or grid)[-1].without_known_functions([other for other in terms if other is not term])
-        found.append(term)
-    return tuple(found)
+            same_size = [table for table in grid if table.extent.pieces == term.extent.pieces]
+            term = (same_size or grid)[-1].without_known_functions([other for other in terms if other is not term])
+        terms_on_grid.append(term)
+    return tuple(terms_on_grid)

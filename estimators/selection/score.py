@@ -275,12 +275,13 @@ def compute_motion_gain(
     owner = np.repeat(np.arange(2), [sum(len(segment.first) for segment in part) for part in parts])
     noise = np.concatenate([compute_motion_noise(part, points[1], 0.0) for part in parts])
     new, old = (
-        np.concatenate([output_error.compute_segment_rms(part, one) ** 2 for part in parts]) / noise for one in points
+        np.concatenate([output_error.compute_segment_rms(part, point) ** 2 for part in parts]) / noise
+        for point in points
     )
     densities = [_compute_density_of_ratios(ratios, owner) for ratios in (new, old)]
     gain = Bootstrap(owner, np.random.default_rng(0)).gain(densities[0], densities[1], penalty)
-    had, left = (np.bincount(owner, ratios - 1.0).tolist() for ratios in (old, new))
-    first, second = ((a - b) / a if a > 0 else 0.0 for a, b in zip(had, left, strict=True))
+    old_excess, new_excess = (np.bincount(owner, ratios - 1.0).tolist() for ratios in (old, new))
+    first, second = ((a - b) / a if a > 0 else 0.0 for a, b in zip(old_excess, new_excess, strict=True))
     return gain, (first, second)
 
 

@@ -106,11 +106,11 @@ def drop_imitations(state: SearchState) -> SearchState:
     return state.with_terms(state.start) if is_imitated else state
 
 
-def _is_better(one: SearchState, other: SearchState) -> bool:
+def _is_better(state: SearchState, rival: SearchState) -> bool:
     """Return whether one state predicts significantly better than another, which may have another evaluator."""
-    penalty = other.evaluator.penalty(one.terms, other.terms)
-    densities = one.evaluator.density(one.terms), other.evaluator.density(other.terms)
-    return other.evaluator.bootstrap.gain(*densities, penalty).p_value <= other.evaluator.criterion.p_value
+    penalty = rival.evaluator.penalty(state.terms, rival.terms)
+    densities = state.evaluator.density(state.terms), rival.evaluator.density(rival.terms)
+    return rival.evaluator.bootstrap.gain(*densities, penalty).p_value <= rival.evaluator.criterion.p_value
 
 
 def grow(state: SearchState) -> SearchState:
@@ -119,21 +119,21 @@ def grow(state: SearchState) -> SearchState:
     A revision is kept only if it leads to new terms and its steps are confirmed. There are at most
     `criterion.max_effects` effects.
     """
-    start, seen = state, {list_forms(state.terms)}
+    start, visited = state, {list_forms(state.terms)}
     while len(state.terms) - len(start.start) < state.evaluator.criterion.max_effects:
         longer = add_effect(state)
         if longer is None:
             break
         revised = revise(longer)
-        if list_forms(revised.terms) in seen:  # avoids a cycle
+        if list_forms(revised.terms) in visited:  # avoids a cycle
             revised = longer
         is_kept = list_forms(revised.terms) == list_forms(longer.terms) or are_confirmed(
             revised.evaluator, find_model_path(revised)
         )
         state = revised if is_kept else longer
-        if list_forms(state.terms) in seen:
+        if list_forms(state.terms) in visited:
             break
-        seen.add(list_forms(state.terms))
+        visited.add(list_forms(state.terms))
     return state
 
 
@@ -158,7 +158,7 @@ def are_confirmed(evaluator: ModelEvaluator, steps: Sequence[Step]) -> bool:
     return (
         evaluator.residuals.is_noise(terms)
         and evaluator.is_confirmed(steps[-1], steps[0])
-        and (len(smaller) == 1 or all(evaluator.lowers_errors(terms, one) for one in smaller))
+        and (len(smaller) == 1 or all(evaluator.lowers_errors(terms, model) for model in smaller))
     )
 
 
@@ -214,8 +214,8 @@ def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> list[St
     trial = find_best_variant(evaluator, start, kind, is_determined=True)
     terms = None if trial is None else refit_nonlinear(evaluator, release_significant(evaluator, trial.terms))
     if is_dry(kind()) and (terms is None or not evaluator.is_significant(terms, start)):
-        if (moved := add_dry_friction(SearchState(evaluator, start, start))) is not None:
-            return find_model_path(moved)
+        if (by_motion := add_dry_friction(SearchState(evaluator, start, start))) is not None:
+            return find_model_path(by_motion)
     if terms is None:
         raise IdentificationError(f"{', '.join(evaluator.train.names)}: nothing there shows {kind.id}", kind.id)
     evaluator.progress(f"fitting with {kind.id}", 0.8)

@@ -182,7 +182,7 @@ def simulate_segments(
         if variants[0].has_memory and variants[0].id not in memory:
             memory.update(start_memory(segments, variants))
 
-    def each(series: Sequence[Array]) -> Array:
+    def repeat_for_models(series: Sequence[Array]) -> Array:
         """Repeat one value of each segment (B,) of each recording for every model, (V B,)."""
         return np.tile(np.concatenate(series), len(models))
 
@@ -190,11 +190,11 @@ def simulate_segments(
     delays = delays if any(delays) else [0.0]  # one command for all models
     loads = [segment.load for segment in segments]
     load = KnownLoad(
-        each([np.asarray(load.inertia) for load in loads]),
-        each([np.asarray(load.gravity) for load in loads]),
+        repeat_for_models([np.asarray(load.inertia) for load in loads]),
+        repeat_for_models([np.asarray(load.gravity) for load in loads]),
         np.tile(np.concatenate([np.asarray(load.torque) for load in loads], axis=1), len(delays)),
     )
-    period = each([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in segments])
+    period = repeat_for_models([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in segments])
     terms, theta = _stack_models(models, sum(len(segment.first) for segment in segments))
     longest = round_up(period / count_substeps(period, longest_step))
     return simulate(
@@ -204,7 +204,7 @@ def simulate_segments(
         np.concatenate([segment.command(delay) for delay in delays for segment in segments], axis=1),
         position,
         velocity,
-        each([segment.windows.recording.time[segment.first] for segment in segments]),
+        repeat_for_models([segment.windows.recording.time[segment.first] for segment in segments]),
         memory=memory,
         longest_step=longest_step,
         observe=observe,
@@ -237,8 +237,8 @@ def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict
         known = [np.concatenate(series) for series in zip(*(segment.hidden[id] for segment in segments), strict=True)]
         return {id: tuple(np.tile(series, len(variants)) for series in known)}
     distinct = list(dict.fromkeys(variants))
-    traced = trace_all([segment.windows for segment in segments], distinct)
-    traces = [dict(zip(distinct, states_of_variant, strict=True)) for states_of_variant in traced]
+    traces_by_recording = trace_all([segment.windows for segment in segments], distinct)
+    traces = [dict(zip(distinct, states_of_variant, strict=True)) for states_of_variant in traces_by_recording]
     states = {}
     for id in traces[0][distinct[0]].memory:
         rows = [

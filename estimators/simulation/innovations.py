@@ -103,19 +103,23 @@ def _linearise_motion(
     def broadcast(values: object) -> Array:
         return np.broadcast_to(np.asarray(values, dtype=float), index.shape)
 
-    def acceleration(x: Samples) -> Array:
+    def compute_acceleration(x: Samples) -> Array:
         return (balance.net(x) - balance.dry(x) * direction) / balance.mass(x)
 
-    def slope(name: str, perturbation: float) -> Array:
+    def compute_slope(name: str, perturbation: float) -> Array:
         value = getattr(x, name)
-        up, down = (acceleration(replace(x, **{name: value + change})) for change in (perturbation, -perturbation))
+        up, down = (
+            compute_acceleration(replace(x, **{name: value + change})) for change in (perturbation, -perturbation)
+        )
         values = broadcast((up - down) / (2 * perturbation))
         return 0.5 * (values[1:] + values[:-1])
 
     rates = np.zeros((len(index) - 1, index.shape[1], 2, 2))
     rates[:, :, 0, 1] = 1.0
-    rates[:, :, 1, 0] = np.clip(slope("position", PERTURBATION[0]), -STIFFEST / interval**2, STIFFEST / interval**2)
-    rates[:, :, 1, 1] = np.clip(slope("velocity", PERTURBATION[1]), -1 / interval, STIFFEST / interval)
+    rates[:, :, 1, 0] = np.clip(
+        compute_slope("position", PERTURBATION[0]), -STIFFEST / interval**2, STIFFEST / interval**2
+    )
+    rates[:, :, 1, 1] = np.clip(compute_slope("velocity", PERTURBATION[1]), -1 / interval, STIFFEST / interval)
     step = rates * interval
     transition = np.eye(2) + step + 0.5 * step @ step
     # Friction reverses with the joint: a late reversal leaves with less acceleration than it entered with.

@@ -161,23 +161,25 @@ def refine_states(
     for _ in range(turns):
         error, slopes = compute_state_slopes(shooting, points, states)
         before = np.sum(error**2, axis=2)
-        tried = np.array(
-            [s + compute_state_steps(*one) for s, *one in zip(states, error, slopes, damping, strict=True)]
+        candidates = np.array(
+            [s + compute_state_steps(*arguments) for s, *arguments in zip(states, error, slopes, damping, strict=True)]
         )  # (V, F, S, B)
-        flat = tried.reshape(-1, *states.shape[1:])
+        flat = candidates.reshape(-1, *states.shape[1:])
         after = np.sum(shooting.errors(repeat_points(points, len(DAMPING)), flat) ** 2, axis=2)
-        states, damping, squares = _choose_best(tried, after.reshape(*tried.shape[:2], -1), states, before, damping)
+        states, damping, squares = _choose_best(
+            candidates, after.reshape(*candidates.shape[:2], -1), states, before, damping
+        )
     return states, damping, squares
 
 
 def _choose_best(
-    tried: Array, after: Array, states: Array, before: Array, damping: Array
+    candidates: Array, after: Array, states: Array, before: Array, damping: Array
 ) -> tuple[Array, Array, Array]:
     """Return the best of F states tried for each segment (V, F, S, B), or the old ones where none is better."""
     best = np.argmin(after, axis=1)[:, None]  # (V, 1, B)
     squares = np.take_along_axis(after, best, 1)[:, 0]
     is_better = squares < before
-    best_states = np.take_along_axis(tried, best[:, :, None], 1)[:, 0]
+    best_states = np.take_along_axis(candidates, best[:, :, None], 1)[:, 0]
     new_damping = np.clip(damping * DAMPING[best[:, 0]], 1e-6, 1e3)
     return (
         np.where(is_better[:, None], best_states, states),
@@ -199,30 +201,30 @@ def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array
     start, points = np.full((len(candidates), traced.shape[1]), DAMPING[0]), [point] * len(candidates)
     fits = refine_states(shooting, points, np.array(candidates), start, SHOOTING.initial_turns)
     size = np.sqrt(fits[2].min(axis=0))
-    far = np.flatnonzero(size > SHOOTING.far * np.median(size))
-    if len(far):
-        _refine_some(shooting, points, fits, far, SHOOTING.more_turns)
+    far_segments = np.flatnonzero(size > SHOOTING.far * np.median(size))
+    if len(far_segments):
+        _refine_some(shooting, points, fits, far_segments, SHOOTING.more_turns)
     best, segment = np.argmin(fits[2], axis=0), np.arange(len(size))
     fits = fits[0][best, :, segment].T[None], fits[1][None, best, segment], fits[2][None, best, segment]
-    slow = np.zeros(len(segment), dtype=int)
+    n_slow = np.zeros(len(segment), dtype=int)
     for _ in range(SHOOTING.final_turns):
-        going = np.flatnonzero(slow < SHOOTING.patience)
-        if not len(going):
+        active = np.flatnonzero(n_slow < SHOOTING.patience)
+        if not len(active):
             break
-        before = fits[2][0, going]
-        _refine_some(shooting, [point], fits, going, 1)
-        slow[going] += fits[2][0, going] > before * (1 - SHOOTING.gain)
+        before = fits[2][0, active]
+        _refine_some(shooting, [point], fits, active, 1)
+        n_slow[active] += fits[2][0, active] > before * (1 - SHOOTING.gain)
     return replace(shooting, states=fits[0][0], damping=start[0]), fits[2][0]
 
 
 def _refine_some(
-    shooting: Shooting, points: Sequence[Point], fits: tuple[Array, Array, Array], which: Index, turns: int
+    shooting: Shooting, points: Sequence[Point], fits: tuple[Array, Array, Array], numbers: Index, turns: int
 ) -> None:
     """Refine states, damping and squared errors of some segments in place."""
-    part = replace(shooting, segments=select_segments(shooting.segments, which))
+    part = replace(shooting, segments=select_segments(shooting.segments, numbers))
     states, damping, squares = fits
-    states[:, :, which], damping[:, which], squares[:, which] = refine_states(
-        part, points, states[:, :, which], damping[:, which], turns
+    states[:, :, numbers], damping[:, numbers], squares[:, numbers] = refine_states(
+        part, points, states[:, :, numbers], damping[:, numbers], turns
     )
 
 
@@ -231,8 +233,8 @@ def simulate_link_motion(windows: Windows, model: Model) -> Samples:
     point, term = Point.from_model(model), find_link(model.terms)
     x = windows.trace([term])[0]
     shooting, _ = initialise_states(start_shooting(windows, point, list_adjacent_segments(windows)), point)
-    seen: list[Memory] = []
-    path = shooting.simulate([point], shooting.states[None], lambda state: seen.append(state.memory[term.id]))
+    memories: list[Memory] = []
+    path = shooting.simulate([point], shooting.states[None], lambda state: memories.append(state.memory[term.id]))
     index = shooting.segments.first + np.arange(len(path.position))[:, None]
 
     def fill_segments(measured: ArrayLike, simulated: Array) -> Array:
@@ -240,8 +242,8 @@ def simulate_link_motion(windows: Windows, model: Model) -> Samples:
         series[index] = simulated
         return series
 
-    moved = (np.array(series) for series in zip(*seen, strict=True))
-    link = tuple(fill_segments(old, new) for old, new in zip(x.memory[term.id], moved, strict=True))
+    link_series = (np.array(series) for series in zip(*memories, strict=True))
+    link = tuple(fill_segments(old, new) for old, new in zip(x.memory[term.id], link_series, strict=True))
     q, v = fill_segments(x.position, path.position), fill_segments(x.velocity, path.velocity)
     return replace(x, position=q, velocity=v, memory={term.id: link})
 
@@ -274,13 +276,13 @@ class Slopes:
     parts: tuple[tuple[Array, Array, Array], ...]
 
 
-def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
+def _linearise(shootings: Sequence[Shooting], point: Point) -> Slopes:
     """Linearise the errors of all segments around a point and their present states."""
     values = point.values
     size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
     nearby = [point.with_values(values + SHOOTING.difference * size * direction) for direction in np.eye(len(values))]
     parts = []
-    for shooting in every:
+    for shooting in shootings:
         (error,), (by_state,) = compute_state_slopes(shooting, [point], shooting.states[None])
         near = shooting.errors(nearby, np.repeat(shooting.states[None], len(nearby), axis=0))
         parts.append((error, np.moveaxis((near - error) / SHOOTING.difference, 0, 2), by_state))
@@ -315,7 +317,7 @@ class Fitted:
     cost: float = np.inf
 
 
-def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) -> Fitted:
+def fit(shootings: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) -> Fitted:
     """Fit parameters and states to the segments of all recordings."""
 
     def near(place: Fitted) -> Near[tuple[Fitted, Slopes]]:
@@ -330,28 +332,28 @@ def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) ->
         values, step = place.point.values, np.clip(steps[0], -SHOOTING.largest, SHOOTING.largest)
         size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
         points = [place.point.with_values(values + share * step * size) for share in SHOOTING.shares]
-        tried = [
+        trials = [
             _try_steps(shooting, points, step, move) for shooting, move in zip(place.every, slopes.parts, strict=True)
         ]
-        costs = np.sum([w @ squares.T for (_, _, squares), w in zip(tried, slopes.weights, strict=True)], axis=0)
+        costs = np.sum([w @ squares.T for (_, _, squares), w in zip(trials, slopes.weights, strict=True)], axis=0)
         k, _ = choose_least(range(len(points)), costs)
         refined = [
             refine_states(shooting, points[k : k + 1], states[k : k + 1], damping[k : k + 1], 1)
-            for shooting, (states, damping, _) in zip(place.every, tried, strict=True)
+            for shooting, (states, damping, _) in zip(place.every, trials, strict=True)
         ]
         cost = sum(float(w @ squares[0]) for w, (_, _, squares) in zip(slopes.weights, refined, strict=True))
-        every = [
+        shootings = [
             replace(shooting, states=states[0], damping=damped[0])
             for shooting, (states, damped, _) in zip(place.every, refined, strict=True)
         ]
         if cost > near.cost * (1 - SHOOTING.gain):
-            restarted = [initialise_states(shooting, points[k]) for shooting in every]
-            every = [shooting for shooting, _ in restarted]
+            restarted = [initialise_states(shooting, points[k]) for shooting in shootings]
+            shootings = [shooting for shooting, _ in restarted]
             cost = sum(float(w @ squares) for w, (_, squares) in zip(slopes.weights, restarted, strict=True))
-        return Fitted(points[k], tuple(every), cost), cost
+        return Fitted(points[k], tuple(shootings), cost), cost
 
     rule = Rule(turns, (SHOOTING.damping,), of_cost=SHOOTING.gain, patience=SHOOTING.patience)
-    return gauss_newton(Fitted(point, tuple(every)), near, best, rule)
+    return gauss_newton(Fitted(point, tuple(shootings)), near, best, rule)
 
 
 def _try_steps(
@@ -361,35 +363,38 @@ def _try_steps(
     error, by_parameter, by_state = move
     expected = [error + share * (by_parameter @ step) for share in SHOOTING.shares]
     unchanged = np.repeat(shooting.states[None], len(points), axis=0)
-    tried = np.array([shooting.states + compute_state_steps(errors, by_state, shooting.damping) for errors in expected])
-    tried = np.concatenate([tried, unchanged[:, None]], axis=1)
-    squares = np.sum(
-        shooting.errors(repeat_points(points, tried.shape[1]), tried.reshape(-1, *unchanged.shape[1:])) ** 2, axis=2
+    candidates = np.array(
+        [shooting.states + compute_state_steps(errors, by_state, shooting.damping) for errors in expected]
     )
-    squares = squares.reshape(*tried.shape[:2], -1)
+    candidates = np.concatenate([candidates, unchanged[:, None]], axis=1)
+    squares = np.sum(
+        shooting.errors(repeat_points(points, candidates.shape[1]), candidates.reshape(-1, *unchanged.shape[1:])) ** 2,
+        axis=2,
+    )
+    squares = squares.reshape(*candidates.shape[:2], -1)
     best = np.argmin(squares, axis=1)[:, None]
-    states = np.take_along_axis(tried, best[:, :, None], 1)[:, 0]
+    states = np.take_along_axis(candidates, best[:, :, None], 1)[:, 0]
     factors = np.append(DAMPING, DAMPING[-1])[best[:, 0]]
     return states, np.clip(shooting.damping * factors, 1e-6, 1e3), np.take_along_axis(squares, best, 1)[:, 0]
 
 
-def estimate(every: Sequence[Windows], model: Model) -> Model:
+def estimate(windows: Sequence[Windows], model: Model) -> Model:
     """Fit a model by multiple shooting, with standard errors from the spread of the segments.
 
     Args:
-        every: recording's windows.
+        windows: recording's windows.
         model: initial guess; one of its terms has a link. It is returned unchanged if segments are too few.
     """
     point, multimodal = Point.from_model(model), find_hints(type(find_link(model.terms))).multimodal
-    if _are_few(every, point):
+    if _are_few(windows, point):
         return model
     if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
 
         def fit_best(starts: Sequence[Point]) -> Fitted:
-            fits = (fit(prepare_segments(every, start, 3), start, SHOOTING.trial_turns) for start in starts)
+            fits = (fit(prepare_segments(windows, start, 3), start, SHOOTING.trial_turns) for start in starts)
             return min(fits, key=lambda fitted: fitted.cost)
 
-        found = fit_best(
+        fitted_shooting = fit_best(
             [
                 change_point(start, {multimodal: f})
                 for start in (point, add_link_gravity(point))
@@ -397,19 +402,21 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
             ]
         )
         for _ in range(SHOOTING.climbs):
-            other = fit_best([change_point(found.point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
-            if other.cost > found.cost * SHOOTING.climb:
+            candidate = fit_best(
+                [change_point(fitted_shooting.point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)]
+            )
+            if candidate.cost > fitted_shooting.cost * SHOOTING.climb:
                 break
-            found = other
-        point = found.point
+            fitted_shooting = candidate
+        point = fitted_shooting.point
     step = SHOOTING.fine if multimodal else SHOOTING.coarse
-    return _make_model(fit([replace(shooting, step=step) for shooting in prepare_segments(every, point)], point))
+    return _make_model(fit([replace(shooting, step=step) for shooting in prepare_segments(windows, point)], point))
 
 
-def add_standard_errors(every: Sequence[Windows], model: Model) -> Model:
+def add_standard_errors(windows: Sequence[Windows], model: Model) -> Model:
     """Return the model with standard errors from the spread of the segments; without, if these are too few."""
     point = Point.from_model(model)
-    return model if _are_few(every, point) else _make_model(Fitted(point, prepare_segments(every, point)))
+    return model if _are_few(windows, point) else _make_model(Fitted(point, prepare_segments(windows, point)))
 
 
 def prepare_segments(every: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:

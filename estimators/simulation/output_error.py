@@ -160,9 +160,9 @@ def compute_segment_rms(segments: Sequence[Segments], point: Point, filters: Fil
     return compute_rms_by_segment(*compute_errors(segments, [point], filters))
 
 
-def compute_rms_by_segment(error: Array, which: Index) -> Array:
-    """Return the RMS of the errors (M, 1) of each segment, plus 1e-12; `which` is the segment of each error (M,)."""
-    return np.asarray(np.sqrt(np.bincount(which, error[:, 0] ** 2) / np.bincount(which)) + 1e-12)
+def compute_rms_by_segment(error: Array, segment: Index) -> Array:
+    """Return the RMS of the errors (M, 1) of each segment, plus 1e-12; `segment` is the segment of each error (M,)."""
+    return np.asarray(np.sqrt(np.bincount(segment, error[:, 0] ** 2) / np.bincount(segment)) + 1e-12)
 
 
 def weigh_segments(sizes: Array) -> Array:
@@ -192,8 +192,8 @@ def _weigh_errors(segments: Sequence[Segments], point: Point, filters: Filters) 
     weights = np.sqrt(weigh_segments(compute_segment_rms(segments, point, filters)))
 
     def errors_of(points: Sequence[Point]) -> Array:
-        error, which = compute_errors(segments, points, filters)
-        return np.asarray(error * weights[which, None])
+        error, segment = compute_errors(segments, points, filters)
+        return np.asarray(error * weights[segment, None])
 
     return errors_of
 
@@ -216,8 +216,8 @@ def minimise(errors_of: ErrorsOf, start: Point, turns: int = 12) -> Point:
         # a parameter that was zero needs an absolute step
         longest = np.where(size > smallest, 0.5, OUTPUT_ERROR.leap / smallest)
         step = np.clip(steps[0], -longest, longest) * size
-        tried = [near.known.with_values(values + share * step) for share in OUTPUT_ERROR.shares]
-        return choose_least(tried, np.sum(errors_of(tried) ** 2, axis=0))
+        points = [near.known.with_values(values + share * step) for share in OUTPUT_ERROR.shares]
+        return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
 
     return gauss_newton(start, near, best, Rule(turns, (OUTPUT_ERROR.damping,), by_offset=True))
 
@@ -286,8 +286,8 @@ def redraw_torque(segment: Segments, rng: np.random.Generator) -> Array:
 def make_model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Model:
     """Return the model at a point, with standard errors from the spread of the segments (jackknife's sandwich)."""
     error, slopes = compute_slopes(_weigh_errors(segments, point, filters), point)
-    _, which = compute_errors(segments, [point], filters)
-    return make_model_with_covariance(point, compute_robust_covariance(slopes, error, which))
+    _, segment = compute_errors(segments, [point], filters)
+    return make_model_with_covariance(point, compute_robust_covariance(slopes, error, segment))
 
 
 def make_model_with_covariance(point: Point, relative: Array) -> Model:

@@ -54,9 +54,9 @@ def mark_bounds(model: Model) -> Model:
     """
     estimates = dict(model.estimates)
     for column, low, high in zip(model.columns, *list_bounds(model.terms), strict=True):
-        own = estimates[column.name]
+        estimate = estimates[column.name]
         if low == high:
-            estimates[column.name] = replace(own, std=0.0)
-        elif own.value in (low, high) and own.std == 0:
-            estimates[column.name] = replace(own, at_bound=True)
+            estimates[column.name] = replace(estimate, std=0.0)
+        elif estimate.value in (low, high) and estimate.std == 0:
+            estimates[column.name] = replace(estimate, at_bound=True)
     return replace(model, estimates=estimates)

@@ -43,17 +43,17 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
     for term in terms:
         if term.hides or term.fixed or any(column.of_torque for column in term.columns):
             raise IdentificationError(f"{term.id} depends on more than the motion: instruments cannot estimate it")
-    followed = [_replace_by_reference(w.recording) for w in data.windows]
-    along = [
-        replace(cut(own, (len(w.kernel) // 2) / own.rate), centers=w.centers)
-        for w, own in zip(data.windows, followed, strict=True)
+    reference_recordings = [_replace_by_reference(w.recording) for w in data.windows]
+    reference_windows = [
+        replace(cut(reference_recording, (len(w.kernel) // 2) / reference_recording.rate), centers=w.centers)
+        for w, reference_recording in zip(data.windows, reference_recordings, strict=True)
     ]
     equations, weights = data.equations(terms), data.weights[:, None]
-    z = join_windows(along).equations(terms).phi * weights  # (R, P)
+    z = join_windows(reference_windows).equations(terms).phi * weights  # (R, P)
     phi, y = equations.phi * weights, equations.y * weights[:, 0]
     least, most = list_bounds(terms)
 
-    def solved(theta: Array, free: Mask) -> Array:
+    def solve_free(theta: Array, free: Mask) -> Array:
         theta = theta.copy()
         if free.any():
             theta[free] = _invert_product(z[:, free], phi[:, free]) @ (
@@ -61,7 +61,7 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
             )
         return theta
 
-    theta, free = solve_within_bounds(solved, np.clip(np.zeros(len(least)), least, most), least < most, least, most)
+    theta, free = solve_within_bounds(solve_free, np.clip(np.zeros(len(least)), least, most), least < most, least, most)
     std = np.zeros(len(least))
     if free.any():
         bread = _invert_product(z[:, free], phi[:, free])

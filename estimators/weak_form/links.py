@@ -78,11 +78,13 @@ def _join_joints(
     body, kinds = find_links(terms), dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms)
     joints = range(len(body.joints))
     linear, rates = (
-        np.concatenate([own[k] for k in joints for own in each])
-        for each in zip(*((part.linear, part.rates) for part in parts), strict=True)
+        np.concatenate([joint_windows[k] for k in joints for joint_windows in series])
+        for series in zip(*((part.linear, part.rates) for part in parts), strict=True)
     )
     inertia = np.mean([np.diagonal(part.masses.mean(axis=0), axis1=1, axis2=2).T for part in parts], axis=0)
-    data = join_windows([own[k] for k in joints for own in entries], {Links.id: TermColumns(linear, rates, inertia)})
+    data = join_windows(
+        [joint_windows[k] for k in joints for joint_windows in entries], {Links.id: TermColumns(linear, rates, inertia)}
+    )
     return replace(
         data,
         shared_columns={
@@ -105,7 +107,7 @@ def _payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadC
         return None
     owner = np.array([-1 if load is None else payloads.index(load) for load in loads])[data.recording_of_window]
     columns = [linear @ body.link_columns(payload.joint) * (owner == k)[:, None] for k, payload in enumerate(payloads)]
-    torque = sum(each @ payload.standard for each, payload in zip(columns, payloads, strict=True))
+    torque = sum(payload_columns @ payload.standard for payload_columns, payload in zip(columns, payloads, strict=True))
     return PayloadColumns(np.asarray(torque), np.column_stack(columns))
 
 

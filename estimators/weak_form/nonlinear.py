@@ -116,7 +116,7 @@ def refine_nonlinear(
     factor = np.array([parameter.low > 0 for parameter in sought])
     known: dict[Term, Array] = {}  # residuals of the last batch
 
-    def at(term: Term) -> tuple[Array, Array]:
+    def get_values(term: Term) -> tuple[Array, Array]:
         """Return the values of the sought parameters (S,), and the units of their steps (S,)."""
         values = np.array([term.nonlinear_values[parameter.name] for parameter in sought])
         return values, np.array(
@@ -124,7 +124,7 @@ def refine_nonlinear(
         )
 
     def near(term: Term) -> Near[Term]:  # slopes per step unit
-        values, unit = at(term)
+        values, unit = get_values(term)
         error = known[term] if term in known else residuals([term])[0]
         steps = NONLINEAR.difference * unit * np.eye(len(sought))
         nearby = [set_values(term, sought, values + step) for step in steps]
@@ -132,15 +132,15 @@ def refine_nonlinear(
         return Near(term, float(error @ error), error, slopes)
 
     def best(near: Near[Term], steps: list[Array]) -> tuple[Term, float]:  # of all shares of the first step
-        values, unit = at(near.known)
+        values, unit = get_values(near.known)
         step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / NONLINEAR.leap)
-        tried = [
+        variants = [
             set_values(term, sought, np.where(factor, values * np.exp(share * step), values + share * step * unit))
             for share in NONLINEAR.shares
         ]
         known.clear()
-        known.update(zip(tried, residuals(tried), strict=True))
-        return choose_least(tried, [float(known[term] @ known[term]) for term in tried])
+        known.update(zip(variants, residuals(variants), strict=True))
+        return choose_least(variants, [float(known[term] @ known[term]) for term in variants])
 
     return gauss_newton(term, near, best, Rule(NONLINEAR.turns, (NONLINEAR.damping,), by_offset=True, of_cost=gain))
 
@@ -161,13 +161,13 @@ def _has_jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
     value = term.nonlinear_values[parameter.name]
     unit = get_step_unit(parameter, value)
 
-    def change(share: float) -> float:  # largest, over samples, for a move by this many step units either way
+    def compute_change(share: float) -> float:  # largest, over samples, for a move by this many step units either way
         ends = [
             _evaluate_laws(set_values(term, [parameter], [value + step]), x) for step in (-share * unit, share * unit)
         ]
         return float(np.max(np.abs(ends[1] - ends[0])))
 
-    far, near, close = map(change, (NONLINEAR.leap, NONLINEAR.difference, 0.01 * NONLINEAR.difference))
+    far, near, close = map(compute_change, (NONLINEAR.leap, NONLINEAR.difference, 0.01 * NONLINEAR.difference))
     least = SOLVER.tiny * far
     return far > 0 and (near <= least or close <= least or close > NONLINEAR.jump * near)
 
@@ -194,8 +194,8 @@ def scan_edges(term: Term, residuals: Residuals, edges: Sequence[NonlinearParame
             value = term.nonlinear_values[parameter.name]
             step = width * (reach if parameter.instant else NONLINEAR.leap * get_step_unit(parameter, value))
             values = value + step * np.linspace(-1.0, 1.0, NONLINEAR.scanned)
-            tried = [set_values(term, [parameter], [value]) for value in values]
-            term = tried[int(np.argmin([float(residual @ residual) for residual in residuals(tried)]))]
+            variants = [set_values(term, [parameter], [value]) for value in values]
+            term = variants[int(np.argmin([float(residual @ residual) for residual in residuals(variants)]))]
     return term
 
 
@@ -209,15 +209,15 @@ def search_by_cross_entropy(variants: Sequence[Term], residuals: Residuals) -> T
     rng = np.random.default_rng(0)
     sought = list_continuous_parameters(variants[0])
 
-    def errors(drawn: Sequence[Term]) -> list[float]:
+    def compute_errors(drawn: Sequence[Term]) -> list[float]:
         return [float(np.linalg.norm(residual)) for residual in residuals(drawn)]
 
-    ranked = sorted(zip(errors(variants), variants, strict=True), key=lambda pair: pair[0])[: NONLINEAR.elite]
+    ranked = sorted(zip(compute_errors(variants), variants, strict=True), key=lambda pair: pair[0])[: NONLINEAR.elite]
     for _ in range(NONLINEAR.rounds):
         elite = np.log([[term.nonlinear_values[parameter.name] for parameter in sought] for _, term in ranked])
         spread = 1.2 * elite.std(axis=0) + 0.02
         draws = np.exp(elite.mean(axis=0) + spread * rng.standard_normal((NONLINEAR.draws, len(sought))))
         drawn = [set_values(variants[0], sought, draw) for draw in draws]
-        ranked += zip(errors(drawn), drawn, strict=True)
+        ranked += zip(compute_errors(drawn), drawn, strict=True)
         ranked = sorted(ranked, key=lambda pair: pair[0])[: NONLINEAR.elite]
     return ranked[0][1]

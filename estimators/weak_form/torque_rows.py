@@ -134,19 +134,19 @@ class TorqueRows:
         fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
         slopes = 1.0 - np.diff(fixed, axis=1) / np.diff(self.perturbations, axis=1)
         torque = self.data.torque()
-        kept = float(np.linalg.norm(torque - part.fixed)) / max(float(np.linalg.norm(torque)), 1e-300)
-        return part._replace(fixed_change=self.perturbations - self._compute_response(slopes, min(kept, 1.0)))
+        torque_share = float(np.linalg.norm(torque - part.fixed)) / max(float(np.linalg.norm(torque)), 1e-300)
+        return part._replace(fixed_change=self.perturbations - self._compute_response(slopes, min(torque_share, 1.0)))
 
-    def _compute_response(self, slopes: Array, kept: float) -> Array:
+    def _compute_response(self, slopes: Array, torque_share: float) -> Array:
         """Return the responses (R, J) [N m] of equations to perturbations, from slopes s between these (R, J - 1).
 
         Errors of the torque u and of the motion both explain a residual r. The motion has a share c of the variance of
-        noise, and its torque is smaller by `kept` k, the norm of the remaining torque over that of the recorded one.
+        noise, and its torque is smaller by `torque_share` k, the ratio of the norms of remaining and recorded torque.
         The likeliest errors together have the size of an error r / sqrt((1 - c) s^2 + c k^2) of u, which is finite
         beyond a saturation. A law that makes all torques smaller explains nothing.
         """
         share = self._motion_share[:, None]
-        steps = np.sqrt((1.0 - share) * slopes**2 + share * kept**2) * np.diff(self.perturbations, axis=1)
+        steps = np.sqrt((1.0 - share) * slopes**2 + share * torque_share**2) * np.diff(self.perturbations, axis=1)
         response = np.cumsum(np.column_stack([np.zeros(len(steps)), steps]), axis=1)
         return response - response[:, [len(PERTURBATIONS)]]
 

@@ -106,14 +106,14 @@ class TorqueWindows:
     @cached_property
     def _parts(self) -> dict[str, tuple[slice, TorqueWindows]]:
         """Rows and windows of each of several joints, by name; empty for one joint."""
-        found, start = {}, 0
+        parts, start = {}, 0
         for joint in self.joints if len(self.joints) > 1 else ():
             of_joint = tuple(w for w in self.windows if w.at == joint)
             rows = slice(start, start := start + sum(len(w.centers) for w in of_joint))
             clusters = np.unique(self.clusters[rows], return_inverse=True)[1]
             payload = None if self.payload is None else PayloadColumns(*(series[rows] for series in self.payload))
-            found[joint] = rows, TorqueWindows(of_joint, self.weights[rows], clusters, payload=payload)
-        return found
+            parts[joint] = rows, TorqueWindows(of_joint, self.weights[rows], clusters, payload=payload)
+        return parts
 
     def locate_rows(self, at: str) -> slice:
         """Return the rows of a joint; all rows for terms at no single joint."""
@@ -324,14 +324,14 @@ class TorqueWindows:
     @property
     def contact_instants(self) -> list[Array]:
         """Instants of contacts of each entry, as shares of the recording; a lasting contact counts once a second."""
-        found = []
+        instants_of_entries = []
         for w in self.windows:
             period, instants = len(w.kernel) // 2 / w.recording.rate, list[float]()
             for run in np.split(w.unclear, np.flatnonzero(np.diff(w.unclear) > len(w.kernel) // 2) + 1):
-                own = run[np.isin(run, w.centers)]
-                instants += own[:: max(1, round(1.0 / period))].tolist()
-            found.append(np.array(instants) / len(w.recording))
-        return found
+                contact_run = run[np.isin(run, w.centers)]
+                instants += contact_run[:: max(1, round(1.0 / period))].tolist()
+            instants_of_entries.append(np.array(instants) / len(w.recording))
+        return instants_of_entries
 
     @property
     def without_contacts(self) -> TorqueWindows:

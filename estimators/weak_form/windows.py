@@ -85,14 +85,14 @@ class WindowAverages:
             averages = averages + self.narrow @ (mass * self.acceleration)
         return np.where(np.isfinite(averages), averages, 0.0)  # a diverged state has no column
 
-    def columns(self, variants: Sequence[Term], traced: Sequence[Samples]) -> list[tuple[Array, Array]]:
+    def columns(self, variants: Sequence[Term], samples: Sequence[Samples]) -> list[tuple[Array, Array]]:
         """Return the linear columns (R, P) and the sum of the fixed columns (R,) of each variant of one effect.
 
-        `traced` has for each variant the samples with its state variables.
+        `samples` has for each variant the samples with its state variables.
         """
         parts = []
         zeros = np.zeros(self.narrow.shape[0])
-        for variant, x in zip(variants, traced, strict=True):
+        for variant, x in zip(variants, samples, strict=True):
             linear = [self.column(c, x) for c in variant.columns]
             # fixed columns are torques that hold like the command, and already averages over the triangle
             fixed = sum((_average_series(self.narrow, c.force(x)) for c in variant.fixed), zeros)
@@ -377,15 +377,15 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
         memories = iter([kind.trace_each(variants, *segment) for segment in arguments])
     else:
         memories = iter(trace_variants(variants, segments, commands, periods))
-    traced = []
+    traces = []
     for w, x in zip(windows, driving, strict=True):
         of_segments = [next(memories) for _ in w.recording.starts]
         states = [
             tuple(np.concatenate(series) for series in zip(*(segment[v] for segment in of_segments), strict=True))
             for v in range(len(variants))
         ]
-        traced.append([replace(x, memory=kind.name_memory(memory)) for memory in states])
-    return traced
+        traces.append([replace(x, memory=kind.name_memory(memory)) for memory in states])
+    return traces
 
 
 def make_bump(half_width: int) -> Array:
