@@ -13,7 +13,7 @@ from estimators.checks.homogeneity import (
     find_disagreements,
     find_misfits,
     fit_each_recording,
-    pool,
+    pool_fits,
 )
 from estimators.findings import Kind
 from estimators.weak_form.torque_windows import prepare
@@ -56,7 +56,7 @@ def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
         known = ComparedParameters(np.full(2, value), along, np.zeros(2))
         return replace(own, number=number, columns=own.columns[:2], known=known)
 
-    assert np.isfinite(pool([told(1, 1.0), told(2, 1.0)]).theta).all()
+    assert np.isfinite(pool_fits([told(1, 1.0), told(2, 1.0)]).theta).all()
     assert find_disagreements([told(1, 1.0), told(2, 1.0), told(3, 1.0)]) == ()
     assert [one.recording for one in find_disagreements([told(1, 1.0), told(2, 1.0), told(3, 2.0)])] == [3]
 
