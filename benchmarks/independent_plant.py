@@ -421,7 +421,7 @@ def _controlled(loop: Any, rate: float, now: Any, sample: Any, before: Any) -> f
 @_compiled
 def _advance(p: Any, loop: Any, sensors: Any, now: Any, samples: Any, pushes: Array) -> None:
     """Simulate all samples: note the motion, decide a closed loop's command, and take the inner steps."""
-    seen, every = 2 * int(p.motor_encoder), int(sensors.all_recordings)
+    seen, every = 2 * int(p.motor_encoder), int(sensors.every)
     direction = now.direction
     x = (now.x[0], now.x[1], now.x[2], now.x[3], now.x[4], now.x[5])
     for k in range(len(samples)):

@@ -68,7 +68,6 @@ REFERENCES = {
             "estimators.diagnosis.result.Step",
             "estimators.diagnosis.result.Candidate",
             "estimators.selection.errors.Errors",
-            "estimators.in_loop.errors.LoopErrors",
             "estimators.selection.errors.Gate",
             "estimators.diagnosis.suggestion.Suggestion",
             "estimators.checks.alignment.Alignment",

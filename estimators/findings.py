@@ -136,24 +136,11 @@ class Obstacle(StrEnum):
     NO_VARIANT = "has_no_form_here"
 
 
-WITHHOLDING = {
-    Kind.NO_MOTION,
-    Kind.TORQUE_IS_NOISE,
-    Kind.TORQUE_IS_CONSTANT,
-    Kind.TORQUE_FOLLOWS_DIRECTION,
-    Kind.ONE_DIRECTION,
-    Kind.SMALL_ANGLES,
-    Kind.NEVER_ACTS,
-    Kind.INDISTINGUISHABLE,
-    Kind.UNIDENTIFIABLE,
-    Kind.STIFF_STOP,
-}
-
-NOTHING_DETERMINED = {  # kinds of findings that withhold all parameters
-    Kind.NO_MOTION,
-    Kind.TORQUE_IS_NOISE,
-    Kind.TORQUE_IS_CONSTANT,
-    Kind.TORQUE_FOLLOWS_DIRECTION,
+# kinds of findings that withhold all parameters, and all that withhold parameters
+NOTHING_DETERMINED = {Kind.NO_MOTION, Kind.TORQUE_IS_NOISE, Kind.TORQUE_IS_CONSTANT, Kind.TORQUE_FOLLOWS_DIRECTION}
+WITHHOLDING = NOTHING_DETERMINED | {
+    *(Kind.ONE_DIRECTION, Kind.SMALL_ANGLES, Kind.NEVER_ACTS, Kind.INDISTINGUISHABLE),
+    *(Kind.UNIDENTIFIABLE, Kind.STIFF_STOP),
 }
 
 
@@ -212,6 +199,11 @@ class Finding:
             "pairs": [[*pair] for pair in self.pairs],
             "remedies": [{"columns": {**r.columns}, "recordings": [*r.recordings]} for r in self.remedies],
         }
+
+
+def collect_withheld(findings: Iterable[Finding]) -> set[str]:
+    """Return the parameters whose estimates some findings withhold."""
+    return {name for finding in findings for name in finding.withheld}
 
 
 def withhold_everything(findings: Iterable[Finding]) -> bool:

@@ -25,7 +25,7 @@ from pendulum_env.recording import NEWTON_METRE, PER_INERTIA, Load, Recording
 from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import is_of_torque
 
-NONE = Load(0.0, 0.0)
+NO_LOAD = Load(0.0, 0.0)
 
 
 def scale_swing(recording: Recording, inertia: float, torque_unit: str) -> Recording:
@@ -59,7 +59,7 @@ def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) ->
     if (inertia := known.get("inertia")) is not None:
         return inertia
     names = join_words([recording.name for recording in recordings])
-    loads = list(dict.fromkeys(recording.load or NONE for recording in recordings))
+    loads = list(dict.fromkeys(recording.load or NO_LOAD for recording in recordings))
     if len(loads) > 1:
         raise IdentificationError(
             f"{names}: no torque is applied, and their known loads differ: fix the inertia of the joint without load, "
@@ -126,7 +126,7 @@ def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Reco
     name = _find_scaling_parameter(known := find_known_values(terms))
     if name is None or not all(recording.known_inertia for recording in recordings):
         return model
-    load, names = recordings[0].load or NONE, list(model.estimates)
+    load, names = recordings[0].load or NO_LOAD, list(model.estimates)
     old_estimates = [*model.estimates.values()]
     offset = np.array([{"inertia": load.inertia, "gravity": load.gravity}.get(key, 0.0) for key in names])
     with_load, k = np.array([estimate.value for estimate in old_estimates]) + offset, names.index(name)

@@ -20,9 +20,8 @@ from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import LOAD, Column, Term
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Cogging
-from pendulum_env.recording import NEWTON_METRE, Load, Recording
+from pendulum_env.recording import NEWTON_METRE, Recording
 
-NONE = Load(0.0, 0.0)
 # share of samples driven by the motor, or braked by the load, above which gear losses and the torque constant cannot be
 # distinguished; a choice: only the other samples distinguish both
 DRIVEN = 0.9

@@ -18,11 +18,11 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.channel import ChannelFits
-from estimators.checks.channel_rows import DRIVEN, NONE, compute_driven_share, is_brake
+from estimators.checks.channel_rows import DRIVEN, compute_driven_share, is_brake
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import remove_unit_inertia
+from estimators.free_swings import NO_LOAD, remove_unit_inertia
 from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env.physics import Estimate, Model
@@ -85,10 +85,10 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
         IdentificationError: if the recordings hold too little motion.
     """
     unit = find_torque_unit(recordings)
-    loads = [recording.load or NONE for recording in recordings]
+    loads = [recording.load or NO_LOAD for recording in recordings]
     by_load_torque = any(recording.has_varying_load for recording in recordings)
     if len(set(loads)) < 2 and not by_load_torque:
-        return explain_unknown_constant(Kind.LOADS_UNKNOWN if loads[0] == NONE else Kind.LOADS_EQUAL, unit)
+        return explain_unknown_constant(Kind.LOADS_UNKNOWN if loads[0] == NO_LOAD else Kind.LOADS_EQUAL, unit)
     fits = ChannelFits.from_recordings(recordings)
     if fits is None:
         return explain_unknown_constant(Kind.CONSTANT_TOO_SHORT, unit)

@@ -54,15 +54,11 @@ def find_small_effect(diagnosis: Diagnosis) -> list[Finding]:
     """
     if diagnosis.selected or diagnosis.unexplained:
         return []
-    with_gates = [
-        (candidate, {gate.name: gate for gate in candidate.gates})
-        for candidate in diagnosis.candidates
-        if candidate.gates
-    ]
     small = [
         (candidate, gates)
-        for candidate, gates in with_gates
-        if candidate.gates[-1].name == "explained_share" and "p_value" in gates
+        for candidate in diagnosis.candidates
+        for gates in [{gate.name: gate for gate in candidate.gates}]
+        if [*gates][-1:] == ["explained_share"] and "p_value" in gates
     ]
     if not small:
         return []

@@ -13,7 +13,6 @@ from estimators.selection.candidates import can_reproduce, needs_all_parts, scre
 from estimators.selection.errors import Gate, Step, Terms, compute_error_fall, explain_rejection, get_error_at
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import remove_term
-from estimators.selection.score import Gain
 from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table, remove_table
 from pendulum_env.physics import SIGNIFICANT, Term, is_hidden
@@ -102,18 +101,19 @@ def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step
         *([] if is_hidden(term) else make_final_gates(evaluator, final, others)),
         *evaluator.make_confirmation_gates(after, before),
     )
-    best_gain: tuple[Gain | None, int] = (None, 1) if is_hidden(term) else _compute_gain(evaluator, final, others)
+    best_gain = None if is_hidden(term) else evaluator.evidence(final, others)
+    n_compared = 1 if is_hidden(term) else evaluator.count_compared_variants(final, others)
     ratio, total = error_with / error_without, score * sum(odds[id] for id in (term.id, *tied))
     found_tied = []
     for id in tied:
         rival_gates = (*make_final_gates(evaluator, rivals[id], others), Gate("tie_probability", odds[id], least, True))
-        gain, variants = _compute_gain(evaluator, rivals[id], others)
+        gain, variants = evaluator.evidence(rivals[id], others), evaluator.count_compared_variants(rivals[id], others)
         ties = Finding(Kind.TIES, effects=(term.id,))
         found_tied.append(
             Candidate(id, score * odds[id], Verdict.AMBIGUOUS, ratio, ties, gain, variants, rival_gates, rivals[id])
         )
     return [
-        Candidate(term.id, total, Verdict.SELECTED, ratio, reason, best_gain[0], best_gain[1], gates, final),
+        Candidate(term.id, total, Verdict.SELECTED, ratio, reason, best_gain, n_compared, gates, final),
         *found_tied,
     ]
 
@@ -126,7 +126,7 @@ def _rank_other(result: SearchResult, longer: Terms, has_contacts: bool) -> Cand
     """
     evaluator, (*other_terms, term) = result.evaluator, longer
     others = tuple(other_terms)
-    gain, variants = _compute_gain(evaluator, longer, others)
+    gain, variants = evaluator.evidence(longer, others), evaluator.count_compared_variants(longer, others)
     ratio = _compute_held_out_rms(evaluator, longer, term.at) / _compute_held_out_rms(evaluator, others, term.at)
     gates = make_final_gates(evaluator, longer, others)
     if all(gate.passed for gate in gates) and not evaluator.residuals.is_noise(longer):
@@ -164,11 +164,6 @@ def make_final_gates(
     gates = evaluator.make_gates(after, before, least_share)
     is_open = all(gate.passed for gate in gates)
     return [*gates, *evaluator.residuals.make_loop_gates(after, before)] if is_open else gates
-
-
-def _compute_gain(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tuple[Gain, int]:
-    """Return the gain of a candidate over its absence, and the number of variants that were tried."""
-    return evaluator.evidence(after, before), evaluator.count_compared_variants(after, before)
 
 
 def _compute_held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:

@@ -8,7 +8,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.stop_error import find_stiff_stops
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.unexplained import find_contradiction, find_unexplained
-from estimators.findings import NOTHING_DETERMINED, Finding, withhold_everything
+from estimators.findings import NOTHING_DETERMINED, Finding, collect_withheld, withhold_everything
 from estimators.schemes.identifiability import (
     find_undetermined,
     find_undetermined_parameters,
@@ -59,7 +59,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     unknown = find_unidentifiable(last.model, measured, doubts)
     unknown = (*unknown, *find_stiff_stops(last.model, trial.data.recordings))
     withholding = (*unknown, *(doubt for doubt in doubts if doubt.kind in NOTHING_DETERMINED))
-    model = last.model.withhold({name for doubt in withholding for name in doubt.withheld})
+    model = last.model.withhold(collect_withheld(withholding))
     return replace(result, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
 
 

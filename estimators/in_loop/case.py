@@ -18,10 +18,13 @@ from estimators.in_loop.fit import LOOP
 from estimators.in_loop.goal_reading import reread_goals
 from estimators.in_loop.goals import make_base
 from estimators.in_loop.refit import refine, refit
-from estimators.in_loop.rollouts import are_driven
-from estimators.in_loop.split import split_rollouts
+from estimators.in_loop.rollout_rows import RolloutRows
+from estimators.in_loop.rollouts import Rollouts, are_driven, choose_parts
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
+from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import cut_all
+from estimators.weak_form.torque_windows import prepare as prepare_windows
 from pendulum_env.recording import Recording
 
 
@@ -40,12 +43,16 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
 
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
-    """Make the evaluator of models on rollouts.
+    """Make the evaluator of models on rollouts; parameters of the fitted rows predict the held-out ones.
 
     Raises:
         IdentificationError: if the recordings hold too little motion to begin with.
     """
-    train, check = split_rollouts(data.recordings, data.holdout)
+    fitted, held_out = data.recordings, data.holdout or data.recordings
+    train_part, check_part = choose_parts(data.holdout)
+    train = RolloutRows(Rollouts(fitted, shares=train_part), TorqueRows(prepare_windows(fitted, part=train_part)))
+    windows = TorqueRows(cut_all(held_out, part=check_part))
+    check = RolloutRows(Rollouts(held_out, shares=check_part), windows, guide=train)
     return add_back_emf(data, setting).evaluator((train.data, check.data))
 
 

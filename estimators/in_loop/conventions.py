@@ -12,8 +12,7 @@ from typing import NamedTuple
 from estimators.findings import Finding, Kind
 from estimators.in_loop.controller import read_controller
 from estimators.in_loop.goals import make_base, read_goals, with_goals
-from estimators.in_loop.rollouts import are_driven
-from estimators.in_loop.split import choose_parts
+from estimators.in_loop.rollouts import are_driven, choose_parts
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording

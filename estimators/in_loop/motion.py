@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.in_loop.errors import LoopErrors
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.selection.errors import Errors
 from estimators.simulation.output_error import Point
@@ -42,7 +41,7 @@ class LoopMotion:
 
     def extend(self, errors: Errors) -> Errors:
         """Extend errors by those of this motion, if it has rows."""
-        return LoopErrors.extend(errors, self.error) if self else errors
+        return errors.with_loop(self.error) if self else errors
 
     def select_recording(self, number: int) -> LoopMotion:
         """Return the motion of one recording."""

@@ -11,10 +11,12 @@ import numpy as np
 import scipy
 
 from estimators.data.rows import ResidualStructure
-from estimators.in_loop.errors import Errors, LoopErrors
+from estimators.data.split import HELD_OUT
+from estimators.selection.errors import Errors
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.motion import get_known_load, get_temperature
 from estimators.simulation.output_error import Point
+from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import SIGNIFICANT, KnownLoad, has_link
 from pendulum_env.recording import Recording, RecordingError
@@ -47,7 +49,7 @@ class Rollouts:
     recordings: tuple[Recording, ...]
     steps: int = STEPS
     is_held: bool = True
-    shares: tuple[float, float] = (0.0, 1.0)
+    shares: Part = WHOLE
     grain: float | None = None
 
     @cached_property
@@ -247,9 +249,9 @@ class Rollouts:
         known, block = np.unique(pairs, axis=0, return_inverse=True)
         return block.ravel(), self.recording_of, known[:, 0]
 
-    def measure_errors(self, residual: Array) -> LoopErrors:
+    def measure_errors(self, residual: Array) -> Errors:
         """Return the errors of a model with a residual (R,) [rad]."""
-        return LoopErrors.extend(Errors(np.nan, np.nan), residual)
+        return Errors(np.nan, np.nan).with_loop(residual)
 
     def measure_structure(self, residual: Array) -> ResidualStructure:
         """Return the size of a residual (R,) [rad], the geometric mean of the RMS over recordings.
@@ -271,6 +273,11 @@ class Rollouts:
         """Return the error due to encoder and clock alone [rad]."""
         late = [JITTER * float(np.std(np.gradient(r.position, r.time))) / r.rate for r in self.recordings]
         return max(self.precision, float(np.hypot(self.resolution, np.mean(late))))
+
+
+def choose_parts(holdout: Sequence[Recording]) -> tuple[Part, Part]:
+    """Return the parts of recordings to fit and to hold out: without held-out recordings, the end of each."""
+    return (WHOLE, WHOLE) if holdout else ((0.0, 1 - HELD_OUT), (1 - HELD_OUT, 1.0))
 
 
 def are_driven(recordings: Sequence[Recording]) -> bool:

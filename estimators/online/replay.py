@@ -5,7 +5,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Mask
 from pendulum_env.recording import Recording
 
 Result = TypeVar("Result", covariant=True)
@@ -16,6 +16,9 @@ class OnlineAlgorithm(Protocol[Result]):
 
     rate: float
     batch: int
+
+    def reset(self, which: Mask | None = None) -> None:
+        """Restart plants (B,) with their next sample; all by default."""
 
     def take(self, time: Array, position: Array, torque: Array) -> Result:
         """Add a sample with the torque over the period that ends with it."""

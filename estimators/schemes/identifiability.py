@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Kind, Quantity, collect_withheld
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.balance import Segments, make_regressions, stack, stack_series
 from estimators.schemes.fitting import Identified, join_names
@@ -81,7 +81,7 @@ def find_undetermined(
     if is_free:  # a free swing needs a known parameter
         unknown = [not column.is_known for term in terms for column in term.columns]
         phi, acts, names = phi[:, unknown], acts[unknown], [names[k] for k in np.flatnonzero(unknown)]
-    withheld_names = {name for doubt in doubts for name in doubt.withheld}
+    withheld_names = collect_withheld(doubts)
     return (
         *doubts,
         *(doubt for doubt in find_dependent_columns(phi, names, acts) if not withheld_names.issuperset(doubt.withheld)),
@@ -104,7 +104,7 @@ def find_unidentifiable(
     )
     if not torque.any() and "inertia" in model.estimates:  # a free swing: what accelerates the inertia
         torque = model.estimates["inertia"].value * acceleration
-    withheld = {name for doubt in doubts for name in doubt.withheld}
+    withheld = collect_withheld(doubts)
     found = [name for name in find_undetermined_links(model, position, velocity, torque) if name not in withheld]
     undetermined = ((name, model.estimates[name]) for name in found)
     return tuple(
@@ -127,7 +127,7 @@ def withhold_estimates(
         doubts = _find_dependent_terms(segments, terms)
         motions = [stack_series(joints, "position", "velocity", "held") for joints in measured]
         series_of_joints = [np.concatenate(series) for series in zip(*motions, strict=True)]
-        withheld = {name for doubt in doubts for name in doubt.withheld}
+        withheld = collect_withheld(doubts)
         unknown = {
             id: {*find_undetermined_links(result.model, *series_of_joints)} - withheld for id, result in results.items()
         }
@@ -139,15 +139,13 @@ def withhold_estimates(
         findings_by_scheme = {
             id: find_unidentifiable(result.model, measurements, doubts) for id, result in results.items()
         }
-        unknown = {
-            id: {name for doubt in findings for name in doubt.withheld} for id, findings in findings_by_scheme.items()
-        }
+        unknown = {id: collect_withheld(findings) for id, findings in findings_by_scheme.items()}
         shared = set.intersection(*unknown.values())
         doubts = (
             *doubts,
             *(doubt for doubt in next(iter(findings_by_scheme.values())) if shared.issuperset(doubt.withheld)),
         )
-    withheld = {name for doubt in doubts for name in doubt.withheld}
+    withheld = collect_withheld(doubts)
     return {
         id: replace(result, model=result.model.withhold(withheld | unknown[id])) for id, result in results.items()
     }, doubts

@@ -9,7 +9,7 @@ from functools import cached_property
 from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
-from estimators.findings import Finding
+from estimators.findings import Finding, collect_withheld
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
@@ -85,7 +85,7 @@ class Identification(Mapping[str, Identified], Shown):
         biased = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
         recordings = [] if self.data is None else [w.recording for w in self.data.windows]
         terms = make_swing_terms(first.terms, recordings) if recordings else first.terms
-        unknown = {name for finding in self.findings for name in finding.withheld}
+        unknown = collect_withheld(self.findings)
         model = self.fit_windows(lambda data: fit_terms(RegressionData(data), terms)[0])
         model = restore_known(model, first.terms, recordings) if recordings else model
         inertia = model.estimates.get("inertia")

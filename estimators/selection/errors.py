@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
-from pendulum_env._typing import JSON
+from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model, Term, list_loads
 from pendulum_env.units import to_shown_unit
 
@@ -30,6 +29,8 @@ class Errors:
         position_fit: the same of the position in segments [%].
         joints: torque RMS of each joint by name [N m].
         shares: torque RMS of each joint over the RMS of its torque; None without a motor.
+        in_loop: of servos, mean absolute position error of simulations with the controller in the loop [rad].
+        in_loop_rms: RMS of the same [rad].
     """
 
     torque_rms: float
@@ -38,21 +39,34 @@ class Errors:
     position_fit: float = np.nan
     joints: Mapping[str, float] = field(default_factory=dict)
     shares: Mapping[str, float | None] = field(default_factory=dict)
-    is_in_loop: ClassVar[bool] = False  # whether there are errors of simulations with the controller in the loop
+    in_loop: float = np.nan
+    in_loop_rms: float = np.nan
 
     def __repr__(self) -> str:
         errors = [f"{name}={value:.4g}" for name, value in self._totals.items()]
         errors += [f"{joint}={error:.4g}" for joint, error in self.joints.items() if joint]
         return f"<Errors: {', '.join(errors)}>"
 
+    def with_loop(self, error: Array) -> Errors:
+        """Return the errors with those in the loop, of positions (R,) [rad]."""
+        mean, rms = float(np.mean(np.abs(error))), float(np.sqrt(np.mean(error**2)))
+        return replace(self, in_loop=mean, in_loop_rms=rms)
+
+    @property
+    def is_in_loop(self) -> bool:
+        """Return whether there are errors of simulations with the controller in the loop."""
+        return bool(np.isfinite(self.in_loop))
+
     @property
     def loop(self) -> tuple[float, ...]:
         """Return mean and RMS of the error in the loop [rad]; nothing without a controller."""
-        return ()
+        return (self.in_loop, self.in_loop_rms) if self.is_in_loop else ()
 
     @property
     def kinds(self) -> dict[str, str]:
         """Names of the errors that decide on a model, that of joints first, with their units."""
+        if self.is_in_loop:
+            return {"in_loop": "rad"}
         return {"torque_rms": "N m"} | ({"position_rms": "rad"} if np.isfinite(self.position_rms) else {})
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from estimators.selection.candidates import (
@@ -209,7 +209,8 @@ def drop_effect(state: SearchState) -> SearchState | None:
         for effect in state.effects
         for variant in (*list_reset_variants(effect), *list_simpler_parts(state.evaluator, effect))
     ]
-    smaller = sort_by_score(state, [*(remove_term(terms, effect) for effect in state.effects), *tighter])
+    smaller = [*(remove_term(terms, effect) for effect in state.effects), *tighter]
+    smaller.sort(key=state.evaluator.screening_score)
     unneeded = (model for model in smaller if not state.evaluator.is_supported(terms, model))
     return next(map(state.with_terms, unneeded), None)
 
@@ -219,14 +220,10 @@ def swap_effect(state: SearchState) -> SearchState | None:
     if len(state.effects) < 2:
         return None
     evaluator = state.evaluator
-    for others in sort_by_score(state, [remove_term(state.terms, effect) for effect in state.effects]):
+    smaller = [remove_term(state.terms, effect) for effect in state.effects]
+    for others in sorted(smaller, key=evaluator.screening_score):
         effect = next(term for term in state.terms if term not in others)
         for competitor in screen_replacements(evaluator, state.terms, effect)[:1]:
             if evaluator.is_significant(competitor, state.terms):
                 return state.with_terms(competitor)
     return None
-
-
-def sort_by_score(state: SearchState, models: Iterable[Terms]) -> list[Terms]:
-    """Return models sorted by score, the most probable first."""
-    return sorted(models, key=state.evaluator.screening_score)

@@ -20,7 +20,6 @@ from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Terms
 from pendulum_env._typing import Array
 from pendulum_env.physics import Table, Term, list_ids
-from pendulum_env.recording import Recording
 
 
 class Power(NamedTuple):
@@ -56,6 +55,10 @@ class Residuals:
         self.joints = tuple(self.train.layout.joints)
         self.inertia = self.train.inertias(self.base)
         self.floors = self.train.floors
+        self._is_pendulum = self.train.layout.predicts_torque and self.joints == (
+            "",
+        )  # rows of the torque of one joint
+        self._recordings = [*self.train.recordings, *self.holdout.recordings]
         self.holdout_floors = {at: self.holdout.layout.noise(at, self.inertia[at]) for at in self.joints}
 
     def noise_floor(self, part: RegressionData | None = None, at: str | None = None) -> float:
@@ -128,16 +131,6 @@ class Residuals:
     def has_one_frequency(self) -> bool:
         """Return whether a pendulum moves at one frequency in all recordings; rows of positions need no such test."""
         return self._is_pendulum and have_one_frequency(self._recordings)
-
-    @property
-    def _is_pendulum(self) -> bool:
-        """Return whether the rows are of the torque of one joint."""
-        return self.train.layout.predicts_torque and self.joints == ("",)
-
-    @property
-    def _recordings(self) -> list[Recording]:
-        """Recordings of training and held-out data."""
-        return [recording for part in self.parts for recording in part.recordings]
 
     @cached_property
     def has_feedback(self) -> bool:

@@ -10,7 +10,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects
 from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.moves import SearchState, remove_term, sort_by_score
+from estimators.selection.moves import SearchState, remove_term
 from pendulum_env.physics import TABLES, Table, Term, count_term_parameters, list_ids, list_loads
 from pendulum_env.physics.terms import count_parameters
 
@@ -126,7 +126,7 @@ def drop_unneeded(state: SearchState) -> SearchState:
         unneeded = [model for model in smaller if not evaluator.is_needed(state.terms, model)]
         if not unneeded:
             return state
-        state = state.with_terms(sort_by_score(state, unneeded)[0])
+        state = state.with_terms(min(unneeded, key=evaluator.screening_score))
 
 
 def remove_table(evaluator: ModelEvaluator, terms: Terms) -> Terms:

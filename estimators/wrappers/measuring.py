@@ -3,27 +3,16 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
+from estimators.online.replay import OnlineAlgorithm
 from estimators.online.stream import Clock
 from pendulum_env._typing import Array, Mask
-
-
-class OnlineAlgorithm(Protocol):
-    """Estimator or diagnosis of B plants, updated sample by sample."""
-
-    rate: float  # [Hz]
-
-    def reset(self, which: Mask | None = None) -> None:
-        """Restart plants (B,) with their next sample; all by default."""
-
-    def take(self, time: Array, position: Array, torque: Array) -> Any:
-        """Add a sample (B,), with positions and torques (B, n) for an arm, and return the current result."""
 
 
 def get_measurement(info: dict[str, Any]) -> tuple[Any, Any, Any]:
@@ -47,7 +36,7 @@ class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     The algorithm restarts when time restarts.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], algorithm: OnlineAlgorithm, **arguments: Any) -> None:
+    def __init__(self, env: gym.Env[Any, Any], algorithm: OnlineAlgorithm[Any], **arguments: Any) -> None:
         """Wrap an environment; the arguments are those of the constructor, which rebuild the wrapper."""
         gym.utils.RecordConstructorArgs.__init__(self, **arguments)
         gym.Wrapper.__init__(self, env)
@@ -87,7 +76,7 @@ class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 class MeasurementVectorWrapper(VectorWrapper):
     """`MeasurementWrapper` for a vector environment; a plant restarts when its time restarts."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], algorithm: OnlineAlgorithm) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], algorithm: OnlineAlgorithm[Any]) -> None:
         """Wrap a vector environment."""
         super().__init__(env)
         self._algorithm = algorithm
