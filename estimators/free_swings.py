@@ -16,7 +16,7 @@ import numpy as np
 from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.columns import is_torque_dependent
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import prepare
+from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env._typing import Array
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import BASE, Model, Term
@@ -87,13 +87,13 @@ def _find_scaling_parameter(known: Mapping[str, float]) -> str | None:
 def _compute_ratios(recordings: Sequence[Recording]) -> Array:
     """Return the parameters of the base (4,) over the inertia, both with the known load."""
     swings = [scale_swing(recording, 1.0, PER_INERTIA) for recording in recordings]
-    return TorqueRows(prepare(swings)).solve(make_swing_terms(BASE, swings))
+    return TorqueRows(prepare_windows(swings)).solve(make_swing_terms(BASE, swings))
 
 
 def fit_inertia(recordings: Sequence[Recording]) -> float:
     """Return the inertia [kg m^2] by a fit of the base model to recordings with torque; 0 if they are too short."""
     try:
-        return TorqueRows(prepare(recordings)).base_inertia
+        return TorqueRows(prepare_windows(recordings)).base_inertia
     except IdentificationError:
         return 0.0
 

@@ -33,7 +33,7 @@ from estimators.checks.channel_rows import (
 )
 from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.regression.balance import Balance, place_columns
-from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import IdentificationError, project_out, solve_least_squares
 from estimators.selection.score import cross_validate_density
 from estimators.signals.channel import Channel
@@ -241,17 +241,17 @@ class ChannelFits(ChannelRows):
         if free:
             lower, upper = low - directions @ x, SEARCH.reach - directions @ x
 
-            def near(place: Array) -> Near[Array]:
+            def linearise(place: Array) -> LocalErrors[Array]:
                 error = self.misfit(x + place @ directions)
                 slopes = self.residual(self.slopes(x + place @ directions, directions))
-                return Near(place, float(error @ error), error, slopes, place <= lower, place >= upper)
+                return LocalErrors(place, float(error @ error), error, slopes, place <= lower, place >= upper)
 
-            def best(local: Near[Array], steps: list[Array]) -> tuple[Array, float]:
+            def choose_step(local: LocalErrors[Array], steps: list[Array]) -> tuple[Array, float]:
                 places = [_move_within(local.known, step, lower, upper) for step in steps]
                 costs = [float(np.sum(self.misfit(x + place @ directions) ** 2)) for place in places]
                 return choose_least(places, costs)
 
-            x = x + gauss_newton(np.clip(0.0 * lower, lower, upper), near, best, DESCENT) @ directions
+            x = x + gauss_newton(np.clip(0.0 * lower, lower, upper), linearise, choose_step, DESCENT) @ directions
         channel, slopes = self.channel(x), self.slopes(x, directions)
         columns, by_torque = self.columns
         design, count = np.column_stack([columns, -slopes]), columns.shape[1]

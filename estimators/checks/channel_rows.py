@@ -14,7 +14,7 @@ from estimators.selection.score import Blocks
 from estimators.signals.motion import get_load_in_newton_metres
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import TorqueWindows, prepare, smooth_laws
+from estimators.weak_form.torque_windows import TorqueWindows, prepare_windows, smooth_laws
 from pendulum_env._typing import Array, Index
 from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import LOAD, Column, Term
@@ -112,7 +112,7 @@ def compute_driven_share(data: TorqueWindows, torque: Array) -> float:
 
 def _make_pendulum_windows(recordings: Sequence[Recording]) -> TorqueWindows:
     """Return the windows of a pendulum with known loads."""
-    data = prepare(recordings)
+    data = prepare_windows(recordings)
     hung = zip(data.windows, map(get_load_in_newton_metres, recordings), strict=True)
     return replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
 

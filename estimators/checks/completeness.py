@@ -18,7 +18,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.selection.physical import find_driving_friction
-from estimators.weak_form.torque_windows import TorqueWindows, prepare
+from estimators.weak_form.torque_windows import TorqueWindows, prepare_windows
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Term
 
@@ -44,7 +44,7 @@ def check_results(
         return None, findings, results
     windows, findings = None, find_wrong_columns(first, fit_data.recordings) or find_driving_friction(first)
     with suppress(IdentificationError):  # windows need more motion than some schemes
-        windows = prepare(fit_data.recordings)
+        windows = prepare_windows(fit_data.recordings)
         findings = [*findings, *_check_recordings(fit_data, fit_each_recording([windows], terms), terms)]
         if not findings:
             findings, results = _check_completeness(results, RegressionData(windows), terms)

@@ -7,7 +7,7 @@ import numpy as np
 from estimators.findings import Finding, Kind, Quantity, Remedy
 from estimators.regression.least_squares import Equations, IdentificationError, solve
 from estimators.selection.physical import compute_significant_sign, find_driving_friction, is_significantly_negative
-from estimators.weak_form.torque_windows import prepare
+from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.physics import BASE, Column, Model
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.origin import Origin
@@ -78,7 +78,7 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> boo
     """
     loaded = [r for r in recordings if r.has_varying_load and r.torque_unit == NEWTON_METRE]
     try:
-        data = prepare(loaded) if loaded else None
+        data = prepare_windows(loaded) if loaded else None
     except IdentificationError:
         data = None
     if data is None:

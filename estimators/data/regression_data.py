@@ -23,7 +23,7 @@ from estimators.simulation.free_running import (
 from estimators.simulation.multiple_shooting import estimate_link_state, simulate_link_motion
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import TorqueWindows, join_windows, prepare
+from estimators.weak_form.torque_windows import TorqueWindows, join_windows, prepare_windows
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import (
@@ -69,7 +69,7 @@ class RegressionData:
         The half width of the windows of each recording [s] is chosen by noise if not given. `part` are begin and end of
         the range with windows, as shares of each recording.
         """
-        data = prepare(recordings, half_widths, part)
+        data = prepare_windows(recordings, half_widths, part)
         return cls(data, tuple(choose_segments(w) for w in data.windows))
 
     def with_horizon(self, seconds: float, covers: bool = False) -> RegressionData:

@@ -11,7 +11,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.regression.least_squares import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.simulation.free_running import choose_segments
-from estimators.weak_form.torque_windows import choose_half_width, cut_all, prepare
+from estimators.weak_form.torque_windows import choose_half_width, cut_all, prepare_windows
 from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term, has_link
@@ -71,7 +71,7 @@ def _split_into_parts(recordings: Sequence[Recording], holdout: Sequence[Recordi
     def split(share: float) -> Parts:
         return cut(recordings, widths, (0.0, share)), cut(recordings, widths, (share, 1.0))
 
-    center_shares = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
+    center_shares = np.concatenate([w.centers / len(w.recording) for w in prepare_windows(recordings, widths).windows])
     if np.mean(center_shares < 1 - HELD_OUT) >= MOTION:
         with suppress(IdentificationError):
             return split(1 - HELD_OUT)

@@ -55,7 +55,7 @@ DESIGN = DesignSettings()
 
 
 @dataclass(frozen=True)
-class Limits:
+class ExperimentLimits:
     """Limits of an experiment; None for a limit by the recordings.
 
     Attributes:
@@ -75,7 +75,7 @@ class Limits:
         bounds = {"torque": (self.torque or None, "N m"), "angle": (self.angle, "rad"), "speed": (self.speed, "rad/s")}
         return {name: Quantity(x, unit=units.unit(unit)) for name, (x, unit) in bounds.items() if x is not None}
 
-    def with_trusted_torque(self, recordings: Sequence[Recording]) -> Limits:
+    def with_trusted_torque(self, recordings: Sequence[Recording]) -> ExperimentLimits:
         """Return the limits with `usual`, which is also `torque` if that is None or zero, by the recordings.
 
         It is the largest recorded torque, or, if larger, the smaller of `USUAL` and `BOLDER` times the largest; the
@@ -115,7 +115,7 @@ def suggest_experiment(
     evaluator: ModelEvaluator,
     model: Model,
     questions: Sequence[Question],
-    limits: Limits,
+    limits: ExperimentLimits,
     regions: Sequence[Region] = (),
 ) -> tuple[Suggestion | None, list[Aim], Finding | None]:
     """Choose the experiment within limits that answers most questions.

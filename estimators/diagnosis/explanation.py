@@ -21,7 +21,7 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
     if refit is not None:
         refitted = refit.after
         if refitted is not None:
-            last = trial.evaluator.make_step(last.added, refitted.model) if refit.is_kept else last
+            last = trial.evaluator.make_step(refitted.model, added=last.added) if refit.is_kept else last
             refitted = _present(trial, refitted, True)
         refit = replace(refit, before=_present(trial, refit.before, True), after=refitted)
     steps = [_present(trial, step, step is last) for step in (*others, last)]

@@ -10,7 +10,7 @@ from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.conclusion import conclude
 from estimators.diagnosis.horizon import refit_to_horizon
 from estimators.diagnosis.setting import Setting
-from estimators.diagnosis.torque_search import find_regions, refine, search_by_torque
+from estimators.diagnosis.torque_search import find_unexplained_regions, refine, search_by_torque
 from estimators.diagnosis.treatments import (
     align_with_effects,
     exclude_outliers,
@@ -54,7 +54,7 @@ PENDULUM = Case(
     search=search_by_torque,
     refit=refit_by_likelihood,
     refine=refine,
-    unexplained=find_regions,
+    unexplained=find_unexplained_regions,
     present=present,
     conclude=conclude,
     reveal=lambda data, base, kind: data.with_contacts(base),

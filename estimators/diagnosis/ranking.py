@@ -141,7 +141,7 @@ def _rank_other(result: SearchResult, longer: Terms, has_contacts: bool) -> Cand
     else:
         verdict, gates = Verdict.REJECTED, [excited, *gates]
         if all(gate.passed for gate in gates):
-            step = evaluator.fit_with_std(term.id, longer)
+            step = evaluator.fit_with_std(longer, added=term.id)
             gates += evaluator.make_confirmation_gates(step, result.steps[-1])
         selected = [step.added for step in result.steps if step.added is not None]
         reason = explain_rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)

@@ -15,7 +15,7 @@ from estimators.arguments import (
     select_visible_effects,
 )
 from estimators.diagnosis.cases import choose_case
-from estimators.diagnosis.experiment import Limits
+from estimators.diagnosis.experiment import ExperimentLimits
 from estimators.diagnosis.explanation import explain
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
@@ -85,12 +85,12 @@ def diagnose(
     body = find_body(terms)
     terms, effects = apply_limits(terms, select_effects(library, only, without, body), fixed, bounds)
     fitted, held_out = select_recordings(recordings, body=body), select_recordings(holdout, empty=True, body=body)
-    effects, limits = select_visible_effects(effects, fitted), Limits(max_torque, max_angle, max_speed)
+    effects, limits = select_visible_effects(effects, fitted), ExperimentLimits(max_torque, max_angle, max_speed)
     rng, progress = rng or np.random.default_rng(0), report_forward(progress)
     setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, horizon)
     case = choose_case(terms, (*fitted, *held_out))
     check_horizon(horizon, case.refit_to_horizon is not None)
-    if case.refit_to_horizon is None and limits != Limits():
+    if case.refit_to_horizon is None and limits != ExperimentLimits():
         raise UserError("bounds of an experiment are for pendulums under a known torque: leave them out")
     progress("reading the motion", 0.0)
     data, setting = case.prepare(fitted, held_out, setting)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.experiment import Limits
+from estimators.diagnosis.experiment import ExperimentLimits
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
@@ -33,7 +33,7 @@ class Setting:
     criterion: Criterion = field(default_factory=Criterion)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     progress: Progress = no_progress
-    limits: Limits = field(default_factory=Limits)
+    limits: ExperimentLimits = field(default_factory=ExperimentLimits)
     horizon: float | None = None
     original: Sequence[Term] = ()
 

@@ -29,7 +29,7 @@ def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = 
     is_free = all(recording.known_inertia for recording in train.recordings)  # then the terms have the known values
     evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)
     return refit_by_likelihood(
-        SearchResult(evaluator, [evaluator.fit_with_std(None, refit_nonlinear(evaluator, tuple(terms)))])
+        SearchResult(evaluator, [evaluator.fit_with_std(refit_nonlinear(evaluator, tuple(terms)))])
     ).steps[-1]
 
 
@@ -41,7 +41,7 @@ def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
         return refit_if_misfit(search(evaluator))
     evaluator = replace(evaluator, library={}, tables=())
     model = fit_within_laws(evaluator.train, refit_nonlinear(evaluator, evaluator.base))
-    return SearchResult(evaluator, [evaluator.make_step(None, model)])
+    return SearchResult(evaluator, [evaluator.make_step(model)])
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
@@ -63,6 +63,6 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     return replace(result, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
 
 
-def find_regions(trial: Trial) -> list[Region]:
+def find_unexplained_regions(trial: Trial) -> list[Region]:
     """Return the regions of the unexplained residual; none if the recordings determine no parameter."""
     return [] if withhold_everything(trial.doubts) else find_unexplained(trial.final)

@@ -52,7 +52,7 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     treatment = next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
     after, before = trial.found.steps[-1], best.found.steps[-1]
     if treatment.kind not in INPUTS:
-        before = trial.evaluator.make_step(None, before.model)
+        before = trial.evaluator.make_step(before.model)
     ratio = compute_held_out_cost(after) / max(compute_held_out_cost(before), 1e-300)
     counts = count_assumptions(trial), count_assumptions(best)
     is_kept = is_better(ratio, *counts, trial.evaluator.criterion.error_margin)

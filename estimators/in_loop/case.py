@@ -13,7 +13,7 @@ from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Case
 from estimators.diagnosis.setting import Setting
 from estimators.in_loop.back_emf import add_back_emf, include_back_emf, present
-from estimators.in_loop.conclusion import conclude, find_regions
+from estimators.in_loop.conclusion import conclude, find_loop_regions
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.goal_reading import reread_goals
 from estimators.in_loop.goals import make_base
@@ -23,8 +23,7 @@ from estimators.in_loop.rollouts import Rollouts, are_driven, choose_parts
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import cut_all
-from estimators.weak_form.torque_windows import prepare as prepare_windows
+from estimators.weak_form.torque_windows import cut_all, prepare_windows
 from pendulum_env.recording import Recording
 
 
@@ -63,7 +62,7 @@ SERVO = Case(
     search=search,
     refit=refit,
     refine=refine,
-    unexplained=find_regions,
+    unexplained=find_loop_regions,
     present=present,
     conclude=conclude,
     reveal=lambda data, base, kind: include_back_emf(data, (*base, kind())) or data,

@@ -77,7 +77,7 @@ def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
     return Finding(Kind.TORQUE_SCALED, {"factor": Quantity(factor)})
 
 
-def find_regions(trial: Trial) -> Sequence[Region]:
+def find_loop_regions(trial: Trial) -> Sequence[Region]:
     """Find the residual of the motion under the final model: one region, with the recording of the largest error.
 
     The result is empty if the residual is noise.

@@ -16,7 +16,7 @@ import numpy as np
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import BLOCK
 from estimators.findings import Finding, Kind, Quantity
-from estimators.in_loop.fit import Linear, choose_likeliest_point, compute_log_densities
+from estimators.in_loop.fit import LinearErrors, choose_likeliest_point, compute_log_densities
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.selection.criterion import Criterion
@@ -43,7 +43,7 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
     ]
     torque = RegressionData.from_recordings(recordings, part=part).torque
     rollouts = [Rollouts(variant, FINE, shares=part) for variant in variants]
-    fits: dict[int, Linear] = {}
+    fits: dict[int, LinearErrors] = {}
     for _ in range(3):  # a wrong convention leads a fit astray, and others begin where it ended
         for k, simulated in enumerate(rollouts):
             rows = RolloutRows(simulated, torque)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.in_loop.rollouts import Rollouts
-from estimators.regression.gauss_newton import Near, Rule, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, Rule, gauss_newton
 from estimators.search_hints import find_hints
 from estimators.simulation.output_error import Point
 from estimators.weak_form.columns import list_bounds
@@ -91,13 +91,18 @@ def compute_log_densities(rollouts: Rollouts, error: Array) -> Array:
     return np.asarray(-np.log(scale) - relative - np.log1p(np.exp(-2 * relative)))
 
 
+def compute_log_likelihood(rollouts: Rollouts, error: Array) -> float:
+    """Return the log density of the errors (R,) of one model, see `compute_likelihood` [nat]."""
+    return float(compute_likelihood(rollouts, error[:, None])[0])
+
+
 def compute_likelihood_scale(rollouts: Rollouts, error: Array) -> float:
     """Return the scale with the same likelihood as the errors (R,) [rad]; a smaller scale is likelier."""
-    return float(np.exp(-compute_likelihood(rollouts, error[:, None])[0] / len(error)))
+    return float(np.exp(-compute_log_likelihood(rollouts, error) / len(error)))
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearErrors:
     """Errors of rollouts around a point, to first order.
 
     Attributes:
@@ -136,7 +141,7 @@ def has_local_minima(terms: Sequence[Term]) -> bool:
 
 def linearise_errors(
     rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool, secant: float = LOOP.secants[-1]
-) -> Linear:
+) -> LinearErrors:
     """Linearise the errors around a point by linear parameters, and by nonlinear parameters if they are free.
 
     `typical` is the size of each linear parameter that matters (P,). If the likelihood has many local minima, the
@@ -163,7 +168,7 @@ def linearise_errors(
     scale = compute_error_scales(rollouts, errors[:, :1])[0]
     relative = np.maximum(np.pi / 2 * np.abs(errors[:, 0]) / scale, 1e-6)
     weights = np.pi / 2 / scale * np.sqrt(np.tanh(relative) / relative)
-    return Linear(point, errors[:, 0], slopes, weights)
+    return LinearErrors(point, errors[:, 0], slopes, weights)
 
 
 def find_bounds(point: Point) -> tuple[Array, Array]:
@@ -173,14 +178,14 @@ def find_bounds(point: Point) -> tuple[Array, Array]:
     return np.r_[lower, [p.low for p in free]], np.r_[upper, [p.high for p in free]]
 
 
-def fit(
+def fit_rollouts(
     rollouts: Rollouts,
     point: Point,
     typical: Array,
     nonlinear: bool = False,
     share: float = LOOP.roughly,
     secants: Sequence[float] = LOOP.secants,
-) -> Linear:
+) -> LinearErrors:
     """Fit the parameters near a point, and return the errors around the fit.
 
     Over many local minima, shorter secants take over where longer ones end.
@@ -202,50 +207,48 @@ def fit(
 
 def _fit_by_secants(
     rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool, share: float, secant: float
-) -> Linear:
+) -> LinearErrors:
     """Fit the parameters near a point, with secants of one length over many local minima.
 
     If a Gauss-Newton step gains too little, up to `LOOP.polls` polls try steps of single parameters.
     """
-    points_near: list[Near[Linear]] = []
+    visited: list[LocalErrors[LinearErrors]] = []
     point = _bind_terms(point)
 
-    def near(point: Point) -> Near[Linear]:
+    def linearise(point: Point) -> LocalErrors[LinearErrors]:
         local = linearise_errors(rollouts, point, typical, nonlinear, secant)
         values, (low, high) = point.values, find_bounds(point)
         count, size = local.slopes.shape[1], compute_parameter_sizes(point, typical)
-        cost = -float(compute_likelihood(rollouts, local.error[:, None])[0])
+        cost = -compute_log_likelihood(rollouts, local.error)
         slopes = local.weights[:, None] * local.slopes * size[:count]
         at_least, at_most = (values <= low)[:count], (values >= high)[:count]
-        points_near.append(Near(local, cost, local.weights * local.error, slopes, at_least, at_most))
-        return points_near[-1]
+        visited.append(LocalErrors(local, cost, local.weights * local.error, slopes, at_least, at_most))
+        return visited[-1]
 
     polls = iter(range(0 if share or (nonlinear and has_local_minima(point.terms)) else LOOP.polls))
 
-    def best(near: Near[Linear], steps: list[Array]) -> tuple[Point, float]:
+    def choose_step(local: LocalErrors[LinearErrors], steps: list[Array]) -> tuple[Point, float]:
         limited_steps = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps]
-        best_point = _choose_likeliest_step(rollouts, near, limited_steps, typical)
-        if (
-            best_point[1] > near.cost - rule.compute_small_decrease(points_near[0].cost, near.cost)
-            and next(polls, None) is not None
-        ):
-            polled = _choose_likeliest_step(rollouts, near, _make_steps(near.slopes), typical)
-            best_point = min(best_point, polled, key=lambda candidate: candidate[1])
-        return best_point
+        stepped = _choose_likeliest_step(rollouts, local, limited_steps, typical)
+        is_small = stepped[1] > local.cost - rule.compute_small_decrease(visited[0].cost, local.cost)
+        if not is_small or next(polls, None) is None:
+            return stepped
+        polled = _choose_likeliest_step(rollouts, local, _make_steps(local.slopes), typical)
+        return min(stepped, polled, key=lambda candidate: candidate[1])
 
     rule = Rule(LOOP.turns, LOOP.dampings, least=LOOP.enough, of_fall=share)
-    best_point = gauss_newton(point, near, best, rule)
-    last = points_near[-1].known
+    best_point = gauss_newton(point, linearise, choose_step, rule)
+    last = visited[-1].known
     return last if last.point is best_point else linearise_errors(rollouts, best_point, typical, nonlinear, secant)
 
 
 def _choose_likeliest_step(
-    rollouts: Rollouts, near: Near[Linear], steps: Sequence[Array], typical: Array
+    rollouts: Rollouts, local: LocalErrors[LinearErrors], steps: Sequence[Array], typical: Array
 ) -> tuple[Point, float]:
     """Return the likeliest of the points at some steps (S,), in sizes of parameters, and its negative density."""
-    point = near.known.point
+    point = local.known.point
     values, size = point.values, compute_parameter_sizes(point, typical)
-    n_fixed = len(values) - near.slopes.shape[1]
+    n_fixed = len(values) - local.slopes.shape[1]
     points = [_bind_terms(point.with_values(values + np.pad(step, (0, n_fixed)) * size)) for step in steps]
     best, gain = choose_likeliest_point(rollouts, points)
     return best, -gain

@@ -35,7 +35,7 @@ def reread_goals(trial: Trial) -> FitData | None:
     other = Kind.GOALS_RUN_ON if readings[0].kind is Kind.GOALS_HELD else Kind.GOALS_HELD
     data = replace(data, recordings=fitted, holdout=held_out).with_treatment(Finding(other))
     state = refit_state(trial, trial.case.evaluator(data, trial.setting))
-    is_likelier = state.evaluator.fit(None, state.terms).errors["holdout"].total < error
+    is_likelier = state.evaluator.fit(state.terms).errors["holdout"].total < error
     return data if is_likelier or drop_effect(state) is not None else None
 
 

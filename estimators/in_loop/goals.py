@@ -34,7 +34,7 @@ TIE = 2.0  # standard errors of a gain
 
 
 @dataclass(frozen=True)
-class Reading:
+class GoalReading:
     """Fit under one reading of the goals.
 
     Attributes:
@@ -58,7 +58,7 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
         return None
     torque = RegressionData.from_recordings(recordings, part=part).torque
     added_effects = [() if effect.id in list_ids(base) else (effect(),) for effect in LATE]
-    readings: list[Reading] = []
+    readings: list[GoalReading] = []
     for is_held in (True, False):
         rows = RolloutRows(Rollouts(tuple(recordings), FINE, is_held, part), torque)
         base_terms = rows.fit(base, exactly=True).terms
@@ -66,7 +66,7 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
         for added in dict.fromkeys([(), *added_effects]):
             terms = rows.with_nonlinear((*base_terms, *added)) if added else base_terms
             density = compute_log_densities(rows.rollouts, rows.near(terms).error)
-            readings.append(Reading(is_held, terms, np.bincount(blocks, density).astype(float)))
+            readings.append(GoalReading(is_held, terms, np.bincount(blocks, density).astype(float)))
     bootstrap = Bootstrap(of_block, np.random.default_rng(0))
     best = max(readings, key=lambda r: r.density.sum())
     gains = [bootstrap.gain(best.density, r.density) for r in readings]

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.in_loop.fit import LOOP, Linear, compute_likelihood, fit, linearise_errors
+from estimators.in_loop.fit import LOOP, LinearErrors, compute_log_likelihood, fit_rollouts, linearise_errors
 from estimators.in_loop.rollouts import Rollouts
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.search_hints import find_hints
@@ -45,7 +45,7 @@ PROFILE = ProfileSettings()
 
 
 @dataclass(frozen=True)
-class Profile:
+class LikelihoodProfile:
     """Profile likelihood of a parameter.
 
     Attributes:
@@ -63,7 +63,7 @@ class Profile:
     slopes: Array
 
 
-def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | None:
+def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> LikelihoodProfile | None:
     """Refit a model by the profile likelihood of its parameter with many local minima; None without such a parameter.
 
     Args:
@@ -78,9 +78,9 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
     term, parameter = free[is_sought.index(True)]
     name, place = term.get_full_name(parameter.name), len(start.theta) + is_sought.index(True)
 
-    def fit_near(point: Point, value: float | None = None) -> Linear:
+    def fit_near(point: Point, value: float | None = None) -> LinearErrors:
         terms = point.terms if value is None else tuple(limit_term(own, {name: (value, value)}) for own in point.terms)
-        return fit(rollouts, Point.from_parameters(terms, point.theta), typical, nonlinear=True, share=0.0)
+        return fit_rollouts(rollouts, Point.from_parameters(terms, point.theta), typical, nonlinear=True, share=0.0)
 
     def release(point: Point) -> Point:
         """Return the point with the parameter free."""
@@ -89,9 +89,9 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
 
     first = _leave_local_minima(rollouts, fit_near(start), typical)
     fits = {float(first.point.values[place]): first}
-    heights = {value: _compute_height(rollouts, own) for value, own in fits.items()}
+    heights = {value: compute_log_likelihood(rollouts, own.error) for value, own in fits.items()}
 
-    starts: dict[tuple[float, float], Linear] = {}  # of fits by their value and its neighbour
+    starts: dict[tuple[float, float], LinearErrors] = {}  # of fits by their value and its neighbour
 
     def extend(value: float, neighbour: float) -> None:
         """Fit at a value from the fit at a neighbour, and keep the likelier of the fits at the value."""
@@ -99,7 +99,7 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
             return
         starts[value, neighbour] = fits[neighbour]
         fitted = fit_near(fits[neighbour].point, value)
-        height = _compute_height(rollouts, fitted)
+        height = compute_log_likelihood(rollouts, fitted.error)
         if height > heights.get(value, -np.inf):
             fits[value], heights[value] = fitted, height
 
@@ -149,29 +149,26 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Profile | 
     slopes = shifts @ (paths - paths.mean(axis=0)) / (shifts @ shifts)
     # a controller that reads counts at the output does not see the motor move within one
     in_counts = rollouts.resolution if parameter.unit == "rad" and rollouts.servos.at_output else 0.0
-    return Profile(name, place, release(last), variance * estimate**2 + in_counts**2, slopes)
+    return LikelihoodProfile(name, place, release(last), variance * estimate**2 + in_counts**2, slopes)
 
 
-def _leave_local_minima(rollouts: Rollouts, near: Linear, typical: Array) -> Linear:
+def _leave_local_minima(rollouts: Rollouts, near: LinearErrors, typical: Array) -> LinearErrors:
     """Refit from multiples of the `multimodal` parameter, over which fits have local minima, while the fit improves."""
     names = [term.get_full_name(find_hints(type(term)).multimodal) for term in near.point.terms]
     while True:
         is_moved = np.isin([*near.point.named_values], names)  # a fit may free another parameter, or bind one
         starts = [near.point.with_values(np.where(is_moved, leap, 1.0) * near.point.values) for leap in PROFILE.leaps]
         others = [
-            fit(rollouts, start, typical, nonlinear=True, share=0.0, secants=LOOP.secants[-1:]) for start in starts
+            fit_rollouts(rollouts, start, typical, nonlinear=True, share=0.0, secants=LOOP.secants[-1:])
+            for start in starts
         ]
-        best = max(others, key=lambda one: _compute_height(rollouts, one))
-        if _compute_height(rollouts, best) < _compute_height(rollouts, near) + PROFILE.gain:
+        best = max(others, key=lambda one: compute_log_likelihood(rollouts, one.error))
+        if compute_log_likelihood(rollouts, best.error) < compute_log_likelihood(rollouts, near.error) + PROFILE.gain:
             return near
         near = best
 
 
-def _compute_height(rollouts: Rollouts, near: Linear) -> float:
-    return float(compute_likelihood(rollouts, near.error[:, None])[0])
-
-
-def _compute_widening(rollouts: Rollouts, near: Linear, place: int) -> float:
+def _compute_widening(rollouts: Rollouts, near: LinearErrors, place: int) -> float:
     """Return the factor by which errors that are correlated within blocks widen the variance of a parameter."""
     slopes, error = near.weights[:, None] * near.slopes, near.weights * near.error
     correlated = compute_robust_covariance(slopes, error, rollouts.clusters)[place, place]
@@ -205,7 +202,7 @@ def fit_parabola(x: Array, height: Array, widening: float = 1.0) -> tuple[float,
     return centre + b / (2 * a), float(slopes @ covariance @ slopes + widening / (2 * a))
 
 
-def widen_by_profile(names: list[str], covariance: Array, profile: Profile) -> Array:
+def widen_by_profile(names: list[str], covariance: Array, profile: LikelihoodProfile) -> Array:
     """Return the covariance (Q, Q) of named parameters with the interval of a profile in it.
 
     Other parameters have their covariance at a known value of the profile's parameter, and follow it by its slopes.

@@ -10,7 +10,7 @@ from estimators.data.fits import fit_terms
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.profile import Profile, widen_by_profile
+from estimators.in_loop.profile import LikelihoodProfile, widen_by_profile
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
@@ -117,7 +117,7 @@ def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
     return widen_by_constant(model, constant, model, replace(model, estimates=changed))
 
 
-def widen_errors(model: Model, rows: RolloutRows, profile: Profile | None = None) -> Model:
+def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | None = None) -> Model:
     """Widen the standard errors of a model by a profile and by the error of the clock, a share of a sample.
 
     The change of the parameters with delayed goals and controllers is added to their covariance.

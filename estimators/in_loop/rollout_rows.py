@@ -15,21 +15,21 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.rows import FOLDS, FittedTerms, FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.in_loop.fit import (
     LOOP,
-    Linear,
+    LinearErrors,
     choose_likeliest_point,
     compute_likelihood,
     compute_likelihood_scale,
-    fit,
+    fit_rollouts,
     linearise_errors,
 )
-from estimators.in_loop.profile import Profile, scan_profile
+from estimators.in_loop.profile import LikelihoodProfile, scan_profile
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.search_hints import find_hints
 from estimators.simulation.output_error import Point
 from estimators.weak_form.columns import list_bounds
-from estimators.weak_form.nonlinear import list_continuous_parameters, set_values
+from estimators.weak_form.nonlinear import list_nonlinear_names, set_values
 from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term, find_link, has_link
@@ -50,7 +50,7 @@ class RolloutRows:
     rollouts: Rollouts
     torque: TorqueRows
     guide: RolloutRows | None = None
-    _linear: dict[Key, Linear] = field(default_factory=dict, init=False)
+    _linear: dict[Key, LinearErrors] = field(default_factory=dict, init=False)
     _starts: dict[Key, Point] = field(default_factory=dict, init=False)  # parameters of linear fits
     _least_errors: dict[tuple[Key, str], float] = field(default_factory=dict, init=False)  # extrapolated [rad]
     _converged: set[Key] = field(default_factory=set, init=False)
@@ -87,7 +87,7 @@ class RolloutRows:
         """The rows with shorter steps of the integrator."""
         return self.with_steps(FINE, self.guide and self.guide.fine)
 
-    def near(self, terms: Terms) -> Linear:
+    def near(self, terms: Terms) -> LinearErrors:
         """Return the errors around the fit of the terms, memoised.
 
         Held-out rows are linearised at the fit of their guide.
@@ -100,7 +100,7 @@ class RolloutRows:
                 )
             else:
                 share = 1.0 if self._is_hopeless(key) else LOOP.roughly
-                self._keep(key, fit(self.rollouts, self._begin(key), self.typical(key), share=share))
+                self._keep(key, fit_rollouts(self.rollouts, self._begin(key), self.typical(key), share=share))
         return self._linear[key]
 
     def _is_hopeless(self, terms: Key) -> bool:
@@ -114,7 +114,7 @@ class RolloutRows:
         )
         return bool(gain < LOOP.hopeless)
 
-    def _keep(self, terms: Key, linear: Linear) -> None:
+    def _keep(self, terms: Key, linear: LinearErrors) -> None:
         """Store a fit by `terms`, and by its own terms, in which nonlinear parameters may follow linear ones."""
         self._linear[terms] = self._linear[linear.point.terms] = linear
 
@@ -126,7 +126,7 @@ class RolloutRows:
         """Fit some terms, `exactly` to convergence; nonlinear parameters that follow others are as fitted."""
         key = tuple(terms)
         if exactly and self.guide is None and key not in self._converged:
-            self._keep(key, fit(self.rollouts, self.near(key).point, self.typical(key), share=0.0))
+            self._keep(key, fit_rollouts(self.rollouts, self.near(key).point, self.typical(key), share=0.0))
             self._converged |= {key, self.near(key).point.terms}
         point = self.near(key).point
         return FittedTerms(point.terms, point.theta)
@@ -141,11 +141,11 @@ class RolloutRows:
         point = self.near(terms).point
         if len(point.values) == len(point.theta):
             return point.terms
-        linear = fit(self.rollouts, point, self.typical(terms), nonlinear=True)
+        linear = fit_rollouts(self.rollouts, point, self.typical(terms), nonlinear=True)
         self._keep(linear.point.terms, linear)
         return linear.point.terms
 
-    def scan(self, terms: Terms) -> Profile | None:
+    def scan(self, terms: Terms) -> LikelihoodProfile | None:
         """Refit some terms by the profile of a parameter with many local minima, and keep the fit; None without."""
         typical = self.typical(terms)
         profile = scan_profile(self.rollouts, self.near(terms).point, typical)
@@ -179,18 +179,20 @@ class RolloutRows:
         for k in np.argsort(-likelihood):
             starts.setdefault(points_list[k].terms[-1].nonlinear_values[name], points_list[k])
 
-        def fit_roughly(start: Point) -> list[Linear]:
+        def fit_roughly(start: Point) -> list[LinearErrors]:
             begun = [_release_link_friction(start, share) for share in LOOP.link_friction]
-            return [fit(self.rollouts, start, typical, nonlinear=True, secants=LOOP.secants[:1]) for start in begun]
+            return [
+                fit_rollouts(self.rollouts, start, typical, nonlinear=True, secants=LOOP.secants[:1]) for start in begun
+            ]
 
-        def size(linear: Linear) -> float:
+        def size(linear: LinearErrors) -> float:
             return compute_likelihood_scale(self.rollouts, linear.error)
 
         first, *others = [*starts.values()][: LOOP.starts]
         linear_fit = min(fit_roughly(first), key=size)
         if size(linear_fit) ** 2 < (1.0 - LOOP.promising) * size(self.near(terms)) ** 2:
             best = min([linear_fit, *(linear for start in others for linear in fit_roughly(start))], key=size)
-            linear_fit = fit(self.rollouts, best.point, typical, nonlinear=True, share=0.0)
+            linear_fit = fit_rollouts(self.rollouts, best.point, typical, nonlinear=True, share=0.0)
         self._keep(linear_fit.point.terms, linear_fit)
         return self.trial(linear_fit.point.terms)
 
@@ -352,14 +354,12 @@ class RolloutRows:
 
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
         """Return derivatives (R, S) of the positions by continuous nonlinear parameters, and the names of these."""
-        point = self.near(terms).point
-        names = [term.get_full_name(parameter.name) for term in terms for parameter in list_continuous_parameters(term)]
-        slopes = (
-            linearise_errors(self.rollouts, point, self.typical(terms), True).slopes
-            if names
-            else np.empty((len(self.rollouts.position), 0))
-        )
-        return slopes[:, len(slopes[0]) - len(names) :], names
+        names = list_nonlinear_names(terms)
+        if not names:
+            return np.empty((len(self.rollouts.position), 0)), names
+        return linearise_errors(self.rollouts, self.near(terms).point, self.typical(terms), True).slopes[
+            :, -len(names) :
+        ], names
 
 
 def _list_columns_without_link(terms: Key) -> list[list[str]]:

@@ -30,7 +30,7 @@ CHANGE = ChangeSettings()
 
 
 @dataclass(frozen=True)
-class Fit:
+class ParameterFit:
     """Estimates of parameters.
 
     Attributes:
@@ -44,7 +44,7 @@ class Fit:
     freedom: float = np.inf
 
 
-def fit_rows(phi: Array, y: Array, block: int) -> Fit:
+def fit_rows(phi: Array, y: Array, block: int) -> ParameterFit:
     """Fit rows y = phi' theta with errors that are correlated within blocks.
 
     The covariance is infinite if there are not more blocks than parameters.
@@ -59,12 +59,12 @@ def fit_rows(phi: Array, y: Array, block: int) -> Fit:
     scores = np.add.reduceat(phi * error[:, None], np.arange(0, len(error), block))
     blocks, count = len(scores), len(theta)
     if blocks <= count:
-        return Fit(theta, np.full((count, count), np.inf), 0.0)
+        return ParameterFit(theta, np.full((count, count), np.inf), 0.0)
     robust = bread @ (scores.T @ scores) @ bread * (blocks / (blocks - count))
     white = bread * float(np.mean(error**2))
     # scores of directions without excitation are too small: no variance is below that of white errors
     scale = np.sqrt(np.maximum(np.diag(white) / np.maximum(np.diag(robust), 1e-300), 1.0))
-    return Fit(theta, robust * np.outer(scale, scale), float(blocks - count))
+    return ParameterFit(theta, robust * np.outer(scale, scale), float(blocks - count))
 
 
 @dataclass
@@ -80,7 +80,7 @@ class ParameterChange:
     """
 
     names: Sequence[str]
-    before: Fit
+    before: ParameterFit
     min_rows: int
     since: float | None
     changed: Mapping[str, tuple[float, float]] = field(default_factory=dict, init=False)

@@ -18,7 +18,7 @@ import numpy as np
 
 from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin, Binner, PlantBins
-from estimators.online.change import CHANGE, Fit, ParameterChange, find_change, fit_rows
+from estimators.online.change import CHANGE, ParameterChange, ParameterFit, find_change, fit_rows
 from estimators.online.evidence import ReferenceDistribution, compute_threshold
 from estimators.online.model_comparison import ModelComparison
 from estimators.online.stream import check_rate
@@ -122,7 +122,7 @@ class Diagnoser:
         batch: int = 1,
         library: Mapping[str, type[Term]] | None = None,
         smoothing: Smoothing | None = None,
-        given: Fit | None = None,
+        given: ParameterFit | None = None,
         alarms_per_hour: float = 1.0,
     ) -> None:
         """Create the diagnosis of a model.
@@ -191,7 +191,7 @@ class EffectMonitor:
         library: Mapping[str, type[Term]],
         plant: PlantBins,
         blank: OnlineDiagnosis,
-        given: Fit | None = None,
+        given: ParameterFit | None = None,
     ) -> None:
         """Create the monitor with its first diagnosis, and parameters to compare the plant with."""
         self._base, self._library, self._plant, self._blank = tuple(terms), library, plant, blank
@@ -224,7 +224,7 @@ class EffectMonitor:
         library = {id: effect for id, effect in self._library.items() if id not in self._added}
         return ModelComparison(self.terms, library, self._plant, bins, reference)
 
-    def _make_change(self, before: Fit, seconds: float, since: float | None = None) -> ParameterChange:
+    def _make_change(self, before: ParameterFit, seconds: float, since: float | None = None) -> ParameterChange:
         """Create the change from former parameters; it is reported after a time of motion [s]."""
         names = [column.name for term in self.terms for column in term.columns]
         return ParameterChange(names, before, self._plant.count_bins(seconds), since)

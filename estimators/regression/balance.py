@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.regression.gauss_newton import Near, Rule, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, Rule, gauss_newton
 from estimators.regression.least_squares import (
     SOLVER,
     Fit,
@@ -310,22 +310,24 @@ class Balance:
         if self.is_linear or not free.any():
             return theta
 
-        def near(theta: Array) -> Near[Array]:  # slopes of the free parameters alone
+        def linearise(theta: Array) -> LocalErrors[Array]:  # slopes of the free parameters alone
             errors, slopes = self._linear(theta)
             error = w * errors
-            return Near(theta, float(error @ error), error, -w[:, None] * slopes[:, free])
+            return LocalErrors(theta, float(error @ error), error, -w[:, None] * slopes[:, free])
 
-        def best(near: Near[Array], steps: list[Array]) -> tuple[Array, float]:  # first share that lowers the cost
-            step = np.zeros(len(near.known))
+        def choose_step(
+            local: LocalErrors[Array], steps: list[Array]
+        ) -> tuple[Array, float]:  # first share that lowers the cost
+            step = np.zeros(len(local.known))
             step[free] = steps[0]
             for share in SOLVER.shares:
-                found = near.known + share * step
+                found = local.known + share * step
                 cost = float(np.sum((w * self.error(found)) ** 2))
-                if cost < near.cost:
+                if cost < local.cost:
                     break
             return found, cost
 
-        return gauss_newton(theta, near, best, Rule(SOLVER.turns, of_cost=SOLVER.enough))
+        return gauss_newton(theta, linearise, choose_step, Rule(SOLVER.turns, of_cost=SOLVER.enough))
 
 
 def _integrate_slopes(steps: Array, response_slopes: Array, column_slope: Array) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ Known = TypeVar("Known")
 
 
 @dataclass(frozen=True)
-class Near(Generic[Known]):
+class LocalErrors(Generic[Known]):
     """Errors near a place, to first order.
 
     Attributes:
@@ -90,26 +90,26 @@ class Rule:
 
 def gauss_newton(
     place: Place,
-    near: Callable[[Place], Near[Known]],
-    best: Callable[[Near[Known], list[Array]], tuple[Place, float]],
+    linearise: Callable[[Place], LocalErrors[Known]],
+    choose_step: Callable[[LocalErrors[Known], list[Array]], tuple[Place, float]],
     rule: Rule,
 ) -> Place:
     """Find a place of locally least cost; `place` itself if no step lowers its cost.
 
     Args:
         place: start.
-        near: returns the errors near a place.
-        best: returns the place reached by steps (S,), whole or in part, and its cost.
+        linearise: returns the errors near a place.
+        choose_step: returns the place reached by steps (S,), whole or in part, and its cost.
         rule: when to end.
     """
     first, n_small = None, 0
     for _ in range(rule.turns):
-        local = near(place)
+        local = linearise(place)
         first = local.cost if first is None else first
         steps = [local.step(damping) for damping in rule.dampings]
         if rule.by_offset and is_converged(local.error, local.slopes @ steps[0]):
             break
-        next_place, cost = best(local, steps)
+        next_place, cost = choose_step(local, steps)
         if not cost < local.cost:
             break
         place = next_place

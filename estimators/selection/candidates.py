@@ -109,7 +109,7 @@ def find_best_variant(
             and evaluator.keeps_base(trial.terms, terms)
         )
         if is_better and is_determined:
-            is_better = find_undetermined_parameter(evaluator, evaluator.fit_with_std(None, trial.terms)) is None
+            is_better = find_undetermined_parameter(evaluator, evaluator.fit_with_std(trial.terms)) is None
         simplest = trial if is_better else simplest
     return simplest
 

@@ -44,7 +44,7 @@ def list_starts(evaluator: ModelEvaluator, terms: Terms, variants: list[Term], x
 
     The terms have their parameters of the fit to torque, or of that to motion. `x` are samples of the motion.
     """
-    fitted = evaluator.fit(None, terms)
+    fitted = evaluator.fit(terms)
     others = [Point.from_model(step.model) for step in (fitted, evaluator.refit_to_motion(fitted))]
     starts = []
     for variant in variants:

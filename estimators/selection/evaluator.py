@@ -253,7 +253,7 @@ class ModelEvaluator:
     @memoized
     def has_misfit(self, terms: Terms) -> bool:
         """Return whether the fit of some terms is a misfit to the motion; see `is_misfit`."""
-        return bool(self.train.segments) and self.is_misfit(self.fit(None, terms))
+        return bool(self.train.segments) and self.is_misfit(self.fit(terms))
 
     def is_misfit(self, step: Step) -> bool:
         """Return whether free-running simulation errs by more than `criterion.misfit` noise levels of each segment.
@@ -351,7 +351,7 @@ class ModelEvaluator:
         """
         if not self.train.segments or has_transmission(after) or has_transmission(before):
             return Gain(0.0, 0.0, 1.0), (0.0, 0.0)
-        new, old = (self.refit_to_motion(self.fit(None, terms)).model for terms in (after, before))
+        new, old = (self.refit_to_motion(self.fit(terms)).model for terms in (after, before))
         if not (new.has_known_inertia and old.has_known_inertia):
             return Gain(0.0, 0.0, 1.0), (0.0, 0.0)
         parts = self.train.segments, self.holdout.segments
@@ -381,15 +381,15 @@ class ModelEvaluator:
         noise = inertia.std * min(1.0, self.residuals.noise_floor() / max(rms, 1e-300))
         return frozenset() if replace(inertia, std=noise).is_significant else frozenset({"inertia"})
 
-    def fit(self, added: str | None, terms: Terms) -> Step:
+    def fit(self, terms: Terms, added: str | None = None) -> Step:
         """Return the step of adding the effect `added`: the fit of the terms to the training data, and its errors."""
-        return self.make_step(added, self.model(terms))
+        return self.make_step(self.model(terms), added=added)
 
-    def fit_with_std(self, added: str | None, terms: Terms) -> Step:
+    def fit_with_std(self, terms: Terms, added: str | None = None) -> Step:
         """Return the step of adding the effect `added`, as `fit`, with standard errors."""
-        return self.make_step(added, fit_terms(self.train, terms)[0])
+        return self.make_step(self._exact_model(terms), added=added)
 
-    def make_step(self, added: str | None, model: Model) -> Step:
+    def make_step(self, model: Model, added: str | None = None) -> Step:
         """Return a step with the errors of a model on training and held-out data, with link states estimated.
 
         The model gets the units of the recordings; an insignificant inertia is withheld.
@@ -418,8 +418,8 @@ class ModelEvaluator:
 
         It is stored for `refit_to_motion` of the fitted terms.
         """
-        point = output_error.fit(self.train.segments, start)
-        step = self.make_step(added, output_error.make_model(self.train.segments, point))
+        point = output_error.fit_segments(self.train.segments, start)
+        step = self.make_step(output_error.make_model(self.train.segments, point), added=added)
         return self._in_motion.setdefault(step.model.terms, step)
 
     def find_violations(self, terms: Terms) -> list[Gate]:
@@ -459,7 +459,7 @@ class ModelEvaluator:
 
     def lowers_errors(self, after: Terms, before: Terms) -> bool:
         """Return whether `is_confirmed` holds for the fits of two models to torque, or else to motion."""
-        new, old = self.fit(None, after), self.fit(None, before)
+        new, old = self.fit(after), self.fit(before)
         if not self.is_confirmed(new, old):
             new, old = self.refit_to_motion(new), self.refit_to_motion(old)
         return self.is_confirmed(new, old)

@@ -78,7 +78,7 @@ def _refit_by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:
     segments, holdout_segments = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in evaluator.parts)
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
-    refitted = evaluator.make_step(last.added, output_error.fit_maximum_likelihood(segments, start))
+    refitted = evaluator.make_step(output_error.fit_maximum_likelihood(segments, start), added=last.added)
     filters = output_error.make_innovations(holdout_segments, start)
     old_rms, new_rms = (
         output_error.compute_rms(holdout_segments, point, filters=filters)
@@ -101,6 +101,6 @@ def _refit_with_link(evaluator: ModelEvaluator, last: Step, start: Model) -> Ste
     """
     refitted = multiple_shooting.estimate(evaluator.train.data.windows, start)
     models = [refitted, *([start] if start is not last.model else [])]
-    steps = [evaluator.make_step(last.added, model) for model in models]
+    steps = [evaluator.make_step(model, added=last.added) for model in models]
     candidates = [step for step in steps if step.errors["holdout"].torque_rms <= last.errors["holdout"].torque_rms]
     return min(last, *candidates, key=compute_held_out_cost) if candidates else last

@@ -106,9 +106,7 @@ def improves_form(evaluator: ModelEvaluator, longer: Terms, terms: Terms) -> boo
     if list_ids(longer) != list_ids(terms) or len(changed) != 1 or not evaluator.train.layout.predicts_torque:
         return False
     (effect,) = (term for term in longer if term.id in changed)
-    after, before = (
-        evaluator.fit(None, model).errors["holdout"].get_joint_error(effect.at) for model in (longer, terms)
-    )
+    after, before = (evaluator.fit(model).errors["holdout"].get_joint_error(effect.at) for model in (longer, terms))
     return after < before and evaluator.lowers_errors(longer, remove_term(longer, effect))
 
 
@@ -143,7 +141,7 @@ def add_dry_friction(state: SearchState) -> SearchState | None:
     """
     evaluator, terms = state.evaluator, state.terms
     for longer in screen_dry_friction(evaluator, terms)[: evaluator.criterion.beam]:
-        is_misfit = evaluator.is_misfit(evaluator.refit_to_motion(evaluator.fit(None, longer)))
+        is_misfit = evaluator.is_misfit(evaluator.refit_to_motion(evaluator.fit(longer)))
         is_enough = evaluator.is_needed if is_misfit else evaluator.is_supported
         if is_enough(longer, terms) and evaluator.lowers_errors(longer, terms):
             return state.with_terms(longer)
@@ -177,9 +175,11 @@ def fit_link_states(state: SearchState, longer: Terms) -> SearchState | None:
     None if no fit is confirmed, or if its held-out cost is not below that of the smaller model refitted to the motion.
     """
     evaluator = state.evaluator
-    step, before = evaluator.fit(longer[-1].id, longer), evaluator.fit(None, state.terms)
+    step, before = evaluator.fit(longer, added=longer[-1].id), evaluator.fit(state.terms)
     evaluator.progress(f"fitting the states of {step.added}", 0.9)
-    refitted = evaluator.make_step(step.added, multiple_shooting.estimate(evaluator.train.data.windows, step.model))
+    refitted = evaluator.make_step(
+        multiple_shooting.estimate(evaluator.train.data.windows, step.model), added=step.added
+    )
     confirmed = [fitted for fitted in (refitted, step) if evaluator.is_confirmed(fitted, before)]
     if not confirmed or compute_held_out_cost(confirmed[0]) >= compute_held_out_cost(evaluator.refit_to_motion(before)):
         return None

@@ -185,7 +185,7 @@ def find_model_path(state: SearchState) -> list[Step]:
         for count in range(len(order) + 1):
             present = tuple(term for term in terms if term.id in known or term in order[:count])
             if present not in fitted:
-                fitted[present] = evaluator.fit_with_std(None, present)
+                fitted[present] = evaluator.fit_with_std(present)
             steps.append(refit(replace(fitted[present], added=order[count - 1].id if count else None)))
         return steps
 
@@ -219,7 +219,7 @@ def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> list[St
     if terms is None:
         raise IdentificationError(f"{', '.join(evaluator.train.names)}: nothing there shows {kind.id}", kind.id)
     evaluator.progress(f"fitting with {kind.id}", 0.8)
-    before, longer = evaluator.fit_with_std(None, start), evaluator.fit_with_std(kind.id, terms)
+    before, longer = evaluator.fit_with_std(start), evaluator.fit_with_std(terms, added=kind.id)
     if (name := find_undetermined_parameter(evaluator, longer)) is not None:
         raise IdentificationError(
             f"{', '.join(evaluator.train.names)}: {name} is not determined: within its standard error "

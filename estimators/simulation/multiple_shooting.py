@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.search_hints import find_hints
 from estimators.simulation.free_running import (
@@ -284,8 +284,8 @@ def _linearise(shootings: Sequence[Shooting], point: Point) -> Slopes:
     parts = []
     for shooting in shootings:
         (error,), (by_state,) = compute_state_slopes(shooting, [point], shooting.states[None])
-        near = shooting.errors(nearby, np.repeat(shooting.states[None], len(nearby), axis=0))
-        parts.append((error, np.moveaxis((near - error) / SHOOTING.difference, 0, 2), by_state))
+        nearby_errors = shooting.errors(nearby, np.repeat(shooting.states[None], len(nearby), axis=0))
+        parts.append((error, np.moveaxis((nearby_errors - error) / SHOOTING.difference, 0, 2), by_state))
     free = [_project(*move) for move in parts]
     size = np.concatenate([np.sqrt(np.mean(error**2, axis=1)) for error, _, _ in parts]) + 1e-12
     weights = tuple(np.split(weigh_segments(size), np.cumsum([len(error) for error, _, _ in parts])[:-1]))
@@ -309,7 +309,7 @@ def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array,
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedShooting:
     """Parameters, the segments of all recordings with the states that go with them, and their squared error."""
 
     point: Point
@@ -317,18 +317,20 @@ class Fitted:
     cost: float = np.inf
 
 
-def fit(shootings: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) -> Fitted:
+def fit_shooting(shootings: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) -> FittedShooting:
     """Fit parameters and states to the segments of all recordings."""
 
-    def near(place: Fitted) -> Near[tuple[Fitted, Slopes]]:
+    def linearise(place: FittedShooting) -> LocalErrors[tuple[FittedShooting, Slopes]]:
         slopes = _linearise(place.every, place.point)
         cost = sum(
             float(w @ np.sum(move[0] ** 2, axis=1)) for w, move in zip(slopes.weights, slopes.parts, strict=True)
         )
-        return Near((place, slopes), cost, slopes.error, slopes.by_parameter)
+        return LocalErrors((place, slopes), cost, slopes.error, slopes.by_parameter)
 
-    def best(near: Near[tuple[Fitted, Slopes]], steps: list[Array]) -> tuple[Fitted, float]:
-        place, slopes = near.known
+    def choose_step(
+        local: LocalErrors[tuple[FittedShooting, Slopes]], steps: list[Array]
+    ) -> tuple[FittedShooting, float]:
+        place, slopes = local.known
         values, step = place.point.values, np.clip(steps[0], -SHOOTING.largest, SHOOTING.largest)
         size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
         points = [place.point.with_values(values + share * step * size) for share in SHOOTING.shares]
@@ -346,14 +348,14 @@ def fit(shootings: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns
             replace(shooting, states=states[0], damping=damped[0])
             for shooting, (states, damped, _) in zip(place.every, refined, strict=True)
         ]
-        if cost > near.cost * (1 - SHOOTING.gain):
+        if cost > local.cost * (1 - SHOOTING.gain):
             restarted = [initialise_states(shooting, points[k]) for shooting in shootings]
             shootings = [shooting for shooting, _ in restarted]
             cost = sum(float(w @ squares) for w, (_, squares) in zip(slopes.weights, restarted, strict=True))
-        return Fitted(points[k], tuple(shootings), cost), cost
+        return FittedShooting(points[k], tuple(shootings), cost), cost
 
     rule = Rule(turns, (SHOOTING.damping,), of_cost=SHOOTING.gain, patience=SHOOTING.patience)
-    return gauss_newton(Fitted(point, tuple(shootings)), near, best, rule)
+    return gauss_newton(FittedShooting(point, tuple(shootings)), linearise, choose_step, rule)
 
 
 def _try_steps(
@@ -390,8 +392,8 @@ def estimate(windows: Sequence[Windows], model: Model) -> Model:
         return model
     if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
 
-        def fit_best(starts: Sequence[Point]) -> Fitted:
-            fits = (fit(prepare_segments(windows, start, 3), start, SHOOTING.trial_turns) for start in starts)
+        def fit_best(starts: Sequence[Point]) -> FittedShooting:
+            fits = (fit_shooting(prepare_segments(windows, start, 3), start, SHOOTING.trial_turns) for start in starts)
             return min(fits, key=lambda fitted: fitted.cost)
 
         fitted_shooting = fit_best(
@@ -410,13 +412,15 @@ def estimate(windows: Sequence[Windows], model: Model) -> Model:
             fitted_shooting = candidate
         point = fitted_shooting.point
     step = SHOOTING.fine if multimodal else SHOOTING.coarse
-    return _make_model(fit([replace(shooting, step=step) for shooting in prepare_segments(windows, point)], point))
+    return _make_model(
+        fit_shooting([replace(shooting, step=step) for shooting in prepare_segments(windows, point)], point)
+    )
 
 
 def add_standard_errors(windows: Sequence[Windows], model: Model) -> Model:
     """Return the model with standard errors from the spread of the segments; without, if these are too few."""
     point = Point.from_model(model)
-    return model if _are_few(windows, point) else _make_model(Fitted(point, prepare_segments(windows, point)))
+    return model if _are_few(windows, point) else _make_model(FittedShooting(point, prepare_segments(windows, point)))
 
 
 def prepare_segments(every: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:
@@ -433,7 +437,7 @@ def _are_few(every: Sequence[Windows], point: Point) -> bool:
     return sum(len(list_adjacent_segments(windows)) for windows in every) < SHOOTING.fewest * len(point.values)
 
 
-def _make_model(place: Fitted) -> Model:
+def _make_model(place: FittedShooting) -> Model:
     """Return the fitted model with standard errors from the spread of the segments."""
     slopes = _linearise(place.every, place.point)
     return make_model_with_covariance(

@@ -17,12 +17,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
 from estimators.weak_form.columns import list_bounds, mark_bounds
-from estimators.weak_form.nonlinear import list_continuous_parameters, set_values
+from estimators.weak_form.nonlinear import list_continuous_parameters, list_nonlinear_names, set_values
 from estimators.weak_form.windows import compute_jump_errors
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model, Term
@@ -71,11 +71,8 @@ class Point:
     @property
     def named_values(self) -> dict[str, float]:
         """Return all free parameters by name."""
-        names = (
-            term.get_full_name(parameter.name) for term in self.terms for parameter in list_continuous_parameters(term)
-        )
         nonlinear = self.values[len(self.theta) :].tolist()
-        return self.linear_values | dict(zip(names, nonlinear, strict=True))
+        return self.linear_values | dict(zip(list_nonlinear_names(self.terms), nonlinear, strict=True))
 
     @classmethod
     def from_model(cls, model: Model) -> Point:
@@ -198,7 +195,7 @@ def _weigh_errors(segments: Sequence[Segments], point: Point, filters: Filters) 
     return errors_of
 
 
-def fit(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Filters = ()) -> Point:
+def fit_segments(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Filters = ()) -> Point:
     """Fit the linear and the continuous nonlinear parameters to the segments, from a point."""
     return minimise(_weigh_errors(segments, start, filters), start, turns)
 
@@ -206,20 +203,20 @@ def fit(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Fi
 def minimise(errors_of: ErrorsOf, start: Point, turns: int = 12) -> Point:
     """Minimise the sum of squared errors by Gauss-Newton from a point, in at most `turns` iterations."""
 
-    def near(point: Point) -> Near[Point]:
+    def linearise(point: Point) -> LocalErrors[Point]:
         error, slopes = compute_slopes(errors_of, point)
-        return Near(point, float(error @ error), error, slopes)
+        return LocalErrors(point, float(error @ error), error, slopes)
 
-    def best(near: Near[Point], steps: list[Array]) -> tuple[Point, float]:
-        values, smallest = near.known.values, OUTPUT_ERROR.smallest
+    def choose_step(local: LocalErrors[Point], steps: list[Array]) -> tuple[Point, float]:
+        values, smallest = local.known.values, OUTPUT_ERROR.smallest
         size = np.maximum(np.abs(values), smallest)
         # a parameter that was zero needs an absolute step
         longest = np.where(size > smallest, 0.5, OUTPUT_ERROR.leap / smallest)
         step = np.clip(steps[0], -longest, longest) * size
-        points = [near.known.with_values(values + share * step) for share in OUTPUT_ERROR.shares]
+        points = [local.known.with_values(values + share * step) for share in OUTPUT_ERROR.shares]
         return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
 
-    return gauss_newton(start, near, best, Rule(turns, (OUTPUT_ERROR.damping,), by_offset=True))
+    return gauss_newton(start, linearise, choose_step, Rule(turns, (OUTPUT_ERROR.damping,), by_offset=True))
 
 
 def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
@@ -228,7 +225,7 @@ def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
     Segments should be about half a second long: the errors of longer ones grow nonlinearly.
     """
     filters = make_innovations(segments, start)
-    return make_model(segments, fit(segments, start, filters=filters), filters)
+    return make_model(segments, fit_segments(segments, start, filters=filters), filters)
 
 
 def compute_rms(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> float:
@@ -296,9 +293,6 @@ def make_model_with_covariance(point: Point, relative: Array) -> Model:
     `relative` is the covariance of the parameters relative to their size (P + S, P + S).
     """
     std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), OUTPUT_ERROR.smallest)
-    names = [
-        term.get_full_name(parameter.name) for term in point.terms for parameter in list_continuous_parameters(term)
-    ]
-    count = len(point.theta)
+    names, count = list_nonlinear_names(point.terms), len(point.theta)
     model = Model.build(point.terms, point.theta, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))
     return mark_bounds(model).with_covariance([*(column.name for column in model.columns), *names], relative)

@@ -69,7 +69,7 @@ def join_recording(entries: Sequence[Windows], terms: Sequence[Term]) -> TorqueW
 
 
 def _join_joints(
-    entries: Sequence[Sequence[Windows]], parts: Sequence[_Columns], terms: Sequence[type[Term] | Term]
+    entries: Sequence[Sequence[Windows]], parts: Sequence[_LinkColumns], terms: Sequence[type[Term] | Term]
 ) -> TorqueWindows:
     """Join windows of all recordings, and the links' columns there, to equations grouped by joint.
 
@@ -141,7 +141,7 @@ def _stack_motion(entries: Sequence[Windows]) -> tuple[Array, Array, Array]:
 
 
 @dataclass(frozen=True)
-class _Columns:
+class _LinkColumns:
     """Links' columns of one recording.
 
     Attributes:
@@ -155,7 +155,7 @@ class _Columns:
     masses: Array
 
 
-def _compute_link_columns(entries: Sequence[Windows], body: Body) -> _Columns:
+def _compute_link_columns(entries: Sequence[Windows], body: Body) -> _LinkColumns:
     """Compute the links' columns from the windows of each joint of one recording."""
     q, v, a = _stack_motion(entries)
     smooth, inertial = body.torque(q, v, np.zeros_like(v)), body.momentum(q, a)  # (N, n, P)
@@ -165,14 +165,14 @@ def _compute_link_columns(entries: Sequence[Windows], body: Body) -> _Columns:
 
     places = q[:: max(1, len(q) // PLACES)]
     masses = [body.momentum(places, np.broadcast_to(unit, places.shape)) for unit in np.eye(len(entries))]
-    return _Columns(
+    return _LinkColumns(
         [average(w.averages, k) for k, w in enumerate(entries)],
         [average(w.rates, k) for k, w in enumerate(entries)],
         np.transpose(masses, (1, 3, 2, 0)),
     )
 
 
-def _calibrate_windows(entries: Sequence[Windows], k: int, columns: _Columns) -> Windows:
+def _calibrate_windows(entries: Sequence[Windows], k: int, columns: _LinkColumns) -> Windows:
     """Return the windows of joint k with noise at most the residual of a fit of links and all smooth laws.
 
     The acceleration noise becomes that of all joints, by their share in the torque of joint k, over the inertia M_kk.

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, Rule, choose_least, gauss_newton
 from estimators.regression.least_squares import SOLVER
 from estimators.search_hints import find_hints
 from pendulum_env._typing import Array
 from pendulum_env.physics import NonlinearParameter, Samples, Term
 
-Residuals = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
+ResidualFunction = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,11 @@ def set_values(term: Term, sought: Sequence[NonlinearParameter], values: Sequenc
 def list_continuous_parameters(term: Term) -> list[NonlinearParameter]:
     """List the free nonlinear parameters that are continuous and follow no other parameter."""
     return [parameter for parameter in term.free if not parameter.integer and not parameter.follows]
+
+
+def list_nonlinear_names(terms: Sequence[Term]) -> list[str]:
+    """List the full names of the continuous nonlinear parameters of some terms."""
+    return [term.get_full_name(parameter.name) for term in terms for parameter in list_continuous_parameters(term)]
 
 
 def list_released_variants(term: Term) -> list[list[Term]]:
@@ -93,7 +98,7 @@ def compute_nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Seq
 
 def refine_nonlinear(
     term: Term,
-    residuals: Residuals,
+    residuals: ResidualFunction,
     edges: Sequence[NonlinearParameter] = (),
     gain: float = 0.0,
     longest: float = np.inf,
@@ -123,16 +128,16 @@ def refine_nonlinear(
             [get_step_unit(parameter, value) for parameter, value in zip(sought, values, strict=True)]
         )
 
-    def near(term: Term) -> Near[Term]:  # slopes per step unit
+    def linearise(term: Term) -> LocalErrors[Term]:  # slopes per step unit
         values, unit = get_values(term)
         error = known[term] if term in known else residuals([term])[0]
         steps = NONLINEAR.difference * unit * np.eye(len(sought))
         nearby = [set_values(term, sought, values + step) for step in steps]
         slopes = (np.column_stack(residuals(nearby)) - error[:, None]) / NONLINEAR.difference  # (R, S)
-        return Near(term, float(error @ error), error, slopes)
+        return LocalErrors(term, float(error @ error), error, slopes)
 
-    def best(near: Near[Term], steps: list[Array]) -> tuple[Term, float]:  # of all shares of the first step
-        values, unit = get_values(near.known)
+    def choose_step(local: LocalErrors[Term], steps: list[Array]) -> tuple[Term, float]:
+        values, unit = get_values(local.known)
         step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / NONLINEAR.leap)
         variants = [
             set_values(term, sought, np.where(factor, values * np.exp(share * step), values + share * step * unit))
@@ -142,7 +147,9 @@ def refine_nonlinear(
         known.update(zip(variants, residuals(variants), strict=True))
         return choose_least(variants, [float(known[term] @ known[term]) for term in variants])
 
-    return gauss_newton(term, near, best, Rule(NONLINEAR.turns, (NONLINEAR.damping,), by_offset=True, of_cost=gain))
+    return gauss_newton(
+        term, linearise, choose_step, Rule(NONLINEAR.turns, (NONLINEAR.damping,), by_offset=True, of_cost=gain)
+    )
 
 
 def find_edges(term: Term, x: Samples) -> list[NonlinearParameter]:
@@ -183,7 +190,7 @@ def _evaluate_laws(term: Term, x: Samples) -> Array:
     return np.array([np.broadcast_to(law, np.shape(x.velocity)) for law in laws])
 
 
-def scan_edges(term: Term, residuals: Residuals, edges: Sequence[NonlinearParameter], reach: float) -> Term:
+def scan_edges(term: Term, residuals: ResidualFunction, edges: Sequence[NonlinearParameter], reach: float) -> Term:
     """Search each edge on a grid, then on finer grids around the best value; return the best variant.
 
     The first grid extends to either side by `reach` [s] if the parameter is an instant, else by `NONLINEAR.leap` step
@@ -199,7 +206,7 @@ def scan_edges(term: Term, residuals: Residuals, edges: Sequence[NonlinearParame
     return term
 
 
-def search_by_cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
+def search_by_cross_entropy(variants: Sequence[Term], residuals: ResidualFunction) -> Term:
     """Return the best variant found by random draws around the best variants so far, for errors with many local minima.
 
     The free continuous parameters have to be positive: the draws are normal in their logarithms. The seed is fixed.

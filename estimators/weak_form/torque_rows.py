@@ -26,7 +26,7 @@ from estimators.regression.least_squares import solve, weigh_recordings
 from estimators.search_hints import find_hints, is_possible
 from estimators.weak_form.columns import has_known_parameter, is_torque_dependent, list_bounds, list_law_bounds
 from estimators.weak_form.nonlinear import (
-    Residuals,
+    ResidualFunction,
     compute_nonlinear_slopes,
     find_edges,
     list_continuous_parameters,
@@ -476,7 +476,7 @@ class TorqueRows:
 
     def search_basins(self, terms: Terms, variants: Terms) -> ScoredTerms:
         """Return the best trial of the terms with a variant, by one search per value of its multimodal parameter."""
-        residuals, name = self._residuals(terms), find_hints(type(variants[0])).multimodal
+        residuals, name = self._make_residual_function(terms), find_hints(type(variants[0])).multimodal
         values = {variant.nonlinear_values[name] for variant in variants}
         basins = [[v for v in variants if v.nonlinear_values[name] == value] for value in sorted(values)]
         trials = [self.trial((*terms, search_by_cross_entropy(basin, residuals))) for basin in basins]
@@ -499,7 +499,7 @@ class TorqueRows:
             theta = self.solve((*others, term))
             values = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
             term = replace(term, **{s.name: float(values[s.follows]) for s in following if s.follows in values})
-        residuals, samples = self._residuals(others), self.data.part(term.at).samples
+        residuals, samples = self._make_residual_function(others), self.data.part(term.at).samples
         gain = VARIANTS.gain if is_torque_dependent(term) else 0.0
         span, refined, edges = float(np.ptp(samples.time)), term, find_edges(term, samples)
         reach, longest = VARIANTS.reach * span, VARIANTS.longest * span
@@ -510,7 +510,7 @@ class TorqueRows:
         is_worse = refined_trial.fitted_rms > trial.fitted_rms and not following
         return trial if is_worse or not is_possible(refined, samples) else refined_trial
 
-    def _residuals(self, terms: Terms) -> Residuals:
+    def _make_residual_function(self, terms: Terms) -> ResidualFunction:
         """Return a function of variants that returns the weighted residual (R,) of the fit of the terms plus each.
 
         The columns of the unknown parameters are projected out once, so each variant takes a small solve. A variant

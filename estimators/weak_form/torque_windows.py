@@ -463,7 +463,7 @@ def smooth_laws(w: Windows) -> tuple[Term, ...]:
     )
 
 
-def calibrate(w: Windows) -> Windows:
+def calibrate_noise(w: Windows) -> Windows:
     """Limit the noise estimate of windows to the residual of a fit of all smooth laws.
 
     Torque that changes from sample to sample, as under fast control, is estimated as noise. The acceleration follows a
@@ -508,7 +508,7 @@ def choose_half_width(recording: Recording) -> float:
         if len(equations.y) >= 40:
             fitted = recording.known_inertia or np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]
             inertia = load_inertia + abs(float(fitted))
-            noise_factor = calibrate(w).torque_noise / max(w.torque_noise, 1e-300)
+            noise_factor = calibrate_noise(w).torque_noise / max(w.torque_noise, 1e-300)
             break
     negligible = (NEGLIGIBLE_SWING if recording.known_inertia else NEGLIGIBLE) * longest.torque_scale
 
@@ -553,10 +553,10 @@ def cut_all(
 ) -> TorqueWindows:
     """Cut recordings, or a part of each, into windows, with half widths [s] chosen by their noise unless given."""
     widths = half_widths or [choose_half_width(recording) for recording in recordings]
-    return join_windows([calibrate(cut(own, width, part)) for own, width in zip(recordings, widths, strict=True)])
+    return join_windows([calibrate_noise(cut(own, width, part)) for own, width in zip(recordings, widths, strict=True)])
 
 
-def prepare(
+def prepare_windows(
     recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
 ) -> TorqueWindows:
     """Cut recordings, or a part of each, into windows: see `cut_all`."""

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from estimators.arguments import check_model
-from estimators.online.change import Fit
+from estimators.online.change import ParameterFit
 from estimators.online.diagnosis import Diagnoser, find_obstacle
 from estimators.wrappers.measuring import MeasurementVectorWrapper, MeasurementWrapper
 from estimators.wrappers.options import AnyEnv, Plant
@@ -154,7 +154,7 @@ def make_diagnoser(
     return Diagnoser(plant.rate, chosen_terms, batch=plant.batch, **arguments, **options)
 
 
-def load_reference(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...], Fit]:
+def load_reference(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...], ParameterFit]:
     """Return terms and estimates of a model or its file; standard errors of unknown estimates are infinite."""
     if isinstance(model, str | Path):
         model = load_model(model, plant.body)
@@ -171,4 +171,4 @@ def load_reference(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term,
         )
     estimates = [model.estimates[column.name] for term in model.terms for column in term.columns]
     std = [np.inf if estimate.is_unknown else estimate.std for estimate in estimates]
-    return model.terms, Fit(model.theta, np.diag(np.square(std)))
+    return model.terms, ParameterFit(model.theta, np.diag(np.square(std)))

@@ -16,7 +16,7 @@ from estimators.checks.homogeneity import (
     pool_fits,
 )
 from estimators.findings import Kind
-from estimators.weak_form.torque_windows import prepare
+from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests import slow
@@ -42,14 +42,14 @@ def test_recordings_of_one_plant_agree():
         plant = random_case(rng).plant
         cases += [(plant, random_case(rng, (), **sensors).train) for _ in range(3)]
     runs = [told(run) for run in simulate(cases)]
-    assert [find_disagreements(fit_each_recording([prepare(runs[j : j + 3])], BASE)) for j in range(0, 24, 3)] == [
-        ()
-    ] * 8
+    assert [
+        find_disagreements(fit_each_recording([prepare_windows(runs[j : j + 3])], BASE)) for j in range(0, 24, 3)
+    ] == [()] * 8
 
 
 def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
     """Each knows two parameters along one direction only, so that no covariance has an inverse."""
-    (own,) = fit_each_recording([prepare(recorded([PLANT]))], BASE)
+    (own,) = fit_each_recording([prepare_windows(recorded([PLANT]))], BASE)
     along = np.array([[1.0, 1.0], [1.0, 1.0]]) * 1e-4
 
     def told(number: int, value: float) -> RecordingFit:
@@ -64,7 +64,7 @@ def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
 @pytest.mark.parametrize("heavier", [0, 1, 2])
 def test_the_one_recording_with_a_heavier_payload_is_named_and_measured(heavier):
     plants = [HEAVIER if j == heavier else PLANT for j in range(3)]
-    (one,) = find_disagreements(fit_each_recording([prepare(recorded(plants))], BASE))
+    (one,) = find_disagreements(fit_each_recording([prepare_windows(recorded(plants))], BASE))
     assert (one.recording, one.name, len(one.others)) == (heavier + 1, f"run {heavier}", 2)
     differences = {d.parameter: d for d in one.differences}
     assert differences.keys() == {"inertia", "gravity"}
@@ -92,10 +92,10 @@ def test_what_is_no_other_plant_is_not_told():
     """A payload that changes within a recording, a recording that excites little, an effect that is missing."""
     changing = replace(PLANT, effects={"payload_change": {"pay_t": 5.0, "pay_I": 0.02, "pay_mgl": 0.4}})
     terms = (*BASE, effect("payload_change")(moment=5.0))
-    assert find_disagreements(fit_each_recording([prepare(recorded([PLANT, changing, PLANT]))], terms)) == ()
+    assert find_disagreements(fit_each_recording([prepare_windows(recorded([PLANT, changing, PLANT]))], terms)) == ()
     short = recorded([HEAVIER], seconds=1.5)
-    assert find_disagreements(fit_each_recording([prepare([*recorded([PLANT, PLANT]), *short])], BASE)) == ()
-    fits = fit_each_recording([prepare(recorded([GEARED] * 3))], BASE)
+    assert find_disagreements(fit_each_recording([prepare_windows([*recorded([PLANT, PLANT]), *short])], BASE)) == ()
+    fits = fit_each_recording([prepare_windows(recorded([GEARED] * 3))], BASE)
     assert find_disagreements(fits) and find_disagreements(fits, only_if_all_fit=True) == find_misfits(fits) == ()
 
 
@@ -104,7 +104,7 @@ def test_an_effect_that_each_recording_alone_takes_for_its_own_friction_is_no_ot
     """Torque of one size, up and down, makes friction under load dry friction, of another size under another torque."""
     small = [Experiment(500.0, 10.0, "prbs", scale=scale, seed=seed) for scale, seed in ((1.0, 1), (0.4, 2))]
     runs = [told(run) for run in simulate([(GEARED, experiment) for experiment in small])]
-    assert find_disagreements(fit_each_recording([prepare(runs)], BASE), only_if_all_fit=True)
+    assert find_disagreements(fit_each_recording([prepare_windows(runs)], BASE), only_if_all_fit=True)
     found = diagnosed([runs[k] for k in order], only=["load_dependent_friction", "stribeck", "quadratic_drag"])
     assert (found.selected, found.disagreements) == (("load_dependent_friction",), ())
     theta = {name: found.model.estimates[name].value for name in ("coulomb", "load_dependent_friction")}
@@ -120,18 +120,18 @@ def turned(recording: Recording) -> Recording:
 def test_a_recording_whose_torque_is_turned_round_is_named_whatever_else_is_missing(plant, which):
     runs = recorded([plant] * 2)
     runs[which] = turned(runs[which])
-    (one,) = find_disagreements(fit_each_recording([prepare(runs)], BASE), only_if_all_fit=True)
+    (one,) = find_disagreements(fit_each_recording([prepare_windows(runs)], BASE), only_if_all_fit=True)
     assert (one.recording, one.others) == (which + 1, (f"run {1 - which}",))
     assert one.kind is Kind.TURNED_ROUND
     assert one.finding in identify(runs, schemes="energy").findings
     alike = [turned(run) for run in recorded([plant] * 2)]
-    assert find_disagreements(fit_each_recording([prepare(alike)], BASE), only_if_all_fit=True) == ()
+    assert find_disagreements(fit_each_recording([prepare_windows(alike)], BASE), only_if_all_fit=True) == ()
 
 
 def test_a_torque_in_other_units_is_told_from_another_plant():
     runs = recorded([PLANT] * 3)
     runs[1] = replace(runs[1], torque=2 * runs[1].torque)
-    (one,) = find_disagreements(fit_each_recording([prepare(runs)], BASE), only_if_all_fit=True)
+    (one,) = find_disagreements(fit_each_recording([prepare_windows(runs)], BASE), only_if_all_fit=True)
     assert one.recording == 2
     assert one.kind is Kind.SCALED_TORQUE and one.numbers["factor"].value == pytest.approx(2, rel=1e-3)
 

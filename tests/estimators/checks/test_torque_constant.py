@@ -15,7 +15,7 @@ from estimators.findings import Kind
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
-from estimators.weak_form.torque_windows import prepare
+from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.physics import BASE, Estimate, KnownLoad, Model, ModelError, effect
 from pendulum_env.physics import simulate as fly
 from pendulum_env.recording import Load, Recording
@@ -94,10 +94,10 @@ def test_what_a_voltage_and_a_motor_that_always_drives_leave_open_is_said():
     (run,) = bench(loads=LOADS[2:3], seconds=5.0)
     always = replace(run, torque=np.sign(np.gradient(run.position)), torque_unit="V")
     model = Model.build(BASE, list(UNLOADED.values()))
-    one_number, back_emf = find_gain_doubts(model, TorqueConstant(0.5, 0.01, "V", 2), prepare([always]))
+    one_number, back_emf = find_gain_doubts(model, TorqueConstant(0.5, 0.01, "V", 2), prepare_windows([always]))
     assert one_number.kind is Kind.GEAR_LOSS_UNKNOWN and one_number.numbers["share"].value == 1.0
     assert back_emf.numbers["back_emf"].value == pytest.approx(0.3)  # 0.15 N m s/rad of viscous friction over 0.5 N m/V
-    assert find_gain_doubts(model, TorqueConstant(0.5, 0.01, "A", 2), prepare([run])) == []
+    assert find_gain_doubts(model, TorqueConstant(0.5, 0.01, "A", 2), prepare_windows([run])) == []
 
 
 def test_two_loads_are_enough_and_a_recording_without_one_is_a_load_of_none():
@@ -181,7 +181,7 @@ def test_a_diagnosis_in_amperes_names_friction_under_load_and_finds_the_joint():
 def test_friction_that_is_pressed_by_the_load_itself_takes_each_load_into_account():
     """Its weight is that of the joint alone: known loads add their own."""
     runs = in_newton_metres(bench("output", (LOADS[0], LOADS[3], LOADS[7])))
-    equations = prepare(runs).equations((*BASE, effect("load_dependent_friction")(UNLOADED["gravity"])))
+    equations = prepare_windows(runs).equations((*BASE, effect("load_dependent_friction")(UNLOADED["gravity"])))
     columns = [0, 1, 2, 3, 5]  # without friction by what the motor presses
     theta = np.linalg.lstsq(equations.phi[:, columns], equations.y, rcond=None)[0]
     np.testing.assert_allclose(theta, [*UNLOADED.values(), 0.12], rtol=0.03)

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
 from estimators.data.split import split_recordings
-from estimators.diagnosis.experiment import DESIGN, Limits, suggest_experiment
+from estimators.diagnosis.experiment import DESIGN, ExperimentLimits, suggest_experiment
 from estimators.diagnosis.questions import Question, make_typical_effect
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind, Verdict
@@ -105,13 +105,13 @@ def test_the_suggested_motion_stays_within_what_the_rig_bears():
 
 
 def test_an_experiment_goes_where_most_is_left(evaluator):
-    model = evaluator.fit_with_std(None, BASE).model
+    model = evaluator.fit_with_std(BASE).model
     asked = [Question(Aim("spring"), BASE, make_typical_effect(effects()["spring"]))]
     low, high = evaluator.train.get_range()
 
     def tried(place: float, **limits: float) -> tuple[Suggestion | None, Finding | None]:
         left = [Region("position", place - 0.1, place + 0.1, 0.1, 9.0)]
-        suggestion, _, forbidden = suggest_experiment(evaluator, model, asked, Limits(6.0, **limits), left)
+        suggestion, _, forbidden = suggest_experiment(evaluator, model, asked, ExperimentLimits(6.0, **limits), left)
         return suggestion, forbidden
 
     for place in (0.6 * low, 0.6 * high):

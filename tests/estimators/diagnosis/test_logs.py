@@ -10,7 +10,7 @@ from estimators import align, identify
 from estimators.data.split import split_recordings, with_contacts
 from estimators.findings import Kind
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.weak_form.torque_windows import prepare
+from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.physics import BASE, Term, effect
 from pendulum_env.recording import Recording
 from tests import slow
@@ -104,7 +104,7 @@ def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found():
     base, last = found.steps[0].errors["holdout"], found.steps[-1].errors["holdout"]
     assert last.torque_rms < 0.3 * base.torque_rms
     assert last.position_rms < 0.1 * base.position_rms
-    (windows,) = prepare([recording("bouncing")]).windows
+    (windows,) = prepare_windows([recording("bouncing")]).windows
     assert found.noise_floor == pytest.approx(windows.noise(0.03), rel=0.1)  # however wrong the base model is
 
 
@@ -164,6 +164,6 @@ def test_a_log_that_is_mostly_at_rest_is_split_where_it_moves():
 def test_where_windows_are_too_few_to_hold_some_out_shorter_ones_are_taken(monkeypatch):
     brief = recording("brief")
     monkeypatch.setattr("estimators.data.split.choose_half_width", lambda _: 0.08)
-    few = len(prepare([brief], [0.08]).weights)
+    few = len(prepare_windows([brief], [0.08]).weights)
     train, holdout = split_recordings([brief])
     assert few < 20 and min(len(part.data.weights) for part in (train, holdout)) >= 10

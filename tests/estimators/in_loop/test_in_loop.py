@@ -269,8 +269,8 @@ def test_effect_that_explains_a_small_share_of_the_error_is_dropped_though_it_is
     id, recordings = "viscous_asymmetry", recorded({"viscous_asymmetry": {"asym_v": size}})
     data, setting = SERVO.prepare(recordings[:2], recordings[2:], Setting(BASE, {id: effects()[id]}))
     evaluator = SERVO.evaluator(data, setting)
-    longer = evaluator.fit_with_std(id, (*setting.base, effects()[id]()))
-    found = SearchResult(evaluator, [evaluator.fit_with_std(None, setting.base), longer])
+    longer = evaluator.fit_with_std((*setting.base, effects()[id]()), added=id)
+    found = SearchResult(evaluator, [evaluator.fit_with_std(setting.base), longer])
     assert longer.model.estimates[id].is_significant
     assert (len(Trial(SERVO, data, setting, found).final.steps) == 2) == is_kept
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimators.online.change import Fit, ParameterChange
+from estimators.online.change import ParameterChange, ParameterFit
 
 BLOCK, THETA = 20, np.array([1.0, -0.5, 0.3, 2.0])
 
@@ -17,7 +17,7 @@ def rows_of(rng: np.random.Generator, blocks: int, theta: np.ndarray) -> tuple[n
 
 def changed(rng: np.random.Generator, blocks: int, theta: np.ndarray) -> set[str]:
     """Return the parameters that differ significantly from known ones."""
-    change = ParameterChange("abcd", Fit(THETA, np.zeros((4, 4))), 0, None)
+    change = ParameterChange("abcd", ParameterFit(THETA, np.zeros((4, 4))), 0, None)
     change.compare(*rows_of(rng, blocks, theta), BLOCK)
     return set(change.changed)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.regression.gauss_newton import Near, Rule, choose_least, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, Rule, choose_least, gauss_newton
 
 TIME = np.linspace(0.0, 2.0, 40)
 TRUE, START = np.array([2.0, -1.5]), np.array([0.5, 0.0])
@@ -21,7 +21,7 @@ def decay(most: float = np.inf, least: float = -np.inf, noise: float = 0.0):
         own = np.exp(place[1] * TIME)
         slopes, left = np.column_stack([own, place[0] * TIME * own]), error(place)
         bounds = np.array([False, place[1] <= least]), np.array([place[0] >= most, False])
-        return Near(place, float(left @ left), left, slopes, *bounds)
+        return LocalErrors(place, float(left @ left), left, slopes, *bounds)
 
     def best(near, steps):
         places = [near.known + share * step for step in steps for share in (1.0, 0.2)]

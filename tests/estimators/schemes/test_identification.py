@@ -12,7 +12,7 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.identification import identify
 from estimators.schemes.six import PAPER, SCHEMES, Integral
-from estimators.weak_form.torque_windows import prepare
+from estimators.weak_form.torque_windows import prepare_windows
 from estimators.weak_form.windows import cut
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
@@ -71,7 +71,7 @@ def test_the_papers_hamiltonian_pair_borrows_inertia(paper_run):
 @pytest.mark.slow
 def test_the_fit_over_windows_is_the_one_that_a_diagnosis_begins_with(paper_run):
     found = identify([paper_run], schemes="energy", fixed={"gravity": 2.0})
-    data = prepare([paper_run])
+    data = prepare_windows([paper_run])
     model, _ = fit_terms(RegressionData(data, ()), found["energy"].model.terms)
     np.testing.assert_array_equal(found.windows.theta, model.theta)
     assert found.windows.estimates["gravity"].value == 2.0

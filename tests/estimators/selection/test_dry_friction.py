@@ -65,7 +65,7 @@ def test_a_known_parameter_leaves_the_evidence_of_free_motion():
 def test_without_a_misfit_of_the_motion_no_dry_friction_is_tried():
     fitted, held_out = map(lambda run: RegressionData.from_recordings([run]), swept(0.0, 0.1, 20))
     evaluator = ModelEvaluator(fitted, held_out)
-    assert not evaluator.is_misfit(evaluator.fit(None, BASE))
+    assert not evaluator.is_misfit(evaluator.fit(BASE))
     assert screen_dry_friction(evaluator, BASE) == []
 
 
@@ -87,4 +87,4 @@ def test_a_misfit_of_slow_motion_is_seen_beside_steps_that_the_log_leaves_uncert
     for seed in (1, 3):
         data = RegressionData.from_recordings([stepped_and_slow(size, seed)])
         evaluator = ModelEvaluator(data, data)
-        assert evaluator.is_misfit(evaluator.fit(None, BASE)) == is_seen
+        assert evaluator.is_misfit(evaluator.fit(BASE)) == is_seen

@@ -85,13 +85,13 @@ class ScoredEvaluator(ModelEvaluator):
     def model(self, terms: tuple[Term, ...]) -> SimpleNamespace:
         return SimpleNamespace(estimates={})
 
-    def violations(self, terms: tuple[Term, ...]) -> list:
+    def find_violations(self, terms: tuple[Term, ...]) -> list:
         return []
 
-    def base_gates(self, after: tuple[Term, ...], before: tuple[Term, ...]) -> list:
+    def make_base_gates(self, after: tuple[Term, ...], before: tuple[Term, ...]) -> list:
         return []
 
-    coefficient_gates = base_gates
+    make_coefficient_gates = make_base_gates
 
     def lowers_errors(self, after: tuple[Term, ...], before: tuple[Term, ...]) -> bool:
         return self.total(after) > self.total(before)

@@ -94,9 +94,11 @@ def elastic() -> SearchResult:
     shape = {name.split(".")[1]: value for name, value in SWINGING.items() if "." in name}
     terms = (*BASE, effect("joint_flexibility")(**shape))
     linear = [value for name, value in SWINGING.items() if "." not in name]
-    evaluator = evaluator.with_link(evaluator.make_step("joint_flexibility", Model.build(terms, np.array(linear))))
+    evaluator = evaluator.with_link(
+        evaluator.make_step(Model.build(terms, np.array(linear)), added="joint_flexibility")
+    )
     return SearchResult(
-        evaluator, [evaluator.fit_with_std(None, BASE), evaluator.fit_with_std("joint_flexibility", terms)]
+        evaluator, [evaluator.fit_with_std(BASE), evaluator.fit_with_std(terms, added="joint_flexibility")]
     )
 
 

@@ -12,7 +12,7 @@ from estimators.arguments import apply_limits
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.weak_form.instruments import fit_by_reference
-from estimators.weak_form.torque_windows import prepare
+from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests.cases import TRUTH, recorded
@@ -31,7 +31,7 @@ def disturbed() -> list[Recording]:
 
 def test_instruments_are_unbiased_where_least_squares_finds_the_controller(disturbed):
     least_squares = fit_terms(RegressionData.from_recordings(disturbed), BASE)[0].theta
-    model = fit_by_reference(prepare(disturbed), BASE)
+    model = fit_by_reference(prepare_windows(disturbed), BASE)
     off = np.abs(model.theta - TRUTH)
     std = np.array([estimate.std for estimate in model.estimates.values()])
     assert (off < 3 * std).all()
@@ -40,7 +40,7 @@ def test_instruments_are_unbiased_where_least_squares_finds_the_controller(distu
 
 def test_what_is_known_beforehand_stays_so_beside_instruments(disturbed):
     known, _ = apply_limits(BASE, {}, {"gravity": 1.9}, {"viscous": (0.0, 0.1)})
-    model = fit_by_reference(prepare(disturbed), known)
+    model = fit_by_reference(prepare_windows(disturbed), known)
     assert model.estimates["gravity"].value == 1.9
     assert model.estimates["viscous"].value == 0.1
     assert model.estimates["inertia"].value == pytest.approx(TRUTH[0], rel=0.1)
@@ -54,4 +54,4 @@ def test_what_instruments_cannot_do_is_refused(disturbed):
         (replace(run, reference=still), BASE, "reference moves too little"),
     ):
         with pytest.raises(IdentificationError, match=why):
-            fit_by_reference(prepare([recording]), terms)
+            fit_by_reference(prepare_windows([recording]), terms)

@@ -13,7 +13,7 @@ from estimators.search_hints import make_grid
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.columns import is_torque_dependent
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import prepare
+from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.filters import filter_lag
 from pendulum_env.physics import BASE, Column, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.friction import Stribeck
@@ -65,7 +65,9 @@ LAWS = {kind.id: kind for kind in (*effects().values(), Squashed, TwoLags) if is
 
 @pytest.fixture(scope="module")
 def regression() -> TorqueRows:
-    return TorqueRows(prepare(recorded(Plant(), Experiment(rate=500.0, seconds=6.0, seed=1, excitation="pd_loop"))))
+    return TorqueRows(
+        prepare_windows(recorded(Plant(), Experiment(rate=500.0, seconds=6.0, seed=1, excitation="pd_loop")))
+    )
 
 
 def unpredicted(balance: Balance, theta: np.ndarray) -> np.ndarray:
@@ -119,7 +121,7 @@ def test_a_lag_of_a_torque_that_is_none_leaves_what_the_joint_needs(regression: 
     """A free swing, held out: nothing is taken away, and nothing is blown up."""
     (w,) = regression.data.windows
     free = Recording(w.recording.time, w.recording.position, np.zeros(len(w.recording)), name="free")
-    own = TorqueRows(prepare([free]))
+    own = TorqueRows(prepare_windows([free]))
     theta = np.array([0.09, 2.0, 0.36, 0.9])
     lagging, plain = (own.equations(terms).error(theta) for terms in ((*BASE, effects()["actuator_lag"](0.03)), BASE))
     np.testing.assert_allclose(lagging, plain, rtol=1e-9)

@@ -14,7 +14,7 @@ from estimators.data.split import with_contacts
 from estimators.regression.least_squares import IdentificationError
 from estimators.signals.channel import Channel
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
-from estimators.weak_form.torque_windows import TorqueWindows, choose_half_width, join_windows, prepare
+from estimators.weak_form.torque_windows import TorqueWindows, choose_half_width, join_windows, prepare_windows
 from estimators.weak_form.windows import WindowAverages, cut
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
@@ -38,7 +38,7 @@ def sticky_runs() -> list[SimulatedRecording]:
 @pytest.mark.parametrize("half_width", [None, 0.05])
 def test_windows_never_touch_stick_or_a_reversal_and_a_turn_by_friction_is_no_knock(sticky_runs, which, half_width):
     run = sticky_runs[which]
-    (windows,) = prepare([told(run)], half_width and [half_width]).windows
+    (windows,) = prepare_windows([told(run)], half_width and [half_width]).windows
     reach = len(windows.kernel) // 2
     assert 0.02 < np.mean(~run.sliding)
     assert len(windows.centers) >= 20
@@ -64,7 +64,7 @@ def drifting(rate: float, seconds: float, inertia: float, seed: int = 0) -> Reco
 @pytest.mark.parametrize("rate", [200.0, 1000.0])
 def test_equations_are_exact_on_a_free_inertia_whatever_torque_is_held(rate):
     recording = drifting(rate, 5.0, inertia=0.09)
-    data = prepare([recording], [max(0.02, 2 / rate)])
+    data = prepare_windows([recording], [max(0.02, 2 / rate)])
     equations = data.equations((Inertia(),))
     assert np.std(equations.y) > 0.02
     np.testing.assert_allclose(0.09 * equations.phi[:, 0], equations.y, atol=1e-7)
@@ -74,7 +74,7 @@ def test_equations_of_a_smooth_motion_with_friction_are_exact_to_the_order_of_th
     """I q'' + b q' = 0 has the solution q = 1 - exp(-b t / I)."""
     time = np.arange(2000) / 1000
     q = 1 - np.exp(-4 * time)
-    data = prepare([Recording(time, 3 * q, np.zeros(2000), name="coasting")], [0.01])
+    data = prepare_windows([Recording(time, 3 * q, np.zeros(2000), name="coasting")], [0.01])
     equations = data.equations((Inertia(), Viscous()))
     error = equations.phi @ [0.1, 0.4]
     assert np.abs(error).max() < 2e-4 * np.abs(0.1 * equations.phi[:, 0]).max()
@@ -96,7 +96,7 @@ def noisy_runs() -> dict[str, SimulatedRecording]:
 
 @pytest.mark.parametrize("name", NOISY)
 def test_the_residual_of_the_true_model_is_the_noise_that_was_predicted(noisy_runs, name):
-    data = prepare([told(noisy_runs[name])])
+    data = prepare_windows([told(noisy_runs[name])])
     equations = data.equations(BASE)
     residual = equations.y - equations.phi @ TRUTH
     assert np.sqrt(np.mean(residual**2)) == pytest.approx(data.noise(TRUTH[0]), rel=0.3)
@@ -145,7 +145,7 @@ def coarse() -> SimulatedRecording:
 
 
 def test_averages_of_joined_recordings_are_those_of_each_however_dense_its_windows(sticky_runs):
-    one, other = prepare([told(run) for run in sticky_runs[:2]]).windows
+    one, other = prepare_windows([told(run) for run in sticky_runs[:2]]).windows
     for parts in (
         (one, other),
         (one.center_at_every_sample(), other),
@@ -168,7 +168,7 @@ def test_a_velocity_that_was_computed_from_the_position_changes_nothing(coarse, 
 def test_a_recording_that_rests_is_refused_with_what_to_do():
     time = np.arange(2000) / 500
     with pytest.raises(IdentificationError, match=r"resting: only 0 stretches .* clear of stick .* record longer"):
-        prepare([Recording(time, np.zeros(2000), 0.3 * np.sin(time), name="resting")])
+        prepare_windows([Recording(time, np.zeros(2000), 0.3 * np.sin(time), name="resting")])
 
 
 @pytest.mark.slow
@@ -237,7 +237,7 @@ def test_a_turn_that_friction_of_another_law_makes_is_no_knock(hidden, terms):
 
 
 def test_a_delay_absorbs_no_noise_of_the_torque(coarse):
-    windows = prepare([told(coarse)]).windows[0]
+    windows = prepare_windows([told(coarse)]).windows[0]
     for delay in (0.001, 0.0025, 0.01, 0.1):
         assert 0.0 <= windows.compute_absorbed_noise(effect("dead_time")(delay)) < 0.1 * windows.raw_torque_noise**2
 
@@ -266,7 +266,7 @@ def log_of_motion(torque: Array) -> Recording:
 def test_sampled_torque_that_was_moved_by_half_a_sample_keeps_the_noise_of_its_log():
     """Interpolation smooths the noise from sample to sample, by which a noise would look smaller."""
     noise = 0.1 * np.random.default_rng(0).standard_normal(20_000)
-    (windows,) = prepare([SAMPLED.apply(log_of_motion(noise))], [0.01]).windows
+    (windows,) = prepare_windows([SAMPLED.apply(log_of_motion(noise))], [0.01]).windows
     average = replace(windows, centers=np.arange(1000, 19_000)).torque()
     raw = cut(SAMPLED.apply(log_of_motion(noise)), 0.01)
     assert raw.torque_noise == pytest.approx(average.std(), rel=0.05)
