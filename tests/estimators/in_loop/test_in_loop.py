@@ -19,7 +19,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.case import SERVO
 from estimators.in_loop.conclusion import find_torque_scale
 from estimators.in_loop.controller import read_controller
-from estimators.in_loop.fit import compute_likelihood, fit, linearise_errors
+from estimators.in_loop.fit import compute_likelihood, fit_rollouts, linearise_errors
 from estimators.in_loop.goal_reading import reread_goals
 from estimators.in_loop.goals import read_goals, with_goals
 from estimators.in_loop.rollout_rows import RolloutRows
@@ -307,14 +307,14 @@ def test_errors_of_a_comparison_are_those_of_whole_recordings(plain):
 
 
 def test_fit_finds_the_likeliest_parameters_from_far_away_and_a_limit_that_is_too_low_is_where_one_ends(rollouts):
-    found = fit(rollouts, Point(TILTED, np.array([0.03, 0.4, 0.2, 0.2, 0.1])), TYPICAL, share=0.0)
+    found = fit_rollouts(rollouts, Point(TILTED, np.array([0.03, 0.4, 0.2, 0.2, 0.1])), TYPICAL, share=0.0)
     true = rollouts.compute_position_errors([Point(TILTED, np.array([*TRUE.values(), 0.0]))])
     told = [compute_likelihood(rollouts, e)[0] for e in (found.error[:, None], true)]
     assert told[0] >= told[1]
     assert found.point.theta[:4] == pytest.approx(list(TRUE.values()), rel=0.05)
     limited, _ = apply_limits(TILTED, {}, None, {"viscous": (0.0, 0.04)})
     start = np.array([*TRUE.values(), 0.0]) * [1.2, 0.8, 0.8, 1.0, 1.0]
-    found = fit(rollouts, Point(tuple(limited), start), TYPICAL, share=0.0)
+    found = fit_rollouts(rollouts, Point(tuple(limited), start), TYPICAL, share=0.0)
     assert found.point.theta[2] == pytest.approx(0.04)
     assert found.point.theta[1] == pytest.approx(TRUE["gravity"], rel=0.1)
 
@@ -389,7 +389,7 @@ def test_what_a_motor_loses_by_turning_presses_no_gear_and_what_warms_up_rubs_mo
     rollouts = Rollouts(tuple(under_voltage(kp, k, 0.25, 0.15, 0.004) for k, kp in enumerate((2.0, 4.0))))
     terms = (*BASE, BackEmf(), effects()["load_dependent_friction"](), TemperatureDependentFriction())
     start = Point(terms, np.array([0.01, 0.8, 0.05, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0]))
-    found = fit(rollouts, start, np.r_[TYPICAL[:4], 0.05, 0.05, 0.05, 1e-3, 1e-3], share=0.0)
+    found = fit_rollouts(rollouts, start, np.r_[TYPICAL[:4], 0.05, 0.05, 0.05, 1e-3, 1e-3], share=0.0)
     assert found.point.theta[:7] == pytest.approx([*TRUE.values(), 0.25, 0.25, 0.15], rel=0.05, abs=5e-3)
     assert found.point.theta[7:] == pytest.approx([0.0, 0.004], abs=3e-4)
 
@@ -533,7 +533,7 @@ def test_goals_are_read_the_other_way_only_if_the_found_model_predicts_better_so
 def test_goals_are_read_from_the_data_also_where_a_given_model_favours_the_other_reading():
     recordings = [logged_slowly(True, 0.0, kp, k) for k, kp in enumerate((4.0, 7.0))]
     wrong = Rollouts(tuple(with_goals(recordings, False)))
-    point = fit(wrong, Point(TILTED, np.array([*TRUE.values(), 0.0])), TYPICAL, share=0.0).point
+    point = fit_rollouts(wrong, Point(TILTED, np.array([*TRUE.values(), 0.0])), TYPICAL, share=0.0).point
     held = Rollouts(tuple(with_goals(recordings, True)))
     told = [compute_likelihood(own, own.compute_position_errors([point]))[0] for own in (wrong, held)]
     assert told[0] > told[1]
@@ -580,7 +580,7 @@ def test_steps_of_the_integrator_are_neither_those_of_the_log_nor_of_the_control
         known = {"reference": goal, "drive": drive, "name": f"{kp}"}
         recordings.append(Recording(np.arange(len(path)) / log_rate, position, kp * (goal - position), **known))
     rollouts = Rollouts(tuple(recordings), FINE)
-    found = fit(rollouts, Point(TILTED, np.array([0.01, 0.9, 1.0, 0.1, 0.0])), TYPICAL, share=0.0)
+    found = fit_rollouts(rollouts, Point(TILTED, np.array([0.01, 0.9, 1.0, 0.1, 0.0])), TYPICAL, share=0.0)
     assert np.mean(np.abs(found.error)) < 1.5 * count / 4  # that of rounding
     assert found.point.theta[:4] == pytest.approx([inertia, TRUE["gravity"], viscous, TRUE["coulomb"]], rel=0.03)
 
