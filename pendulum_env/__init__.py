@@ -1,6 +1,6 @@
-"""Measurements of a pendulum: physics, recordings, excitation, backends and the Gymnasium environment.
+"""Gymnasium environments of a pendulum and an arm, with their physics, recordings, excitation and backends.
 
-Importing it makes the environments known to `gymnasium.make`, as is Gymnasium's custom.
+The import registers the environments in Gymnasium.
 """
 
 from pendulum_env.registration import ARM, ARM_DESIGN, DESIGN, PENDULUM, register_environments

@@ -1,4 +1,4 @@
-"""Array aliases used in signatures: the rank is in the comment where a shape is born."""
+"""Array aliases of signatures; comments and docstrings state the shapes."""
 
 from typing import Any
 

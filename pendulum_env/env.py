@@ -1,4 +1,4 @@
-"""The pendulum as a Gymnasium environment: simulated by pymunk or MuJoCo, replayed, or the rig itself."""
+"""Gymnasium environment of the pendulum: simulated by pymunk or MuJoCo, replayed, or measured on the rig."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -35,24 +35,23 @@ Action = NDArray[np.float32]
 
 
 class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
-    """Direct-drive pendulum with a torque input, seen through its encoder: a plant, no task.
+    """Direct-drive pendulum with a torque input and an encoder, without a task.
 
-    Its reward is always 0, and an episode ends only with a recording that is replayed (truncated) or a fault of a rig's
-    drive (terminated). To train an agent, make `pendulum_env/ExcitationDesign-v0`, whose reward is what a motion
-    teaches; or wrap this one in `EstimateParameters` and `InformationReward` or in a reward of your own, and give
-    `gymnasium.make` a `max_episode_steps`.
+    The reward is always 0. An episode ends at the end of a replayed recording (truncated) or at a fault of the rig's
+    drive (terminated). To train an agent, make `pendulum_env/ExcitationDesign-v0`, whose reward is the information of
+    the motion. Or wrap this environment in `EstimateParameters` and `InformationReward`, or in a custom reward, and
+    give `gymnasium.make` a `max_episode_steps`.
 
     q = 0 hangs down, positive counter-clockwise. Action: torque [N m], held for one period and limited to
-    +-max_torque, shape (1,). Observation: cos q, sin q, q' [rad/s], shape (3,), of the measured angle, the
-    last cut at +-100 rad/s.
+    +-max_torque, shape (1,). Observation: cos q, sin q, q' [rad/s] of the measured angle, shape (3,); q' is clipped to
+    +-100 rad/s.
 
-    `info` carries the measurement that estimators and recordings use: `time` [s] since the reset, `position` [rad]
-    unwrapped as the encoder reads it, `velocity` [rad/s], `torque` [N m] as it was applied over the period that ends at
-    `time` (0 after a reset), `clipped`: True where the action asked for more than max_torque and got that, and
-    `follows`: False where the action is ignored, as in a replay. A simulated plant adds `plant`, its true parameters
-    from `time` on, by name, those of its effects included. A rig adds `jitter` [s], how late after its tick a
-    sample was taken, `overruns`, how many ticks were missed so far, and on a fault `fault`, what happened and what to
-    do.
+    `info` holds the measurement: `time` [s] since the reset, `position` [rad] of the encoder, unwrapped, `velocity`
+    [rad/s], `torque` [N m] applied over the period that ends at `time` (0 after a reset), `clipped`: True if the action
+    exceeded max_torque and was limited, and `follows`: False if the plant ignores the action, as in a replay. A
+    simulated plant adds `plant`, its true parameters by name from `time` on, including those of its effects. A rig adds
+    `jitter` [s], the delay of the sample after its tick, `overruns`, the number of ticks missed since the reset, and
+    after a fault `fault`, its description and remedy.
     """
 
     metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
@@ -79,23 +78,23 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
 
         Args:
             backend: "pymunk", "mujoco" (extra `export`), "replay" or "dm1015b", the rig.
-            effects: hidden in the simulated plant, as `stribeck=0.4` or `{"stribeck": 0.4}`; `pendulum-ident effects`
-                lists them.
+            effects: hidden effects of the simulated plant, such as `stribeck=0.4` or `{"stribeck": 0.4}`;
+                `pendulum-ident effects` lists them.
             theta: parameters of the plant that differ from the paper's, by name.
-            model: an identified model or its file, as the plant.
-            rate: samples, and actions, per second [Hz]; a replay has its own.
-            substeps: integration steps per sample; the error is of second order in their length, 4e-6 rad RMS over 30 s
-                of the paper's excitation for steps of 1 ms.
+            model: identified model, or its file, to simulate as the plant.
+            rate: samples and actions per second [Hz]; a replay has the rate of its recording.
+            substeps: integration steps per sample. The error is of second order in the step: 4e-6 rad RMS over 30 s of
+                the paper's excitation with steps of 1 ms.
             max_torque: bound of the action [N m].
-            counts: of the encoder per turn; 0 measures the angle exactly.
+            counts: encoder counts per turn; 0 measures the angle exactly.
             torque_noise: standard deviation of the white noise on the measured torque [N m].
             velocity: "difference", the paper's backward difference of the encoder, or "ideal".
-            recording: file that "replay" plays; plant, rate and sensor are then those it was recorded with.
-            config: rig.toml, that describes the rig; its rate, sensor and limits count then.
+            recording: file to replay; it determines plant, rate and sensor.
+            config: file of the rig, rig.toml; it determines rate, sensor and limits.
             render_mode: "rgb_array" or "human".
 
         Raises:
-            ValueError: if an argument is unknown or out of its range; the message says which and what to do.
+            ValueError: if an argument is unknown or out of its range; the message names it and the remedy.
             RecordingError: if the recording cannot be read.
             ModelError: if the model cannot be read.
             DriveError: if the rig cannot be reached or is in use.
@@ -109,12 +108,11 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         files = [None if file is None else str(file) for file in (recording, config)]
         self._setup = Setup(make_plant(theta, effects, model), float(rate), int(substeps), sensor, *files)
         self.plant = PlantParameters(self._setup.model)
-        self._parameters = self.plant.info  # which the backend has
+        self._parameters = self.plant.info  # parameters of the backend
         self.backend = find("backend", backend, BACKENDS)(self._setup)
         self.backend.open()
         self.render_mode = render_mode
-        self.overlay: Callable[[], Sequence[str]] = tuple  # lines that a wrapper wants to have shown
-        # what a wrapper may want to know of the measurement
+        self.overlay: Callable[[], Sequence[str]] = tuple  # returns the text lines that a wrapper adds to the picture
         self.traits = self.backend.traits
         self.recording, self.rate, self.counts = self.traits.recording, self.traits.rate, self.traits.counts
         self.max_torque = min(float(max_torque), self.traits.max_torque)
@@ -124,11 +122,11 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
 
     @property
     def simulated(self) -> bool:
-        """Return whether the plant is simulated, so that initial state and parameters can be set."""
+        """Return whether the plant is simulated, with initial state and parameters that can be set."""
         return self.traits.simulated
 
     def set_parameters(self, parameters: Values) -> None:
-        """Change parameters of the simulated plant, by name, from now on until the next reset.
+        """Change parameters of the simulated plant by name, until the next reset.
 
         Raises:
             ValueError: if a parameter is unknown or impossible, or the backend simulates no plant.
@@ -139,7 +137,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         self._update_plant()
 
     def _update_plant(self) -> None:
-        """Let the backend go on with the parameters of now."""
+        """Pass changed parameters to the backend."""
         before, self._parameters = self._parameters, self.plant.info
         if isinstance(self.backend, Simulator) and self._parameters != before:
             self.backend.take(self.plant.terms, self.plant.theta)
@@ -147,17 +145,17 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode, at rest and hanging down unless told otherwise.
+        """Begin an episode, by default at rest and hanging down.
 
         Args:
-            seed: of the noise of the measurement.
-            options: for a simulated plant: `position` [rad], `velocity` [rad/s], `theta`, parameters of the plant by
-                name for this and later episodes, those of effects included. For a rig: `clear_fault`, True once the
-                cause of a fault is mended, without which no reset gives it power again.
+            seed: seed of the measurement noise.
+            options: of a simulated plant: `position` [rad], `velocity` [rad/s], and `theta`, parameters of the plant
+                and its effects by name, for this and later episodes. Of a rig: `clear_fault`, True to enable the drive
+                again after the cause of a fault is removed.
 
         Raises:
-            ValueError: if an option is unknown, or the backend cannot obey it.
-            DriveError: if a rig keeps a fault, cannot be reached, or does not come to rest.
+            ValueError: if the option is unknown, or the backend does not support it.
+            DriveError: if the rig keeps a fault, cannot be reached, or does not come to rest.
         """
         super().reset(seed=seed)
         options = dict(options or {})
@@ -187,7 +185,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         """Hold a torque for one period.
 
         Raises:
-            ValueError: if the action is no number.
+            ValueError: if the action is not a finite number.
         """
         if not self._running:
             raise gym.error.ResetNeeded("the pendulum has not been started: call reset before step")
@@ -231,11 +229,11 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         return observation, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the arm, its torque and the estimates (H, W, 3); None in mode human."""
+        """Draw arm, torque and estimates; return the picture (H, W, 3), or None in mode human."""
         return self._renderer.draw(self._last, self.max_torque, self.overlay())
 
     def close(self) -> None:
-        """Let go of the backend and of the window."""
+        """Close the backend and the window."""
         if self._running:
             self.backend.disable()
             self._running = False
@@ -244,7 +242,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
 
 
 def _check_belongs(backend: str, recording: str | Path | None, config: str | Path | None, has_plant: bool) -> None:
-    """Refuse what goes with another backend."""
+    """Refuse arguments of another backend."""
     if backend != "replay" and recording is not None:
         raise ValueError(f"a recording is played by backend='replay', not by '{backend}'")
     if backend != "dm1015b" and config is not None:

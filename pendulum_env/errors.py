@@ -4,28 +4,28 @@ import traceback
 
 
 class UserError(ValueError):
-    """Input that cannot be used; the message is one sentence with the fault, its place and the remedy."""
+    """Invalid input; the message is one sentence with the fault, its place and the remedy."""
 
 
 class FileError(UserError):
-    """A file that cannot be read, or a value in it that is invalid."""
+    """File that cannot be read, or that holds an invalid value."""
 
 
 class RecordingError(UserError):
-    """A recording that cannot be used."""
+    """Recording that cannot be used."""
 
 
 class ColumnError(RecordingError):
-    """Columns with an unknown meaning, or with one that contradicts the data: the user has to give it."""
+    """Columns whose meaning is unknown or contradicts the data; the user must give it."""
 
 
 def shorten_error(error: BaseException | str) -> str:
-    """Return the text of a library's error for the middle of a sentence."""
+    """Return the text of an error on one line of up to 200 characters, without the final full stop."""
     return " ".join(str(error).split())[:200].rstrip(".:") or type(error).__name__
 
 
 def format_error(error: BaseException) -> str:
-    """Return kind and message of any exception, even of one whose `str` fails; of a `UserError`, its sentence."""
+    """Return class and message of an exception, also if its `str` fails; of a `UserError`, only the message."""
     if isinstance(error, UserError):
         return str(error)
     return "".join(traceback.format_exception_only(error)).strip()

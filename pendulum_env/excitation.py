@@ -1,7 +1,6 @@
-"""Excitation signals: torque over time that makes a pendulum show its parameters.
+"""Excitation signals: torque over time for identification.
 
-Each is a small record of numbers that were drawn once, from then on a plain function of time: `signal(time)` gives the
-same torque for one instant or for N of them, in any order, and never exceeds `amplitude`.
+Each signal is a record of numbers. `signal(time)` is a pure function of time, scalar or (N,), bounded by `amplitude`.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ from pendulum_env.errors import FileError, UserError
 from pendulum_env.lookup import find
 from pendulum_env.reading import Number, convert
 
-MOST_TORQUE = 1e6  # [N m] of a signal; the largest robots have some 1e4
-Torque = Annotated[float, Meta(ge=1e-9, le=MOST_TORQUE)]  # [N m] of a signal in a file
+MOST_TORQUE = 1e6  # [N m], upper limit of an amplitude; the largest robots have about 1e4
+Torque = Annotated[float, Meta(ge=1e-9, le=MOST_TORQUE)]  # [N m], amplitude in a file
 Frequency = Annotated[float, Meta(ge=1e-6, le=1e3)]  # [Hz]
 USUAL_SPEED = 4.0  # [rad/s] default speed limit of a designed motion
 
@@ -32,13 +31,13 @@ class Excitation(Protocol):
         """Bound of |torque| [N m]."""
 
     def signal(self, time: ArrayLike) -> Array:
-        """Return the torque at a time or at times (N,), in the same shape [N m]."""
+        """Return the torque [N m] at `time` [s], in the same shape."""
 
 
 class TwoTone(Struct, frozen=True, tag_field="kind", tag="two_tone"):
-    """Excitation of the paper, 3 sin(12.07 t + r1) + 3 sin(2.25 t + r2): fast for inertia, slow for gravity.
+    """Excitation of the paper, 3 sin(12.07 t + r1) + 3 sin(2.25 t + r2).
 
-    The paper prints the sines without t; the frequencies only make sense with it. r1 and r2 are random phases.
+    The fast sine excites the inertia, the slow one gravity. r1 and r2 are random phases. The paper omits t in print.
     """
 
     amplitude: Torque
@@ -84,15 +83,15 @@ class Multisine(Struct, frozen=True, tag_field="kind", tag="multisine"):
         return np.asarray(np.sin(angles).sum(axis=-1))
 
     def _compute_peak(self) -> float:
-        # Between the points of a grid of M, a trigonometric polynomial of degree n exceeds its largest value there by
-        # no more than 1 / cos(pi n / M) (Ehlich and Zeller, Mathematische Zeitschrift 86, 1964).
+        # Between the points of a grid of M, a trigonometric polynomial of degree n exceeds its largest grid value by
+        # a factor of at most 1 / cos(pi n / M) (Ehlich and Zeller, Mathematische Zeitschrift 86, 1964).
         degree = max(self.harmonics)
         grid = np.linspace(0, 2 * np.pi, 32 * degree, endpoint=False)
         return float(np.abs(self._sum(grid)).max() / np.cos(np.pi / 32))
 
 
 class Chirp(Struct, frozen=True, tag_field="kind", tag="chirp"):
-    """Sweep of frequency, repeated after its duration: slow full turns first, fast small motion last."""
+    """Linear sweep from a low to a high frequency, repeated after its duration."""
 
     amplitude: Torque
     low: Frequency  # [Hz]
@@ -114,7 +113,7 @@ class Chirp(Struct, frozen=True, tag_field="kind", tag="chirp"):
 
 
 class Levels(Struct, frozen=True, tag_field="kind", tag="levels"):
-    """Torque held at given levels between given times, repeated after the last one."""
+    """Piecewise constant torque, repeated after the last level."""
 
     amplitude: Torque
     edges: tuple[Annotated[float, Meta(ge=1e-6, le=1e6)], ...]  # end of each level [s], increasing
@@ -127,7 +126,7 @@ class Levels(Struct, frozen=True, tag_field="kind", tag="levels"):
 
     @classmethod
     def draw_binary(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
-        """Draw pseudo-random signs: a flat spectrum below their clock of about 0.2 s."""
+        """Draw pseudo-random signs with a clock of about 0.2 s and a flat spectrum below its frequency."""
         clock = float(rng.uniform(0.12, 0.25))  # [s]
         count = int(seconds / clock) + 1
         levels = amplitude * rng.choice([-1.0, 1.0], count)
@@ -137,20 +136,20 @@ class Levels(Struct, frozen=True, tag_field="kind", tag="levels"):
     def draw_steps(
         cls, rng: np.random.Generator, seconds: float, amplitude: float, shortest: float = 0.2, longest: float = 1.2
     ) -> Self:
-        """Draw random levels held for random times [s]: the arm settles, starts from rest and overshoots."""
+        """Draw random levels, each held for a random time [s], with which the arm settles and overshoots."""
         edges = np.cumsum(rng.uniform(shortest, longest, int(seconds / shortest) + 1))
         edges = edges[: int(np.searchsorted(edges, seconds)) + 1]
         return cls(amplitude, tuple(edges.tolist()), tuple(rng.uniform(-amplitude, amplitude, len(edges)).tolist()))
 
 
-STILL = Levels(0.0, (1.0,), (0.0,))  # no torque
+STILL = Levels(0.0, (1.0,), (0.0,))  # zero torque
 
 
 class SignalKind(NamedTuple):
     """Kind of excitation."""
 
-    usual: float  # [N m], the amplitude it has unless another is asked for
-    draw: Callable[[np.random.Generator, float, float], Excitation]  # for so many seconds, of an amplitude
+    usual: float  # [N m], default amplitude
+    draw: Callable[[np.random.Generator, float, float], Excitation]  # from generator, duration [s] and amplitude [N m]
 
 
 EXCITATIONS: dict[str, SignalKind] = {
@@ -169,9 +168,9 @@ def excitation(
 
     Args:
         name: one of `EXCITATIONS`.
-        rng: where its random numbers come from, or a seed.
-        seconds: length of the recording; a longer one repeats a chirp, prbs or steps, and the others have no end.
-        amplitude: bound of |torque| [N m]; each kind has its usual one.
+        rng: random generator, or a seed.
+        seconds: length of the recording [s]. After it, chirp, prbs and steps repeat; the other kinds are endless.
+        amplitude: bound of |torque| [N m]; each kind has a default.
 
     Raises:
         ValueError: if the name is unknown, or if seconds or amplitude is not positive.
@@ -187,10 +186,10 @@ def excitation(
 
 
 def draw_family(rng: np.random.Generator, seconds: float, amplitude: float) -> list[Excitation]:
-    """Draw signals of different kinds, of a third to all of an amplitude, to choose one from.
+    """Draw candidate signals of all kinds, with bounds from a third to all of an amplitude [N m].
 
-    Slow ones creep through large angles and reverse seldom, medium and fast ones accelerate, a chirp does both one
-    after the other, steps overshoot from rest, and long holds let the arm come to rest at many angles.
+    Slow signals move through large angles with few reversals; fast signals accelerate; a chirp does both in turn. Steps
+    overshoot from rest, and long steps bring the arm to rest at many angles.
     """
     slow, fast = 1 / seconds, 0.5  # [Hz]
     signals: list[Excitation] = []
@@ -207,24 +206,24 @@ def draw_family(rng: np.random.Generator, seconds: float, amplitude: float) -> l
     return signals
 
 
-Signal = TwoTone | Multisine | Chirp | Levels  # in a file
+Signal = TwoTone | Multisine | Chirp | Levels  # signals that a file can hold
 
 
 def encode_signal(signal: Excitation) -> JSON:
-    """Return a plain dictionary for JSON of a signal of this module, with its kind."""
-    encoded: JSON = json.decode(json.encode(signal, enc_hook=float))  # tuples are lists there, NumPy's numbers floats
+    """Return the dictionary for JSON of a signal, with its kind."""
+    encoded: JSON = json.decode(json.encode(signal, enc_hook=float))  # tuples become lists, NumPy numbers floats
     return encoded
 
 
 def decode_signal(data: JSON, key: str = "") -> Excitation:
-    """Return the signal of a dictionary that `encode_signal` made.
+    """Return the signal of a dictionary from `encode_signal`.
 
     Raises:
-        ValueError: if it is none.
+        ValueError: if the dictionary is not a valid signal.
     """
     known = "a signal is one of two_tone, multisine, chirp, levels with all of its numbers, within its amplitude"
     try:
-        signal: Signal = convert(data, Signal, key)  # type: ignore[arg-type]  # msgspec knows unions
+        signal: Signal = convert(data, Signal, key)  # type: ignore[arg-type]  # msgspec accepts unions
     except UserError as error:
         raise FileError(f"{known}: {error}") from None
     match signal:

@@ -1,4 +1,4 @@
-"""Write files: checked before the work starts, and never left half written."""
+"""Check output paths, and write files completely or not at all."""
 
 import errno
 import os
@@ -11,10 +11,10 @@ from typing import BinaryIO
 
 
 def check_output(path: str | Path) -> Path:
-    """Return the path, if a file can be written there.
+    """Return the path if a file can be written at it.
 
     Raises:
-        OSError: if its folder is missing or not writable, or if it is a folder itself; the message says which.
+        OSError: if the folder is missing or not writable, or the path is a folder.
     """
     path = Path(path)
     if path.is_dir():
@@ -27,7 +27,7 @@ def check_output(path: str | Path) -> Path:
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
-    """Write a file so that a reader sees the old one or the new one, never half of it.
+    """Write a file in one step: readers see the old or the new content, never a part.
 
     Raises:
         OSError: as `replace_file`.
@@ -38,19 +38,19 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
 
 @contextmanager
 def replace_file(path: str | Path) -> Iterator[BinaryIO]:
-    """Open a file that takes its name only when all of it is on the disk; until then it has a hidden one beside.
+    """Open a hidden temporary file that replaces `path` when all content is on the disk.
 
-    Links are followed, and a file that is replaced keeps its permissions. A device, such as /dev/null, is written to.
+    Links are followed, and permissions of a replaced file are kept. A device, such as /dev/null, is written directly.
 
     Raises:
-        OSError: if it cannot be written; it names the file.
+        OSError: if the file cannot be written; the error names it.
     """
     place = Path(os.path.realpath(path))
     is_device = place.exists() and not place.is_file()
     target = place if is_device else place.with_name(f".{place.name}.{os.getpid()}.part")
     try:
         if not is_device:
-            target.unlink(missing_ok=True)  # of a program that was killed, or a link that another user made
+            target.unlink(missing_ok=True)  # left by a killed program, or a link by another user
         with target.open("wb" if is_device else "xb") as file:
             if place.is_file():
                 shutil.copymode(place, target)
@@ -63,15 +63,15 @@ def replace_file(path: str | Path) -> Iterator[BinaryIO]:
         raise OSError(error.errno, error.strerror or " ".join(str(error).split()), str(path)) from error
     finally:
         if not is_device:
-            with suppress(OSError):  # it has its name, or there never was one
+            with suppress(OSError):  # already renamed, or never created
                 target.unlink(missing_ok=True)
 
 
 def sync_file(file: BinaryIO | FileIO) -> None:
-    """Wait until the content is on the disk: some disks report only then that they are full.
+    """Wait until the content is on the disk; some disks report only then that they are full.
 
     Raises:
-        OSError: if it does not get there.
+        OSError: if the content cannot be written.
     """
     try:
         os.fsync(file.fileno())

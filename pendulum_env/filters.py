@@ -1,4 +1,4 @@
-"""Two filters of SciPy's, without the import time of scipy.signal."""
+"""Two filters of SciPy, without the import time of `scipy.signal`."""
 
 from math import factorial
 
@@ -9,9 +9,9 @@ from pendulum_env._typing import Array
 
 
 def filter_lag(series: Array, keep: float, before: float = 0.0) -> Array:
-    """Filter by a lag y[k] = a y[k-1] + (1 - a) x[k] of a series (N,) or (N, P), with a = `keep` and y[-1] = `before`.
+    """Filter a series x (N,) or (N, P) by y[k] = a y[k-1] + (1 - a) x[k], with a = `keep` and y[-1] = `before`.
 
-    The same as `scipy.signal.lfilter([1 - a], [1, -a], x, axis=0)`: the recursion is a bidiagonal system.
+    Equal to `scipy.signal.lfilter([1 - a], [1, -a], x, axis=0)`, solved as a bidiagonal system.
     """
     driven = (1 - keep) * series
     driven[:1] += keep * before
@@ -21,17 +21,17 @@ def filter_lag(series: Array, keep: float, before: float = 0.0) -> Array:
 
 
 def filter_savitzky_golay(series: Array, length: int, degree: int, derivative: int = 0, period: float = 1.0) -> Array:
-    """Return the derivative of a series (N,) from a polynomial fit to the `length` samples around each (odd).
+    """Return a derivative (N,) of a series (N,) from polynomials fitted to `length` samples, an odd number.
 
-    Within half a length of an end, the polynomial of the `length` samples there counts: `scipy.signal.savgol_filter`.
+    Near an end, the polynomial of the first or last `length` samples is used. Equal to `scipy.signal.savgol_filter`.
 
     Source: Savitzky and Golay, Analytical Chemistry 36(8), 1964.
     """
     half = length // 2
     powers = np.vander(np.arange(-half, half + 1) / max(half, 1), degree + 1, increasing=True)  # (L, D + 1)
-    coefficients = np.linalg.pinv(powers)  # (D + 1, L), of the polynomial whose values are the samples
+    coefficients = np.linalg.pinv(powers)  # (D + 1, L), from samples to coefficients
     factors = np.array([factorial(n) / factorial(n - derivative) for n in range(derivative, degree + 1)])
     slopes = powers[:, : degree + 1 - derivative] * factors / (max(half, 1) * period) ** derivative
-    smoother = slopes @ coefficients[derivative:]  # (L, L): derivative at each sample of a stretch
+    smoother = slopes @ coefficients[derivative:]  # (L, L), from samples to derivatives
     inner = np.correlate(series, smoother[half], mode="valid")
     return np.concatenate([smoother[:half] @ series[:length], inner, smoother[half + 1 :] @ series[-length:]])

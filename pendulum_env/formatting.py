@@ -12,7 +12,7 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class TextTable(NamedTuple):
-    """Rows of text under headers; the first column and those named in `left` are flush left, the others right."""
+    """Rows of text under headers; the first column and the columns in `left` are flush left, the others right."""
 
     headers: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -25,7 +25,7 @@ def capitalise(text: str) -> str:
 
 
 def join_words(items: Sequence[str], last: str = "and") -> str:
-    """Join items as in a sentence: `a`, `a and b`, `a, b and c`."""
+    """Join items to a list in words: `a`, `a and b`, `a, b and c`."""
     return f" {last} ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
 
 
@@ -36,7 +36,7 @@ def format_p_value(value: float) -> str:
 
 def format_estimate(value: float, std: float) -> str:
     """Format value and standard error to two digits of the error, `0.08951 ± 0.00012`; four digits without one."""
-    if not 1e-9 * abs(value) < std < math.inf:  # else rounding of a value that is known
+    if not 1e-9 * abs(value) < std < math.inf:  # no error, or rounding error of an exact value
         return f"{value:.4g}"
     digits = min(12, max(0, 1 - math.floor(math.log10(std))))
     return f"{value:.{digits}f} ± {std:.{digits}f}"
@@ -49,7 +49,7 @@ def draw_bar(share: float, width: int = 12) -> str:
 
 
 def format_number(value: float, digits: int = 3, padded: bool = False) -> str:
-    """Format a value to some significant digits, `padded` with zeros, with powers of ten."""
+    """Format a value to `digits` significant digits, with powers of ten; `padded` keeps trailing zeros."""
     if not np.isfinite(value):
         return "–"
     plain = f"{value:#.{digits}g}".rstrip(".") if padded else f"{value:.{digits}g}"
@@ -61,12 +61,12 @@ def format_number(value: float, digits: int = 3, padded: bool = False) -> str:
 
 
 def format_unit(text: str) -> str:
-    """Format a unit for print; empty for a pure number."""
+    """Format a unit for display; empty for a dimensionless quantity."""
     return "" if text == "1" else text.replace("^2", "²").replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def typeset(text: str) -> str:
-    """Replace the hyphens of an estimate by minus signs."""
+    """Replace hyphens by minus signs."""
     return text.replace("-", "−")
 
 
@@ -76,5 +76,5 @@ def format_percent(share: float) -> str:
 
 
 def format_quantity(value: float, digits: int, unit: str = "") -> str:
-    """Write a number with its unit, or `unknown` for NaN."""
+    """Format a number with its unit; NaN becomes `unknown`."""
     return "unknown" if math.isnan(value) else f"{value:.{digits}g}{f' {unit}' if unit else ''}"

@@ -1,4 +1,4 @@
-"""Re-exports of a package, each imported when it is first used (PEP 562)."""
+"""Re-exports of a package that are imported at their first use (PEP 562)."""
 
 import ast
 import sys
@@ -9,9 +9,9 @@ from pathlib import Path
 
 
 def lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """Return `__getattr__` and `__dir__` of a package whose re-exports stand under `if TYPE_CHECKING:`.
+    """Return `__getattr__` and `__dir__` of a package whose imports are under `if TYPE_CHECKING:`.
 
-    Type checkers and editors read these imports. At run time, the first use of a name imports its module alone.
+    Type checkers read these imports. At run time, the first use of a name imports its module only.
     """
     module = sys.modules[package]
 

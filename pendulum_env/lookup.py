@@ -1,4 +1,4 @@
-"""Find things by name; an error names the nearest."""
+"""Find values by name; the error suggests the nearest known name."""
 
 import difflib
 import functools
@@ -15,20 +15,20 @@ READING = ("columns", "unwrap", "drive")  # arguments of `read_recording` alone
 
 
 class UnknownName(UserError, KeyError):
-    """Name that is unknown."""
+    """Unknown name."""
 
-    __str__ = Exception.__str__  # a KeyError would quote the sentence
+    __str__ = Exception.__str__  # KeyError.__str__ quotes the message
 
 
 def find(kind: str, name: str, known: Mapping[str, T]) -> T:
     """Find the value of a name.
 
     Raises:
-        UnknownName: if nothing is; the message names the nearest and all that exist.
+        UnknownName: if the name is unknown; the message has the nearest name and all known names.
     """
     if name not in known:
         name = str(name)
-        name = name if len(name) <= 60 else f"{name[:57]}..."  # as much as a sentence quotes
+        name = name if len(name) <= 60 else f"{name[:57]}..."
         near = difflib.get_close_matches(name, known, n=1)
         hint = f": did you mean {near[0]}? Known: " if near else "; known: "
         raise UnknownName(f"unknown {kind} '{name}'{hint}{', '.join(sorted(known))}")
@@ -36,7 +36,7 @@ def find(kind: str, name: str, known: Mapping[str, T]) -> T:
 
 
 def refuse_unknown_arguments(function: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a function so that it refuses an unknown keyword and names the nearest that it takes."""
+    """Decorate a function to refuse an unknown keyword with the nearest known one."""
     known = dict(inspect.signature(function).parameters)
     known.pop("self", None)
 

@@ -1,27 +1,27 @@
-"""How results show themselves in a notebook: the narrator of the workbench registers what to show."""
+"""Display of results in notebooks; the workbench registers the text of each type."""
 
 from functools import singledispatch
 from importlib import import_module
 from typing import Any
 
-BLUE, ORANGE, GREEN = "#3d85d8", "#d9792a", "#2f9e77"  # 3 : 1 or more on white and on black
-NARRATOR = "workbench.narrator.notebook"  # loaded, by name, when first needed
+BLUE, ORANGE, GREEN = "#3d85d8", "#d9792a", "#2f9e77"  # contrast of at least 3:1 on white and on black
+NARRATOR = "workbench.narrator.notebook"  # imported at the first use
 
 
 @singledispatch
 def render_html(result: object) -> str:
-    """Render a result as HTML; each kind of result is registered by the code that shows it."""
+    """Render a result as HTML by the function that is registered for its type."""
     return _narrate(render_html, result)
 
 
 @singledispatch
 def summarise(result: object) -> str:
-    """Summarise a result in one sentence; registered as `render_html`."""
+    """Summarise a result in one sentence by the function that is registered for its type."""
     return _narrate(summarise, result)
 
 
 def _narrate(generic: Any, result: object) -> str:
-    """Return the text of a result by the function that the narrator registers for its kind."""
+    """Import the narrator, which registers its functions, and call the one for the result's type."""
     import_module(NARRATOR)
     narrate = generic.dispatch(type(result))
     if narrate is generic.dispatch(object):
@@ -31,7 +31,7 @@ def _narrate(generic: Any, result: object) -> str:
 
 
 class Shown:
-    """Result that a notebook shows as `render_html` renders it."""
+    """Mixin of results that a notebook displays by `render_html`."""
 
     __slots__ = ()
 

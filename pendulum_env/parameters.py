@@ -1,4 +1,4 @@
-"""Parameters of simulated plants: those that an episode begins with, and those now."""
+"""Initial and current parameters of simulated plants."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pendulum_env.physics import Model, Term, effects
 from pendulum_env.physics.terms import set_nonlinear_values
 from pendulum_env.plant import check_linear, check_nonlinear, refuse_unnamed
 
-Values = Mapping[str, ArrayLike]  # parameters by name; of a batch also one for each plant (B,)
+Values = Mapping[str, ArrayLike]  # parameters by name, scalars or, of a batch, (B,)
 
 
 class PlantParameters:
@@ -23,12 +23,12 @@ class PlantParameters:
     Linear parameters have the name of their column, nonlinear parameters are `effect.part`, as in `Model.estimates`.
 
     Attributes:
-        model: the plant that an environment was made with.
-        now: parameters now, each () or (B,).
+        model: plant that the environment was made with.
+        now: current parameters by name, each () or (B,).
     """
 
     def __init__(self, model: Model, batch: tuple[int, ...] = ()) -> None:
-        """Take the plant, and () or (B,)."""
+        """Make the parameters of a model; `batch` is () or (B,)."""
         self.model, self._batch = model, batch
         self._linear = [column.name for column in model.columns]
         self._nonlinear = {
@@ -43,10 +43,10 @@ class PlantParameters:
         """Begin an episode.
 
         Args:
-            theta: parameters of this and later episodes by name.
+            theta: parameters by name, for this and later episodes.
 
         Raises:
-            UserError: if a parameter is unknown or impossible. The episode then goes on as before.
+            UserError: if a parameter is unknown or impossible; the parameters then stay unchanged.
         """
         before, self.now = self.now, dict(self._start)
         try:
@@ -58,11 +58,11 @@ class PlantParameters:
         self._start = dict(self.now)
 
     def restart(self, which: Mask) -> None:
-        """Begin an episode of some plants (B,)."""
+        """Begin an episode of the plants in the mask `which` (B,)."""
         self.now = {name: np.where(which, self._start[name], value) for name, value in self.now.items()}
 
     def change(self, values: Values, which: Mask | None = None) -> None:
-        """Change some parameters until the next reset, of all plants or of some (B,)."""
+        """Change parameters until the next reset, of all plants or of those in the mask `which` (B,)."""
         for name, value in self._check_values(values).items():
             self.now[name] = value if which is None else np.where(which, value, self.now[name])
 
@@ -86,16 +86,16 @@ class PlantParameters:
 
     @property
     def info(self) -> dict[str, Any]:
-        """Return the current parameters for an info: numbers, or arrays (B,) with Gymnasium's masks."""
+        """Return the current parameters for `info`: numbers, or arrays (B,) with Gymnasium's masks."""
         if not self._batch:
             return {name: float(value) for name, value in self.now.items()}
         everyone = np.ones(self._batch, dtype=bool)
         return {**self.now, **{f"_{name}": everyone for name in self.now}}
 
     def _check_values(self, given: Values) -> dict[str, Array]:
-        """Return arrays () or (B,) of given parameters; refuse unknown names and impossible values."""
+        """Return the given parameters as arrays () or (B,); refuse unknown names and impossible values."""
         refuse_unnamed(given)
-        values = {name: value for name, value in given.items() if not name.startswith("_")}  # masks of an info
+        values = {name: value for name, value in given.items() if not name.startswith("_")}  # without Gymnasium's masks
         checked = {}
         for name, value in values.items():
             id = name.partition(".")[0]
@@ -117,7 +117,7 @@ class PlantParameters:
         return checked
 
     def _check_nonlinear(self, values: Mapping[str, Array]) -> None:
-        """Refuse nonlinear parameters that make no sense together, or that plants of a batch cannot have apart."""
+        """Refuse nonlinear parameters that contradict each other, and dead times that differ within a batch."""
         if not values.keys() & self._nonlinear.keys():
             return
         merged = {**self.now, **values}
@@ -132,7 +132,7 @@ class PlantParameters:
 
 
 class PlantProperties:
-    """Properties of the plant of an environment."""
+    """Mixin: properties of an environment's plant."""
 
     plant: PlantParameters
 
@@ -148,5 +148,5 @@ class PlantProperties:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Return the ids of the terms beyond the base."""
+        """Return the ids of the plant's effects."""
         return self.plant.model.effects

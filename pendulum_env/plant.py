@@ -1,4 +1,4 @@
-"""Plants to simulate: the paper's pendulum, and effects hidden in it by a short text such as `stribeck=0.4`."""
+"""Simulated plants: the paper's pendulum with hidden effects, given as texts such as `stribeck=0.4`."""
 
 import math
 import re
@@ -21,7 +21,7 @@ PAPER: dict[str, float] = {  # the paper's Table 2, dynamic row
     "viscous": 0.3638,  # [N m s/rad]
     "coulomb": 0.9163,  # [N m]
 }
-TYPICAL: dict[str, float] = {  # sizes of effects that a good rig might show, by unit, unless the effect says its own
+TYPICAL: dict[str, float] = {  # typical sizes of effects by unit; `Term.typical_size` takes precedence
     "N m": 0.2,
     "N m s/rad": 0.06,
     "N m s^2/rad^2": 0.035,
@@ -54,13 +54,13 @@ def refuse_unnamed(theta: object) -> None:
 
 
 def get_typical_values(term: Term) -> dict[str, float]:
-    """Return typical parameters of an effect: linear ones first, names without its id; more of several orders."""
+    """Return typical parameters of an effect by name, linear parameters first."""
     linear = {column.name.removeprefix(f"{term.id}."): TYPICAL.get(column.unit, 0.1) for column in term.columns}
     return linear | term.nonlinear_values | (read_parameters(size) if (size := term.typical_size) else {})
 
 
 def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
-    """Draw parameters of an effect around typical values: linear ones first, then free nonlinear ones."""
+    """Draw parameters of an effect around typical values: linear, then free nonlinear parameters."""
     values = get_typical_values(kind())
     nonlinear = {
         parameter.name: float(rng.integers(5, 25))
@@ -74,15 +74,15 @@ def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
 
 
 def hide(plant: Model, text: str) -> Model:
-    """Return the plant with one more effect, given as text.
+    """Add an effect, given as text, to a plant.
 
-    `stribeck` is of typical size, `stribeck=0.4,0.3` sets its parameters in order, `cogging:order=14,sin=0.2` by name;
-    those not given stay typical, and `pendulum-ident effects` lists them in order. A stop at infinity is none:
-    `hard_stop:upper=0.9,lower=-inf`.
+    `stribeck` has its typical size, `stribeck=0.4,0.3` sets the parameters in order, and `cogging:order=14,sin=0.2` by
+    name. Other parameters keep typical values. `pendulum-ident effects` lists them in order. An infinite limit removes
+    a stop: `hard_stop:upper=0.9,lower=-inf`.
 
     Raises:
         ValueError: if the effect or a parameter is unknown, or a value is not a number in the admissible range.
-        ModelError: if the plant has the effect already.
+        ModelError: if the plant already has the effect.
     """
     id, separator, listed = re.fullmatch("([^:=]*)([:=]?)(.*)", text, re.DOTALL).groups()  # type: ignore[union-attr]
     id = id.strip()
@@ -116,10 +116,10 @@ def hide(plant: Model, text: str) -> Model:
 
 
 def check_nonlinear(id: str, parameter: NonlinearParameter, value: float) -> None:
-    """Refuse a nonlinear parameter of an effect that is out of its range.
+    """Refuse a nonlinear parameter out of its range.
 
     Raises:
-        ValueError: naming the effect, the parameter and its range.
+        ValueError: with the effect, the parameter and its range.
     """
     if not parameter.low <= value <= parameter.high or (parameter.integer and value != round(value)):
         allowed = f"{'an integer' if parameter.integer else 'a number'} from {parameter.low:g} to {parameter.high:g}"
@@ -127,10 +127,10 @@ def check_nonlinear(id: str, parameter: NonlinearParameter, value: float) -> Non
 
 
 def check_linear(name: str, value: float) -> None:
-    """Refuse a linear parameter that no plant can have; an identified model may have a negative one.
+    """Refuse a linear parameter that a plant cannot have. Identified models may have negative parameters.
 
     Raises:
-        ValueError: naming the parameter.
+        ValueError: with the parameter and its range.
     """
     if not abs(value) <= LARGE or (name == "inertia" and value <= 0):
         allowed = "a positive number" if name == "inertia" else f"a number from {-LARGE:g} to {LARGE:g}"
@@ -160,14 +160,14 @@ def _number(part: str, text: str) -> float:
 
 
 def list_effects(effects: Effects) -> tuple[str, ...]:
-    """List effects to hide as texts, see `hide`.
+    """Convert effects to texts for `hide`.
 
     Args:
-        effects: one text such as `stribeck=0.4`, several, `{"stribeck": 0.4}`, or `{"stribeck": {"stribeck": 0.4}}`
-            with parameters by name; None lists none.
+        effects: a text such as `stribeck=0.4`, several texts, sizes by id `{"stribeck": 0.4}`, parameters by id and
+            name `{"stribeck": {"stribeck": 0.4}}`, or None.
 
     Raises:
-        TypeError: if they are of another kind.
+        TypeError: if effects have another type.
     """
     if isinstance(effects, str):
         return (effects,)
@@ -186,7 +186,7 @@ def _write_effect(id: str, size: object) -> str:
         if isinstance(size, Mapping):
             listed = ",".join(f"{name}={float(value)!r}" for name, value in size.items())
             return f"{id}:{listed}" if listed else id
-        return f"{id}={float(size)!r}"  # type: ignore[arg-type]  # what is no number is refused
+        return f"{id}={float(size)!r}"  # type: ignore[arg-type]  # float raises TypeError
     except (TypeError, ValueError):
         raise TypeError(f"the size of {id} is {quote_value(size)}: give a number, or numbers by parameter") from None
 
@@ -199,13 +199,13 @@ def make_plant(
     """Make the plant of an environment.
 
     Args:
-        theta: parameters that differ from the paper's, by name.
-        effects: hidden in it, as `stribeck=0.4` or `{"stribeck": 0.4}`, see `list_effects`.
-        model: an identified model or its file, instead of the paper's plant.
+        theta: parameters by name that differ from the paper.
+        effects: hidden effects, such as `stribeck=0.4` or `{"stribeck": 0.4}`; see `list_effects`.
+        model: identified model, or its file, in place of the paper's plant.
 
     Raises:
         ValueError: if a parameter or an effect is unknown or impossible, or if both theta and a model are given.
-        TypeError: if theta or an effect is of another kind.
+        TypeError: if theta or an effect has another type.
         ModelError: if the model cannot be read, or lacks inertia, or its inertia is unknown.
     """
     if model is not None:

@@ -1,4 +1,4 @@
-"""Excitation signals as policies, and rollouts that become recordings."""
+"""Policies from excitation signals, and rollouts that return recordings."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -17,7 +17,7 @@ State = tuple[Any, ...] | None
 
 
 class Policy(Protocol):
-    """Interface of policies; models of stable-baselines3 are policies."""
+    """Interface of policies, as of stable-baselines3 models."""
 
     def predict(
         self,
@@ -26,28 +26,28 @@ class Policy(Protocol):
         episode_start: Any = None,
         deterministic: bool = False,
     ) -> tuple[Any, State]:
-        """Return actions for observations, and the next state; of one pendulum, or of a batch (B, ...)."""
+        """Return the actions and the next state, of one pendulum or of a batch (B, ...)."""
 
 
 @runtime_checkable
 class Controller(Protocol):
-    """Interface of controllers, which compute the torque of a pendulum or an arm from measurements in `info`."""
+    """Interface of controllers, which compute the torque from the measurements in `info`."""
 
     def torque(self, info: Mapping[str, Any]) -> float | Array:
-        """Return the torque for the period that begins now [N m], of an arm (n,); `info` is the environment's."""
+        """Return the torque of the next period [N m], of an arm (n,), from the environment's `info`."""
 
 
 class OpenLoop:
-    """Signal as a policy: the torque of each step, without feedback; it restarts with each episode."""
+    """Policy that plays a signal without feedback, from its start in each episode."""
 
     def __init__(self, excitation: Excitation, rate: float) -> None:
-        """Take the signal and the steps per second [Hz]."""
+        """Set the signal and the rate of the environment [Hz]."""
         self.excitation, self.rate = excitation, rate
 
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = False
     ) -> tuple[NDArray[np.float32], State]:
-        """Return the torque of the step, (1,) or (B, 1) [N m]; the state counts the steps of each episode."""
+        """Return the torque of the step [N m], (1,) or (B, 1), and the state: steps since the episode's start."""
         batch = np.shape(observation)[:-1]
         steps = np.zeros(batch) if state is None else np.asarray(state[0])
         if episode_start is not None:
@@ -59,14 +59,14 @@ class OpenLoop:
 def iterate_steps(
     env: gym.Env[Any, Any], policy: Policy | Controller, seed: int | None = None, options: dict[str, Any] | None = None
 ) -> Iterator[tuple[tuple[float, Any, Any] | None, dict[str, Any]]]:
-    """Run a policy or a controller until the episode ends or the caller stops asking.
+    """Run a policy or a controller until the episode ends.
 
     Raises:
-        ValueError: if the policy is laid out for another rate than the environment's.
+        ValueError: if policy and environment have different rates.
 
     Yields:
-        Time [s] and position [rad] before each step and the torque from then on [N m], None with a fault, when nothing
-        was measured; and the step's `info`.
+        Sample of each step and its `info`. The sample is the time [s] and position [rad] before the step and the torque
+        [N m] from that time on, or None after a fault.
     """
     rates = [getattr(part, "rate", None) for part in (policy, env.unwrapped)]
     if None not in rates and not math.isclose(*rates):  # type: ignore[arg-type]
@@ -94,10 +94,10 @@ def rollout(
     name: str = "rollout",
     watch: Callable[[dict[str, Any]], None] | None = None,
 ) -> Recording:
-    """Run a policy or a controller in an environment and keep the measurement.
+    """Run a policy or a controller in an environment and return the recording.
 
     Returns:
-        One sample for each step; its torque acts from its time on.
+        Recording with one sample per step; its torque acts from its time on.
     """
     return Recording(*measure(islice(iterate_steps(env, policy, seed), steps), watch), name=name, is_checked=True)
 
@@ -106,7 +106,7 @@ def measure(
     run: Iterable[tuple[tuple[float, Any, Any] | None, dict[str, Any]]],
     watch: Callable[[dict[str, Any]], None] | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Return time (N,) [s], position [rad] and torque [N m] of a run of `iterate_steps`, (N,) each, or (N, n)."""
+    """Collect time [s] (N,), position [rad] and torque [N m], each (N,) or (N, n), of `iterate_steps`."""
     rows: list[tuple[float, Any, Any]] = []
     for row, info in run:
         if row is not None:

@@ -1,4 +1,4 @@
-"""Numbers with their standard errors and units, as records hold them."""
+"""Numbers with standard error and unit."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -8,13 +8,13 @@ from pendulum_env._typing import JSON
 
 @dataclass(frozen=True)
 class Quantity:
-    """Number with its standard error, zero if there is none, and its unit, empty for a pure number."""
+    """Number with standard error, zero if exact, and unit, empty if dimensionless."""
 
     value: float
     std: float = 0.0
     unit: str = ""
 
     def json(self) -> JSON:
-        """Return a plain dictionary for JSON; null stands for an unknown number."""
+        """Return a dictionary for JSON, with null for a number that is not finite."""
         value, std = (number if isfinite(number) else None for number in (self.value, self.std))
         return {"value": value, "std": std, "unit": self.unit}

@@ -1,7 +1,6 @@
-"""Read JSON, TOML and NPZ files, and check their content.
+"""Read and check JSON, TOML and NPZ files.
 
-`convert` makes a struct or a dataclass of what stands in them. Every fault is one sentence with the file and, where
-there is one, the key.
+`convert` makes a struct or a dataclass of the content. Each error is one sentence with the file and the key.
 """
 
 from __future__ import annotations
@@ -23,17 +22,17 @@ from numpy.typing import NDArray
 from pendulum_env.errors import FileError, UserError, shorten_error
 from pendulum_env.lookup import find
 
-LARGEST = 500_000_000  # bytes of a file: some 8 million rows of CSV
-LARGE = 1e9  # of any number in a file: in SI units no pendulum has more of anything, and squares stay finite
-SHOWN = 60  # characters of a value that a sentence quotes
-LONGEST = 1000  # characters of a text in a record
+LARGEST = 500_000_000  # [bytes] of a file, about 8 million rows of CSV
+LARGE = 1e9  # largest magnitude of a number in a file [SI units]
+SHOWN = 60  # characters of a quoted value in a message
+LONGEST = 1000  # characters of a text field
 
 T = TypeVar("T")
 
 
 def quote_value(value: object, most: int = SHOWN) -> str:
-    """Quote a value in a sentence, in up to `most` characters, without its inner values."""
-    if type(value).__module__ != "builtins" and "\n" in repr(value):  # of an array, or a result
+    """Quote a value for a message in up to `most` characters, without nested values."""
+    if type(value).__module__ != "builtins" and "\n" in repr(value):  # arrays and results
         return f"<{type(value).__name__}>"
     brief = reprlib.Repr()
     brief.maxlevel, brief.maxlong, brief.maxstring, brief.maxother = 1, most, most, most
@@ -45,7 +44,7 @@ def quote_value(value: object, most: int = SHOWN) -> str:
 
 
 def check_size(path: str | os.PathLike[str]) -> None:
-    """Refuse a path that is no file, or a file of more than `LARGEST` bytes."""
+    """Refuse a path that is not a regular file, or a file of more than `LARGEST` bytes."""
     try:
         status = os.stat(path)
     except (OSError, ValueError) as error:
@@ -66,7 +65,7 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """Read a text file; each line ends with a line feed."""
+    """Read a UTF-8 text file; line ends become line feeds."""
     try:
         return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError:
@@ -84,8 +83,8 @@ def read_json(path: str | os.PathLike[str], hint: str) -> Any:
     """Read a JSON file.
 
     Args:
-        path: of the file.
-        hint: which file is meant, such as `a model is what identify -o writes`.
+        path: path of the file.
+        hint: expected file, for messages, such as `a model is what identify -o writes`.
     """
     data = read_bytes(path)
     try:
@@ -104,7 +103,7 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def format_toml(table: Mapping[str, Any]) -> list[str]:
-    """Format a table as lines of TOML, tables in it on one line each: the counterpart of `read_toml`."""
+    """Format a table as lines of TOML, with nested tables inline: the inverse of `read_toml`."""
     return [f"{name} = {_format_value(value)}" for name, value in table.items()]
 
 
@@ -114,8 +113,8 @@ def _format_value(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_format_value, value)) + "]"
     if isinstance(value, float):
-        return repr(float(value))  # of NumPy's, too
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # whole numbers, truth values and texts
+        return repr(float(value))  # also of NumPy floats
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # integers, booleans and strings
 
 
 # ---------------------------------------------------------------------------------------------------------- values
@@ -127,15 +126,15 @@ Text = Annotated[str, Meta(min_length=1, max_length=LONGEST)]
 
 
 def convert(content: Any, kind: type[T], key: str = "") -> T:
-    """Convert what JSON or TOML holds to a type that msgspec knows, such as a struct or a dataclass.
+    """Convert the content of JSON or TOML to a type of msgspec, such as a struct or a dataclass.
 
     Args:
-        content: as the parser gave it.
-        kind: the type. A name that a dataclass, or a struct with `forbid_unknown_fields`, does not have is refused.
-        key: under which the content stands in its file; empty for the whole file.
+        content: output of the parser.
+        kind: target type. Unknown keys of a dataclass or of a struct with `forbid_unknown_fields` are refused.
+        key: key of the content in its file; empty for the whole file.
 
     Raises:
-        UserError: if it is of another type or out of range; the message has its key: `recording[2].load.gravity`.
+        UserError: if a value has another type or is out of range; the message has its key: `recording[2].load.gravity`.
     """
     _refuse_unknown(content, inspect.type_info(kind), key)
     try:
@@ -147,7 +146,7 @@ def convert(content: Any, kind: type[T], key: str = "") -> T:
 
 
 def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:
-    """Refuse names and words that a type does not have; the message has those that it has."""
+    """Refuse unknown keys and literals; the message lists the known ones."""
     kinds = kind.types if isinstance(kind, inspect.UnionType) else (kind,)
     words = [word for one in kinds if isinstance(one, inspect.LiteralType) for word in one.values]
     if words and isinstance(content, str | int) and content not in words:
@@ -172,11 +171,11 @@ def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:
 
 
 def read_arrays(path: str | os.PathLike[str], hint: str) -> dict[str, NDArray[Any]]:
-    """Read all arrays of an NPZ file by name; none is unpickled.
+    """Read the arrays of an NPZ file by name, without unpickling.
 
     Args:
-        path: of the file.
-        hint: which file is meant, as in `read_json`.
+        path: path of the file.
+        hint: expected file, as in `read_json`.
     """
     check_size(path)
     try:

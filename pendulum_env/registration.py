@@ -1,4 +1,4 @@
-"""Environments of the project in Gymnasium: names, and registration as soon as Gymnasium is loaded."""
+"""Names of the environments, and their registration when Gymnasium is imported."""
 
 import sys
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ ARM = "pendulum_env/PlanarArm-v0"
 DESIGN = "pendulum_env/ExcitationDesign-v0"
 ARM_DESIGN = "pendulum_env/ArmExcitationDesign-v0"
 
-ENTRY_POINTS = {  # one environment, and a batch of them; found only when made: nothing here knows of agents
+ENTRY_POINTS = {  # environment and batch, imported by Gymnasium at the first use
     PENDULUM: ("pendulum_env.env:DirectDrivePendulum", "pendulum_env.vector_env:DirectDrivePendulumVector"),
     ARM: ("pendulum_env.arms.env:PlanarArm", None),
     DESIGN: ("agents.design_env:ExcitationDesign", "agents.design_env:ExcitationDesignVector"),
@@ -22,7 +22,7 @@ REGISTRY = "gymnasium.envs.registration"
 
 
 def register_environments() -> None:
-    """Register the environments now, or when Gymnasium is imported: recordings and physics do without it."""
+    """Register the environments now, or later when Gymnasium is imported."""
     if REGISTRY in sys.modules:
         _register_in(sys.modules[REGISTRY])
     else:
@@ -35,7 +35,7 @@ def _register_in(registry: ModuleType) -> None:
 
 
 class _RegistryFinder(MetaPathFinder):
-    """Find Gymnasium's registry as Python does, with a loader that adds the environments."""
+    """Find Gymnasium's registry module and wrap its loader."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
@@ -50,7 +50,7 @@ class _RegistryFinder(MetaPathFinder):
 
 
 class _RegistryLoader(Loader):
-    """Load Gymnasium's registry, then add the environments."""
+    """Load Gymnasium's registry, then register the environments."""
 
     def __init__(self, loader: Loader) -> None:
         self._loader = loader

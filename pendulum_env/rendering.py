@@ -1,4 +1,4 @@
-"""Picture of a pendulum or of several links in a row: torques as arcs about the pivots, and lines of text."""
+"""Picture of a pendulum or an arm: links, torques as arcs about the joints, and lines of text."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -12,20 +12,20 @@ from pendulum_env.lookup import find
 
 MODES = ("human", "rgb_array")
 WIDTH, HEIGHT = 600, 480  # [pixels]
-REACH, BOB = 173, 18  # [pixels] of all links in a row, and of the discs at their ends
-LINE, MOST = 20, 15  # [pixels] from one line of text to the next, and how many are shown
-FRAMES = 50  # per second of simulated time, in a window
+REACH, BOB = 173, 18  # [pixels], length of all links together, and radius of the discs at their ends
+LINE, MOST = 20, 15  # [pixels] between lines of text, and largest number of lines
+FRAMES = 50  # pictures per second of simulated time, in a window
 PAPER, INK, ARM, TORQUE = (250, 249, 246), (40, 44, 52), (52, 101, 164), (204, 92, 40)
 
 
 class Renderer:
-    """Renderer by pygame, which is imported when first needed."""
+    """Renderer by pygame, which is imported at the first picture."""
 
     def __init__(self, mode: str | None) -> None:
-        """Set the mode; a window opens with the first picture, and none in mode None.
+        """Set the mode, None for no pictures; a window opens with the first picture.
 
         Raises:
-            ValueError: if there is no such mode.
+            ValueError: if the mode is unknown.
         """
         if mode is not None:
             find("render_mode", mode, dict.fromkeys(MODES))
@@ -39,7 +39,7 @@ class Renderer:
         self._due = -np.inf
 
     def __reduce__(self) -> Any:
-        return Renderer, (self.mode,)  # a window cannot be pickled: it opens anew
+        return Renderer, (self.mode,)  # without the window, which cannot be pickled
 
     def draw(
         self,
@@ -49,16 +49,16 @@ class Renderer:
         lengths: Sequence[float] = (1.0,),
         angles: Sequence[float] = (0.0,),
     ) -> NDArray[np.uint8] | None:
-        """Draw a picture (H, W, 3) in mode rgb_array, or show it 50 times a second in mode human.
+        """Return a picture (H, W, 3) in mode rgb_array, or show `FRAMES` pictures per second in mode human.
 
-        Text stands at the bottom, and the links are as long as the room above it allows.
+        Text is at the bottom; the links are scaled to the space above it.
 
         Args:
-            measurement: time [s], position [rad] and torque [N m], of one joint or of all (n,).
-            max_torque: torque at which the arc goes three quarters round [N m].
-            lines: of text to show; those beyond `MOST` are left out.
-            lengths: of the links, in proportion.
-            angles: of the links from hanging down, where the joints are at zero [rad].
+            measurement: time [s], position [rad] and torque [N m], each () or (n,), by name.
+            max_torque: torque of an arc of three quarters of a turn [N m].
+            lines: lines of text; at most `MOST` are shown.
+            lengths: relative lengths of the links (n,).
+            angles: angles of the links (n,) from hanging down at joint position zero [rad].
         """
         if self.mode is None:
             gym.logger.warn("render was called without a render_mode: pass render_mode='rgb_array' to gym.make")
@@ -114,7 +114,7 @@ class Renderer:
         return pygame
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if it is open."""
         if self._surface is not None and self.mode == "human":
             self._open().display.quit()
         self._forget()

@@ -1,4 +1,4 @@
-"""Arguments in messages, formatted for the user: as arguments of a call in Python, or as options of a program."""
+"""Format arguments in messages: as Python arguments, or as options of the command line."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,7 @@ Writer = Callable[[str, object], str]
 
 
 class Blank(str):
-    """Value that the reader has to fill in."""
+    """Placeholder in a message for a value of the user."""
 
     __slots__ = ()
 
@@ -15,7 +15,7 @@ class Blank(str):
 
 
 def format_argument(name: str, value: object) -> str:
-    """Write an argument of a call: `unwrap=True`, `columns={'torque': 'tau'}`."""
+    """Format an argument of a call: `unwrap=True`, `columns={'torque': 'tau'}`."""
     return f"{name}={value!r}"
 
 
@@ -23,12 +23,12 @@ _write: Writer = format_argument
 
 
 def format_setting(name: str, value: object) -> str:
-    """Write an argument of this library as the running program names it."""
+    """Format an argument by the current writer: as a Python argument or a command line option."""
     return _write(name, value)
 
 
 def use_writer(writer: Writer) -> Writer:
-    """Set the writer of arguments in messages of this process; return the previous one."""
+    """Set the writer of arguments for this process; return the previous writer."""
     global _write
     before, _write = _write, writer
     return before

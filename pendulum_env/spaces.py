@@ -1,4 +1,4 @@
-"""Spaces and argument checks shared by the environments of one and of many pendulums."""
+"""Spaces and argument checks of the environments."""
 
 from collections.abc import Mapping
 from numbers import Real
@@ -10,15 +10,15 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.reading import quote_value
 
-MAX_TORQUE = 15.0  # [N m], of the DM1015B
-MAX_VELOCITY = 100.0  # [rad/s], bound of the observation; the measurement in `info` has none
-VELOCITIES = {"difference": False, "ideal": True}  # how it is measured, and whether that is exactly
+MAX_TORQUE = 15.0  # [N m], limit of the DM1015B
+MAX_VELOCITY = 100.0  # [rad/s], bound of the observation; `info` is unbounded
+VELOCITIES = {"difference": False, "ideal": True}  # by name: whether velocity is measured exactly
 RESET_OPTIONS = dict.fromkeys(("position", "velocity", "theta", "clear_fault"))
-WHOLE = ("substeps", "num_envs")  # numbers that count something
+WHOLE = ("substeps", "num_envs")  # integer arguments
 
 
 def make_spaces(max_torque: float, joints: int = 1) -> tuple[gym.spaces.Box[np.float32], gym.spaces.Box[np.float32]]:
-    """Make the spaces of an observation, cos q, sin q, q' [rad/s] of all joints, and of an action, torques [N m]."""
+    """Make the spaces of observations, cos q, sin q, q' [rad/s] of all joints, and of actions, torques [N m]."""
     high = np.repeat(np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32), joints)
     return (
         gym.spaces.Box(-high, high, dtype=np.float32),
@@ -27,12 +27,12 @@ def make_spaces(max_torque: float, joints: int = 1) -> tuple[gym.spaces.Box[np.f
 
 
 def is_beyond(torque: Any, most: float) -> Any:
-    """Return whether torques exceed a bound in single precision, as in the action space."""
+    """Return whether torques exceed a bound, compared in the single precision of the action space."""
     return np.abs(torque).astype(np.float32) > np.float32(most)
 
 
 def check_positive(of: str, **values: float) -> None:
-    """Refuse numbers that are not positive, or not whole where they count something."""
+    """Refuse numbers that are not positive, or not integer for the names in `WHOLE`; `of` names their owner."""
     for what, value in values.items():
         is_number = isinstance(value, Real)
         if not is_number or not 0 < value < np.inf or (what in WHOLE and value != int(value)):
@@ -41,7 +41,7 @@ def check_positive(of: str, **values: float) -> None:
 
 
 def read_start(options: Mapping[str, Any], shape: tuple[int, ...]) -> list[Array]:
-    """Read `position` [rad] and `velocity` [rad/s] from the options of a reset, 0 by default, of that shape each."""
+    """Read `position` [rad] and `velocity` [rad/s] of the given shape from the options of a reset; default 0."""
     start = []
     for name in ("position", "velocity"):
         try:

@@ -1,14 +1,14 @@
-"""Fewer points of a curve than were measured, for a picture that shows the same."""
+"""Reduce the points of a curve for a plot."""
 
 import numpy as np
 
 from pendulum_env._typing import Array, Index
 
-POINTS = 2400  # of one curve, at most; more than a screen is wide
+POINTS = 2400  # most points of a curve, more than the width of a screen
 
 
 def thin(series: Array, most: int = POINTS) -> Index:
-    """Return indices of about `most` samples of a series (N,) that keep every peak: extremes of equal parts."""
+    """Return indices of about `most` samples of a series (N,): the minimum and maximum of equal parts."""
     if len(series) <= most:
         return np.arange(len(series))
     parts = np.array_split(np.arange(len(series)), most // 2)

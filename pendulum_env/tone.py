@@ -1,20 +1,22 @@
-"""Motion at one frequency, which cannot separate laws: position and acceleration are proportional."""
+"""Detect motion of one frequency, in which position and acceleration are proportional."""
 
 import numpy as np
 
 from pendulum_env._typing import Array
 
-ONE = 0.995  # share of the power of a motion in one sine, above which it has one frequency; of a triangle wave 0.986
-ZOOM, STEPS = 40, 3  # frequencies tried about the best one, and repetitions with a smaller spacing
-ENOUGH = 20_000  # samples that are kept of longer series; an average would remove fast motion
-LEAST = 0.9  # share of the power within two lines of the best one of a spectrum, below which there is no tone
+ONE = 0.995  # least share of the power in one sine for "one frequency"; a triangle wave has 0.986
+ZOOM, STEPS = 40, 3  # frequencies per refinement of the grid, and number of refinements
+ENOUGH = 20_000  # samples after decimation of longer series; averages would remove fast motion
+LEAST = 0.9  # least share of the spectrum's power within two lines of its peak
 
 
 def find_tone(series: Array, period: float) -> tuple[float, float]:
-    """Return the angular frequency [rad/s] and the share of the power of a series (N,) in one sine.
+    """Find the sine with the largest share of the power of a series (N,).
 
-    A line over time, and the mean, count as no power. The share is 0 far from one sine.
-    `period` is the sample time [s].
+    A linear trend is subtracted first. `period` is the sample time [s].
+
+    Returns:
+        Angular frequency [rad/s], and share of the power in this sine; both 0 if the spectrum has no dominant peak.
     """
     stride = max(1, len(series) // ENOUGH)
     series, period = series[::stride], stride * period

@@ -1,4 +1,4 @@
-"""Many pendulums at once, in NumPy: the same physics as the pymunk backend, for training and for statistics."""
+"""Batch of pendulums in NumPy, with the physics of the pymunk backend."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -31,16 +31,16 @@ from pendulum_env.spaces import (
 
 Batch = NDArray[np.float32]
 Bools = NDArray[np.bool_]
-AT_REST = np.array([1.0, 0.0, 0.0], dtype=np.float32)  # observed, hanging down
+AT_REST = np.array([1.0, 0.0, 0.0], dtype=np.float32)  # observation of a pendulum hanging down
 
 
 class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array]):
-    """Batch of B direct-drive pendulums that advance together; made by `gymnasium.make_vec`.
+    """Batch of B direct-drive pendulums, made by `gymnasium.make_vec`.
 
-    Actions (B, 1) and observations (B, 3) are those of `DirectDrivePendulum`. `info` is in the layout of Gymnasium's
+    Actions (B, 1) and observations (B, 3) are those of `DirectDrivePendulum`. `info` has the layout of Gymnasium's
     `SyncVectorEnv`: arrays (B,), each with a mask; `info["plant"]` holds an array (B,) for each parameter. The
-    pendulums start at rest, hanging down, and each is truncated after max_episode_steps. They are plants, too: their
-    rewards are 0 unless `InformationRewardVector` pays, and they draw no pictures.
+    pendulums start at rest, hanging down, and each is truncated after max_episode_steps. Rewards are 0 without a
+    wrapper such as `InformationRewardVector`. Rendering is not supported.
     """
 
     @refuse_unknown_arguments
@@ -60,13 +60,13 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
-        """Make the pendulums; the arguments are those of `DirectDrivePendulum`, and three more.
+        """Make the pendulums. Other arguments are those of `DirectDrivePendulum`.
 
         Args:
             num_envs: number B of pendulums.
-            max_episode_steps: after which a pendulum's episode is truncated; None, or -1, never does.
-            autoreset_mode: when a pendulum whose episode has ended starts anew: with the next step, as Gymnasium's own
-                environments do, or within the same step, `info["final_obs"]` keeping the last observation.
+            max_episode_steps: steps until an episode is truncated; None or -1: never.
+            autoreset_mode: when a pendulum restarts after the end of its episode: with the next step, as Gymnasium's
+                own environments do, or within the same step, with the last observation in `info["final_obs"]`.
 
         Raises:
             ValueError: if an argument is unknown or out of its range.
@@ -90,7 +90,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         self._update_plant()
 
     def set_parameters(self, parameters: Values, which: Mask | None = None) -> None:
-        """Change parameters by name, scalars or (B,), of all pendulums or those, until the next reset of each.
+        """Change parameters by name, scalars or (B,), of all pendulums or of the mask `which`, until their next reset.
 
         Raises:
             ValueError: if a parameter is unknown or impossible.
@@ -99,7 +99,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         self._update_plant()
 
     def _update_plant(self) -> None:
-        """Go on with the parameters of now."""
+        """Pass changed parameters to the torque balance."""
         self._balance = TorqueBalance(self.plant.terms, self.plant.theta)
         if self._x is not None:
             self._command.take(self._balance.terms)
@@ -108,12 +108,12 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Batch, dict[str, Any]]:
-        """Begin an episode with every pendulum.
+        """Begin an episode of all pendulums.
 
         Args:
-            seed: of the measurement's noise, one for all; of a list, the first.
-            options: `position` [rad] and `velocity` [rad/s], scalars or (B,); `theta`, parameters for this and later
-                episodes by name, scalars or (B,).
+            seed: seed of the measurement noise of all pendulums; of a list, the first element is used.
+            options: `position` [rad] and `velocity` [rad/s], scalars or (B,); `theta`, parameters by name for this and
+                later episodes, scalars or (B,).
 
         Raises:
             ValueError: if an option is unknown or impossible.
@@ -133,13 +133,13 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         observation, info = self._show(np.zeros(self.num_envs), clipped=self._nobody.copy())
         return observation, {**info, "torque": np.zeros(self.num_envs)}
 
-    def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
+    def step(  # type: ignore[override]  # Gymnasium gives flags the type of rewards
         self, actions: Batch
     ) -> tuple[Batch, Array, Bools, Bools, dict[str, Any]]:
         """Hold the torques (B, 1) for one period.
 
         Raises:
-            ValueError: if an action is no number.
+            ValueError: if an action is NaN or the shape is not (B, 1).
         """
         if self._x is None:
             raise gym.error.ResetNeeded("the pendulums have not been started: call reset before step")
@@ -175,7 +175,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         self._x = replace(x, time=self.steps / self.rate)
 
     def _restart(self, which: Mask) -> None:
-        """Put some pendulums (B,) at rest, hanging down, with the parameters of an episode's start."""
+        """Reset the pendulums in the mask `which` (B,): at rest, hanging down, with initial parameters."""
         self.plant.restart(which)
         self._update_plant()
         assert self._x is not None
@@ -187,7 +187,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         self.steps = np.where(which, 0, self.steps)
 
     def _show(self, torque: Array, clipped: Bools) -> tuple[Batch, dict[str, Any]]:
-        """Return observation and info of the pendulums, after `torque` (B,), of which some were `clipped`."""
+        """Return observations (B, 3) and info after `torque` (B,), with the mask of clipped actions (B,)."""
         assert self._x is not None
         position, velocity = self.sensor.measure(self._x.position, self._x.velocity, self._before, self.rate)
         self._before = position

@@ -1,4 +1,4 @@
-"""Gymnasium wrappers around what is measured and around the plant."""
+"""Gymnasium wrappers that randomise the plant and record measurements."""
 
 from pendulum_env.wrappers.randomize_plant import RandomizePlant, RandomizePlantVector
 from pendulum_env.wrappers.record_measurements import RecordMeasurements

@@ -1,4 +1,4 @@
-"""A new plant for every episode, of one pendulum or of many."""
+"""Draw a new plant for each episode, of one pendulum or of a batch."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,13 +12,13 @@ from pendulum_env.plant import PAPER, refuse_unnamed
 
 
 class Spread:
-    """Uniform distribution of linear parameters around those of a plant, within relative widths."""
+    """Uniform distribution of linear parameters around those of a plant, of given relative widths."""
 
     def __init__(self, nominal: Model, spread: float | Mapping[str, float]) -> None:
-        """Take the nominal plant, and one half width for its four base parameters, or some by name.
+        """Set the nominal plant, and one relative half width for its four base parameters, or widths by name.
 
         Raises:
-            ValueError: if a parameter is unknown, or a width is not between 0 and 1, which a plant could not survive.
+            ValueError: if a parameter is unknown, or a width is not from 0 to below 1.
         """
         self.names = [column.name for column in nominal.columns]
         self._nominal = nominal.theta[:, None]
@@ -31,7 +31,7 @@ class Spread:
         self._widths = self._nominal * [[widths.get(name, 0.0)] for name in self.names]
 
     def draw(self, rng: np.random.Generator, count: int, options: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """Draw parameters of `count` plants by name, (count,) each; those in the options of a reset take precedence."""
+        """Draw parameters of `count` plants by name, (count,) each; `theta` of the reset options takes precedence."""
         drawn = self._nominal + self._widths * rng.uniform(-1.0, 1.0, (len(self.names), count))
         given = (options or {}).get("theta", {})
         refuse_unnamed(given)
@@ -39,20 +39,20 @@ class Spread:
 
 
 class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Draw the parameters of a simulated plant anew at every reset, around those it was made with.
+    """Draw the parameters of a simulated plant at each reset, around those that it was made with.
 
-    `info["plant"]` holds them, as it always does.
+    `info["plant"]` holds the drawn parameters.
     """
 
     def __init__(self, env: gym.Env[Any, Any], spread: float | Mapping[str, float] = 0.3) -> None:
         """Wrap a simulated pendulum.
 
         Args:
-            env: the environment.
+            env: simulated pendulum.
             spread: relative half width of the four base parameters, or of some linear parameters by name.
 
         Raises:
-            ValueError: if the environment's plant cannot be drawn, or see `Spread`.
+            ValueError: if the environment is not simulated, or as `Spread`.
         """
         gym.utils.RecordConstructorArgs.__init__(self, spread=spread)
         gym.Wrapper.__init__(self, env)
@@ -64,19 +64,19 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment with a new plant; the same seed draws the same plants."""
         if seed is not None:
-            self.np_random = np.random.default_rng([seed, 1])  # not the numbers that the measurement's noise draws
+            self.np_random = np.random.default_rng([seed, 1])  # independent of the measurement noise
         theta = {name: np.squeeze(values) for name, values in self._spread.draw(self.np_random, 1, options).items()}
         return self.env.reset(seed=seed, options={**(options or {}), "theta": theta})
 
 
 class RandomizePlantVector(VectorWrapper):
-    """`RandomizePlant` for the batched pendulums."""
+    """`RandomizePlant` for batched pendulums."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], spread: float | Mapping[str, float] = 0.3) -> None:
         """Wrap batched pendulums; see `RandomizePlant` for the spread.
 
         Raises:
-            ValueError: if these are none, or see `Spread`.
+            ValueError: if the environments are not batched pendulums, or as `Spread`.
         """
         super().__init__(env)
         plants: Any = env.unwrapped
@@ -97,7 +97,7 @@ class RandomizePlantVector(VectorWrapper):
         return observation, info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step; a pendulum that has just been reset gets a new plant."""
+        """Step; draw a new plant for each pendulum that was reset."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
         time = np.asarray(info["time"])
         anew = time <= self._time

@@ -1,4 +1,4 @@
-"""Measurements of an environment, appended to a file while it runs."""
+"""Write the measurements of an environment to a file while it runs."""
 
 import errno
 import math
@@ -14,26 +14,26 @@ import gymnasium as gym
 from pendulum_env.files import check_output, sync_file
 
 COLUMNS = ("time", "position", "torque")
-TIMING = ("jitter", "overruns")  # of a rig, beside them: readers of recordings pass over what they do not know
+TIMING = ("jitter", "overruns")  # further columns of a rig; readers of recordings ignore them
 
 
 class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     """Append every measurement to a CSV recording; a killed process loses at most the last second.
 
-    Each row holds the torque that acts from its time on, as recordings do, so it is written one step later than it is
-    measured, and the last sample of an episode, after which no torque is known to act, is left out. A rig's recording
-    also has columns for how well its loop kept time, and ends before a fault. The first episode
-    goes to `path`, the next ones to `path` with -2, -3, ... before its ending; episodes without a step leave no file.
+    Each row holds the torque that acts from its time on. It is therefore written one step after its measurement, and
+    the last sample of an episode is omitted. A rig adds the columns jitter [s] and overruns, and its recording ends
+    before a fault. The first episode is written to `path`, later ones to `path` with -2, -3, ... before the suffix.
+    Episodes without a step have no file.
     """
 
     interval = 0.5  # [s] of measured time between writes
 
     def __init__(self, env: gym.Env[Any, Any], path: str | Path, *, overwrite: bool = False) -> None:
-        """Wrap an environment whose `info` carries `time`, `position` and `torque`, of a pendulum or an arm.
+        """Wrap an environment of a pendulum or an arm, with `time`, `position` and `torque` in `info`.
 
         Raises:
             ValueError: if the path does not end in .csv.
-            OSError: if its folder is missing or cannot be written to.
+            OSError: if the folder is missing or not writable.
         """
         gym.utils.RecordConstructorArgs.__init__(self, path=str(path), overwrite=overwrite)
         gym.Wrapper.__init__(self, env)
@@ -41,10 +41,10 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         if self.path.suffix.lower() != ".csv":
             raise ValueError(f"{path}: measurements are appended to a CSV file: let the name end in .csv")
         self._overwrite, self._episode = overwrite, 0
-        self._joints: Sequence[str] | None = getattr(env.unwrapped, "joints", None)  # of an arm
-        self._file: FileIO | None = None  # without a buffer: what was written stays even if this process is killed
+        self._joints: Sequence[str] | None = getattr(env.unwrapped, "joints", None)  # names of an arm's joints
+        self._file: FileIO | None = None  # unbuffered: a killed process loses no written rows
         self._rows: list[str] = []
-        self._lost: OSError | None = None  # what the disk refused in this episode
+        self._lost: OSError | None = None  # write error of this episode
 
     def get_file(self, episode: int) -> Path:
         """Return the file of an episode, counted from 1."""
@@ -59,11 +59,11 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment and keep its measurement.
+        """Step the environment and record the measurement.
 
         Raises:
-            FileExistsError: with the first step, if the file exists and may not be replaced.
-            OSError: if the measurements cannot be written any more, with the time that was written.
+            FileExistsError: at the first step, if the file exists and `overwrite` is False.
+            OSError: if the measurements cannot be written; the message has the recorded time [s].
         """
         if self._lost is not None:
             raise self._lost
@@ -71,7 +71,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             self._open()
         observation, reward, terminated, truncated, info = self.env.step(action)
         last, self._last = self._last, info
-        if "fault" not in info:  # else nothing was measured
+        if "fault" not in info:  # a fault has no measurement
             measured = (last["position"], info["torque"])
             values = measured if self._joints is None else (*measured[0], *measured[1])
             row = (last["time"], *values, *(last[name] for name in TIMING if name in last))
@@ -81,18 +81,18 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
-        """Write what is left and close the environment.
+        """Write the remaining rows and close the environment.
 
         Raises:
-            OSError: if it cannot be written, with the time that was written.
+            OSError: if the rows cannot be written; the message has the recorded time [s].
         """
         try:
             super().close()
-        finally:  # a motor stops before a file is written
+        finally:  # after the motor has stopped
             self._finish()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state of a copy, which opens the file of the next episode."""
+        """Return the state for a copy, without the open file."""
         return {**self.__dict__, "_file": None, "_rows": []}
 
     def _open(self) -> None:
@@ -109,16 +109,16 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         self._flush()
 
     def _flush(self) -> None:
-        """Write the rows in one piece, so that a killed process leaves no half row."""
+        """Write the rows by one call, so that a killed process leaves no partial row."""
         if self._file is not None and self._rows:
             data, self._rows = "".join(self._rows).encode(), []
             with self._give_up_on_error():
-                if self._file.write(data) != len(data):  # a disk that fills up takes a part first
+                if self._file.write(data) != len(data):  # a full disk may write a part
                     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             self._written = self._last["time"]
 
     def _finish(self) -> None:
-        """Close the file, once all of it is on the disk."""
+        """Write the remaining rows to the disk and close the file."""
         self._flush()
         if self._file is not None:
             with self._give_up_on_error():
@@ -128,7 +128,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 
     @contextmanager
     def _give_up_on_error(self) -> Iterator[None]:
-        """Let go of the file at an error, which every step of this episode raises from then on."""
+        """At an error, close the file; each later step of the episode raises the error again."""
         try:
             yield
         except OSError as error:
