@@ -1,4 +1,4 @@
-"""Arms of n joints: bodies from files, terms at joints, recordings, and a planar arm as an environment."""
+"""Arms of n joints: bodies from files, terms at joints, recordings, and simulated arms."""
 
 from typing import TYPE_CHECKING
 

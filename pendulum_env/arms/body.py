@@ -1,15 +1,15 @@
 """Rigid bodies of an arm from URDF or MJCF by Pinocchio: regressors of the motion of n joints.
 
-    M(q) q'' + C(q, q') q' + g(q) = Y(q, q', q'') theta,    theta: ten numbers a link, and perhaps a rotor a joint
+    M(q) q'' + C(q, q') q' + g(q) = Y(q, q', q'') theta,    theta: ten numbers per link, optionally a rotor per joint
 
-Momentum p = M q', its exchange dK/dq - dU/dq and the energies are linear in the same theta, and so Hamilton's equation
-p' = tau - f + dK/dq - dU/dq is. With Y0 the regressor without gravity, p has Y0(q, 0, q'), and as M' = C + C',
+Momentum p = M q', dK/dq - dU/dq and the energies are linear in theta, hence also Hamilton's equation p' = tau - f +
+dK/dq - dU/dq. With Y0 the regressor without gravity, that of p is Y0(q, 0, q'). Because M' = C + C',
 
-    dK/dq = C' q' = M' q' - C q' has  d/de p(q + e q', q') - Y0(q, q', 0),
+    dK/dq = C' q' = M' q' - C q' has the regressor  d/de p(q + e q', q') - Y0(q, q', 0).
 
-the first by a central difference along the motion. Where joints follow others, links' joints move as R q'; by virtual
-work R' takes their torque to the joints that lead. Source: Gautier and Khalil, IEEE Transactions on Robotics and
-Automation 6(3), 1990, for the base parameters; Carpentier et al., SII 2019, for Pinocchio.
+The derivative is a central difference along the motion. With joints that follow others, the joints of all links move at
+R q', and R' maps their torques to the leading joints. Sources: Gautier and Khalil, IEEE Transactions on Robotics and
+Automation 6(3), 1990 (base parameters); Carpentier et al., SII 2019 (Pinocchio).
 """
 
 from __future__ import annotations
@@ -28,30 +28,41 @@ from pendulum_env.arms.robot import BodyError, import_pinocchio, read_robot
 from pendulum_env.formatting import join_words
 from pendulum_env.physics.mechanism import Mechanism
 
-STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a link, in its joint's frame
-UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # all others kg m^2
-LATE = ("rotor", "m")  # to lead a base parameter: a mass shows through the links that carry it
-DIFFERENCE = 2e-6  # [s], along the motion: truncation and rounding are both below 1e-9 where joints turn at some rad/s
-UNLIMITED = 1e6  # of speed or torque, from which a file means none
-LIGHTEST = 1e-9  # [kg], mass of a link
-ROUNDING = 1e-9  # relative, of the inertia in a file
-INDEPENDENT = 1e-8  # relative length of what a column adds to those before it
-DRAWS = 60  # of random motion, for the rank: each tells of every joint
+STANDARD = (
+    "m",
+    "mx",
+    "my",
+    "mz",
+    "Ixx",
+    "Ixy",
+    "Iyy",
+    "Ixz",
+    "Iyz",
+    "Izz",
+)  # of a link, in its joint's frame
+UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # others: kg m^2
+LATE = ("rotor", "m")  # last to name a base parameter
+DIFFERENCE = 2e-6  # [s], step of the central difference; truncation and rounding errors are below 1e-9 at a few rad/s
+UNLIMITED = 1e6  # speed or torque from which a limit in a file counts as infinite
+LIGHTEST = 1e-9  # [kg], least mass of a link
+ROUNDING = 1e-9  # relative rounding error of inertias in a file
+INDEPENDENT = 1e-8  # least relative length of a column's part that is independent of previous columns
+DRAWS = 60  # samples of random motion for the rank
 
 __all__ = ["BaseParameter", "Body", "BodyError", "LinkLoad", "parse_body", "read_body"]
 
 
 @dataclass(frozen=True)
 class BaseParameter:
-    """Combination of standard parameters that the torque shows."""
+    """Identifiable combination of standard parameters."""
 
-    name: str  # of its first part, `Izz@shoulder`
+    name: str  # name of the first part, `Izz@shoulder`
     unit: str
-    parts: tuple[tuple[str, float], ...]  # standard parameters with their factors, the first with 1
+    parts: tuple[tuple[str, float], ...]  # standard parameters and factors; the first factor is 1
 
     @property
     def text(self) -> str:
-        """Return `Izz@shoulder + 0.2025 m@elbow`."""
+        """Return the combination as text: `Izz@shoulder + 0.2025 m@elbow`."""
         words = self.name
         for name, factor in self.parts[1:]:
             size = "" if np.isclose(abs(factor), 1.0) else f"{abs(factor):.4g} "
@@ -64,8 +75,8 @@ class LinkLoad:
     """Body fixed to a link.
 
     Attributes:
-        joint: in front of the link.
-        standard: its parameters (10,) about the joint's origin, in the joint's frame, as in `STANDARD`.
+        joint: joint that moves the link.
+        standard: parameters (10,) of the body in the joint's frame, ordered as `STANDARD`.
     """
 
     joint: str
@@ -74,19 +85,19 @@ class LinkLoad:
 
 @dataclass(frozen=True, eq=False)
 class Body(Mechanism):
-    """Links of an arm with n joints that turn or slide, in a tree on a fixed base; build it with `read_body`.
+    """Links of an arm with n revolute or linear joints, in a tree on a fixed base; made by `read_body`.
 
-    All regressors broadcast over N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m where joints slide),
-    and have one column for each of P base parameters.
+    Regressors take N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m for linear joints), and have one
+    column per base parameter (P).
 
     Attributes:
-        name: of the robot.
-        held: joints that do not move, and where they are [rad] or [m].
-        links: names of the joints that have a link behind them: `joints`, and those that follow them.
-        model: Pinocchio's, of the links.
-        ratios: R, how fast each link's joint moves with each joint (links, n).
-        offsets: r, where it is with these at zero (links,) [rad] or [m].
-        rotors: whether each joint's motor has an inertia of its own.
+        name: name of the robot.
+        held: positions of fixed joints [rad] or [m], by name.
+        links: names of the joints that move a link: `joints`, and joints that follow them.
+        model: Pinocchio model of the links.
+        ratios: R, speed of each link's joint per speed of each independent joint (links, n).
+        offsets: r, position of each link's joint with all independent joints at zero (links,) [rad] or [m].
+        rotors: whether each joint has a rotor inertia.
     """
 
     name: str
@@ -105,12 +116,12 @@ class Body(Mechanism):
 
     @property
     def weightless(self) -> Body:
-        """Return the links without gravity."""
+        """Return the body without gravity."""
         return replace(self, model=self._weightless)
 
     @cached_property
     def impossible_links(self) -> dict[str, str]:
-        """Return the fault of each link with an impossible inertia, by the joint before it."""
+        """Return the fault of each link with an impossible inertia, by the name of its joint."""
         found = {}
         for joint, link in zip(self.links, list(self.model.inertias)[1:], strict=True):
             if not link.mass > LIGHTEST:
@@ -123,7 +134,7 @@ class Body(Mechanism):
 
     @property
     def impossible_text(self) -> str:
-        """Return a sentence on all `impossible_links`; empty if there are none."""
+        """Return a sentence that names all `impossible_links`, or an empty text."""
         links = join_words([f"'{joint}' ({fault})" for joint, fault in self.impossible_links.items()])
         return f"no body has the inertia that the file gives behind joint {links}" if links else ""
 
@@ -144,7 +155,7 @@ class Body(Mechanism):
     def standard_values(self) -> Array:
         """Return the standard parameters of the file (S,)."""
         links = np.concatenate([inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]])
-        rotors = (self.ratios**2).T @ self.model.armature  # of joints that follow, too
+        rotors = (self.ratios**2).T @ self.model.armature  # including joints that follow
         return np.concatenate([links, rotors]) if self.rotors else links
 
     @cached_property
@@ -178,11 +189,11 @@ class Body(Mechanism):
 
     @property
     def combine(self) -> Array:
-        """Return the base parameters as combinations of the standard parameters (P, S)."""
+        """Return the matrix (P, S) from standard to base parameters."""
         return self._reduction[1]
 
     def link_columns(self, joint: str) -> Array:
-        """Return the base parameters as functions of the standard ones of the link behind a joint (P, 10)."""
+        """Return the matrix (P, 10) from the standard parameters of a joint's link to the base parameters."""
         first = len(STANDARD) * self.links.index(joint)
         return self.combine[:, first : first + len(STANDARD)]
 
@@ -193,20 +204,24 @@ class Body(Mechanism):
 
     @cached_property
     def _reduction(self) -> tuple[Index, Array]:
-        """Return the standard parameters that lead the base parameters (P,), and their combinations (P, S).
+        """Find the base parameters.
 
-        QR of the torque regressor over random motion, its columns taken in an order of preference, and only those that
-        are no combination of others before.
+        QR decomposition of the torque regressor over random motion, with columns in the order of preference.
+        A column that is a combination of previous ones is skipped.
+
+        Returns:
+            Indices of the first standard parameter of each base parameter (P,), and the matrix from standard to base
+            parameters (P, S).
         """
         q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(self.joints)))
         columns = self._torque(q, v, a).reshape(-1, len(self.standard))  # (draws n, S)
         size = np.linalg.norm(columns, axis=0)
         chosen: list[int] = []
-        basis = np.empty(columns.shape, order="F")  # of those that are chosen, one after the other
+        basis = np.empty(columns.shape, order="F")  # orthonormal basis of the chosen columns
         kinds = [name.split("@")[0] for name in self.standard]
         for k in sorted(range(len(size)), key=lambda k: LATE.index(kinds[k]) if kinds[k] in LATE else -1):
             rest, before = columns[:, k], basis[:, : len(chosen)]
-            for _ in range(2):  # twice is enough
+            for _ in range(2):  # the second pass removes rounding errors
                 rest = rest - before @ (before.T @ rest)
             if np.linalg.norm(rest) > INDEPENDENT * max(size[k], size.max() * 1e-6):
                 basis[:, len(chosen)] = rest / np.linalg.norm(rest)
@@ -219,7 +234,7 @@ class Body(Mechanism):
     # ------------------------------------------------------------------------------------------------------- regressors
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
-        """Return Y(q, v, a) with torque = Y theta (N, n, P)."""
+        """Return the torque regressor Y(q, v, a) (N, n, P)."""
         return self._torque(q, v, a)[..., self._independent]
 
     def momentum(self, q: Array, v: Array) -> Array:
@@ -227,14 +242,14 @@ class Body(Mechanism):
         return self._momentum(q, v)[..., self._independent]
 
     def exchange(self, q: Array, v: Array) -> Array:
-        """Return the regressor of dU/dq - dK/dq, the loss of momentum beside friction (N, n, P)."""
+        """Return the regressor of dU/dq - dK/dq, the loss of momentum without friction (N, n, P)."""
         h = DIFFERENCE
         along = (self._momentum(q + h * v, v) - self._momentum(q - h * v, v)) / (2 * h)  # M' v
         still = np.zeros_like(v)
         return (self._torque(q, v, still) - along)[..., self._independent]  # C v + g - M' v
 
     def mass_matrix(self, q: Array, theta: Array) -> Array:
-        """Return M(q) at base parameters theta (P,), (N, n, n) [kg m^2]."""
+        """Return the mass matrix M(q) (N, n, n) [kg m^2] of base parameters theta (P,)."""
         columns = [self.momentum(q, np.broadcast_to(unit, q.shape)) @ theta for unit in np.eye(len(self.joints))]
         return np.stack(columns, axis=-1)
 
@@ -268,21 +283,21 @@ class Body(Mechanism):
 
     def _regress(self, model: Any, q: Array, v: Array, a: Array) -> Array:
         regressor = partial(import_pinocchio().computeJointTorqueRegressor, model, self._data)
-        count = len(self.links)  # of a single one, Pinocchio gives no row but a vector
+        count = len(self.links)  # for one link, Pinocchio returns a vector
         links = self._apply_to_samples(regressor, *self._expand_motion(q, v, a)).reshape(len(q), count, 10 * count)
         return links if count == len(self.joints) else np.einsum("kn,Nkp->Nnp", self.ratios, links)
 
     def _expand_motion(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """Return the motion of all links' joints, (N, links) each."""
+        """Return position, velocity and acceleration of the joints of all links, (N, links) each."""
         ratios = self.ratios.T
         return q @ ratios + self.offsets, v @ ratios, a @ ratios
 
     def _apply_to_samples(self, law: Callable[[Array, Array, Array], Array], q: Array, v: Array, a: Array) -> Array:
-        """Apply a law of Pinocchio's, of one sample, to N samples."""
+        """Apply a Pinocchio function of one sample to N samples."""
         return np.array([law(*sample) for sample in zip(q, v, a, strict=True)])
 
     def _append_rotors(self, links: Array, motion: Array) -> Array:
-        """Append the columns of rotors, each on its own joint alone, to those of links (N, n, 10 links)."""
+        """Append the columns of the rotors to those of the links (N, n, 10 links)."""
         return np.concatenate([links, motion[:, :, None] * np.eye(len(self.joints))], axis=2) if self.rotors else links
 
     @property
@@ -306,7 +321,7 @@ class Body(Mechanism):
         return _replace_unlimited(self._select_joints(self.model.upperVelocityLimit))
 
     def _select_joints(self, values: Array) -> Array:
-        """Select the independent joints (n,)."""
+        """Select the values of independent joints (n,) from those of all links."""
         return np.array(values, dtype=float)[[self.links.index(joint) for joint in self.joints]]
 
 
@@ -322,22 +337,22 @@ def read_body(
     bolted: bool = False,
     rotors: bool | None = None,
 ) -> Body:
-    """Read the links of an arm from URDF (`.urdf`) or MJCF (`.xml`, `.mjcf`).
+    """Read an arm from URDF (`.urdf`) or MJCF (`.xml`, `.mjcf`).
 
-    A joint that mimics another follows it, or is held with it.
+    A joint that mimics another joint follows it, or is held with it.
 
     Args:
-        path: of the file.
-        joints: that move, by default all that are no base and mimic none; the others are held.
-        held: where they are [rad] or [m]; by default at zero.
-        bolted: whether a base that floats is held as well.
-        rotors: whether joints have a rotor's inertia (MuJoCo's armature) beside their links'; by default, if the file
-            gives any.
+        path: path of the file.
+        joints: names of the joints that move; the others are held. By default, all joints that neither belong to the
+            base nor mimic another joint.
+        held: positions of held joints [rad] or [m]; by default zero.
+        bolted: whether a floating base is fixed.
+        rotors: whether joints have a rotor inertia (MuJoCo's armature); by default, if the file has one.
 
     Raises:
-        BodyError: if the file cannot be read, or the robot is none of links in a tree on a fixed base, joined by
-            joints that turn or slide, if it has no such joint; or without the extra `arms`. Inertias of links are
-            needed for simulation alone, see `Body.impossible_links`.
+        BodyError: if the file cannot be read, the robot is not a tree of links on a fixed base with revolute or linear
+            joints, or the extra `arms` is missing. Impossible inertias are refused only by simulations, see
+            `Body.impossible_links`.
     """
     robot = read_robot(path, joints, held or {}, bolted)
     has_rotors = bool(np.any(np.asarray(robot["model"].armature) > 0)) if rotors is None else rotors
@@ -345,7 +360,7 @@ def read_body(
 
 
 def parse_body(urdf: str) -> Body:
-    """Read the links of an arm from the text of a URDF file; see `read_body`."""
+    """Read an arm from the text of a URDF file; see `read_body`."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(urdf, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Columns of the joints of an arm: their names, in files and in messages."""
+"""Column names of the joints of an arm, in files and in messages."""
 
 import re
 from collections.abc import Collection, Sequence
@@ -16,7 +16,7 @@ from pendulum_env.recording.vocabulary import RAW, SI, UNITS
 from pendulum_env.settings import Blank, format_setting
 
 QUANTITIES = ("position", "torque")
-OF_JOINTS = (*QUANTITIES, "temperature")  # the last where there are any
+OF_JOINTS = (*QUANTITIES, "temperature")  # temperature is optional
 
 
 def find_joint_columns(
@@ -26,7 +26,7 @@ def find_joint_columns(
     held: Collection[str],
     given: dict[str, str],
 ) -> dict[str, str]:
-    """Name the column of `position_<joint>` and `torque_<joint>` of every joint, from the user or from its name."""
+    """Find the columns of all joints by quantity, `position_<joint>`; columns `given` by the user take precedence."""
     wanted = [f"{quantity}_{joint}" for quantity in OF_JOINTS for joint in (*joints, *held)]
     for name in given:
         try:
@@ -63,19 +63,19 @@ def find_joint_columns(
 
 
 def _add_unit(name: str, header: str) -> str:
-    """Add the SI unit to a header that ends in the name of a joint which reads as a unit: `position_rotation`."""
+    """Add the SI unit to a header whose joint name could be read as a unit: `position_rotation`."""
     quantity = name.partition("_")[0]
     reads_as_unit = header == name and find_trailing_unit(UNITS[quantity] | RAW.get(quantity, {}), header)
     return f"{header}:{SI[quantity]}" if reads_as_unit else header
 
 
 def strip_units(headers: Sequence[str]) -> dict[str, str]:
-    """Strip the units from headers: `position_lift` of `position_lift [mm]`."""
+    """Return the headers by their names without units: `position_lift` of `position_lift [mm]`."""
     return {re.split(r"[\[(]", header)[0].strip(): header for header in headers}
 
 
 def read_held_position(label: str, look: Preview, text: str) -> Array:
-    """Read the positions (M,) of a joint that is held from its column."""
+    """Read the finite positions (M,) [rad] or [m] of a held joint."""
     try:
         column = parse_column("position", text, look.headers)
     except ColumnError as error:
@@ -88,7 +88,7 @@ def read_held_position(label: str, look: Preview, text: str) -> Array:
 
 
 def note_joint(joint: str, note: Note) -> Note:
-    """Return a note on columns of one joint, by their names in the file."""
+    """Return a note on one joint with the column names of the arm's file."""
     quantities = (f"{quantity}_{joint}" if quantity in OF_JOINTS else quantity for quantity in note.quantities)
     named = {q: text for q, text in note.columns.items() if text != NONE}
     columns = {f"{q}_{joint}" if q in OF_JOINTS else q: text for q, text in named.items()}
@@ -97,7 +97,7 @@ def note_joint(joint: str, note: Note) -> Note:
 
 
 def name_joint(joint: str, text: str) -> str:
-    """Write a text about columns of one joint, ready to paste."""
+    """Add the joint to the column names in a text."""
     text = re.sub(",(velocity|reference)=none|, '(velocity|reference)': 'none'", "", text)
     text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda found: f"{found[1]}_{joint} is", text)
     return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})(=|': )", lambda found: f"{found[1]}_{joint}{found[2]}", text)

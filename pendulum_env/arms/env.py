@@ -1,4 +1,4 @@
-"""Simulated arms as Gymnasium environments: a planar one by pymunk, any other by MuJoCo."""
+"""Gymnasium environments of simulated arms: planar arms by pymunk, other arms by MuJoCo."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -26,20 +26,20 @@ Action = NDArray[np.floating[Any]]
 
 
 class SimulatedArm(gym.Env[Observation, Action]):
-    """An arm of n joints with a torque at each, seen through its encoders: a plant, no task.
+    """Arm of n joints with torque inputs and encoders, without a task.
 
     Action: torques [N m], held for one period and limited to +-max_torque, shape (n,). Observation: cosines, sines and
     velocities [rad/s] of the joints, shape (3 n,).
 
-    `info` carries the measurement, as of the pendulum but with arrays (n,): `time` [s], `position` [rad] unwrapped,
-    `velocity` [rad/s], `torque` [N m] as applied over the period that ends at `time`, `clipped` and `follows`. The
-    reward is always 0, and no episode ends by itself: to train an agent, wrap the arm in a reward of your own and give
-    `gymnasium.make` a `max_episode_steps`.
+    `info` holds the measurement, as that of the pendulum but with arrays (n,): `time` [s], `position` [rad] unwrapped,
+    `velocity` [rad/s], `torque` [N m] applied over the period that ends at `time`, `clipped` and `follows`. The reward
+    is always 0, and episodes do not end. To train an agent, wrap the arm in a custom reward and give `gymnasium.make` a
+    `max_episode_steps`.
 
     Attributes:
-        joints: their names.
+        joints: names of the joints.
         rate: samples per second [Hz].
-        counts: of the encoders per turn.
+        counts: encoder counts per turn.
     """
 
     metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
@@ -53,7 +53,7 @@ class SimulatedArm(gym.Env[Observation, Action]):
         rate: float,
         max_torque: float,
     ) -> None:
-        """Take joints, what moves, what is seen of it, samples per second [Hz] and the bound of actions [N m]."""
+        """Set joints, simulated bodies, sensor, sample rate [Hz] and bound of the actions [N m]."""
         self.joints, self.sensor, self._bodies = tuple(joints), sensor, bodies
         self.rate, self.counts, self.max_torque = float(rate), sensor.counts, float(max_torque)
         self.metadata = {**self.metadata, "render_fps": self.rate}
@@ -63,7 +63,7 @@ class SimulatedArm(gym.Env[Observation, Action]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin at rest, all joints at zero, or at `position` [rad] and `velocity` [rad/s] of `options`, (n,) each."""
+        """Begin an episode at `position` [rad] and `velocity` [rad/s] of `options`, (n,) each; default 0."""
         super().reset(seed=seed)
         given = dict(options or {})
         for name in given:
@@ -121,9 +121,9 @@ class SimulatedArm(gym.Env[Observation, Action]):
 
 
 class PlanarArm(SimulatedArm):
-    """An arm of n links in a vertical plane, simulated by pymunk.
+    """Arm of n links in a vertical plane, simulated by pymunk.
 
-    Joint angles are relative to the link before, and all zero where the arm hangs down.
+    Joint angles are relative to the previous link, and zero when the arm hangs down.
     """
 
     @refuse_unknown_arguments
@@ -144,13 +144,13 @@ class PlanarArm(SimulatedArm):
         """Make the arm.
 
         Args:
-            links: from the base on, with friction at their joints.
-            joints: names; `shoulder`, `elbow`, `wrist` and numbers by default.
-            effects: hidden at joints, as `stribeck@elbow=0.4` or `{"stribeck@elbow": 0.4}`.
-            rate: samples, and actions, per second [Hz].
+            links: links from the base on, with the friction of their joints.
+            joints: names of the joints; by default `shoulder`, `elbow`, `wrist`, `joint4`, ...
+            effects: hidden effects at joints, such as `stribeck@elbow=0.4` or `{"stribeck@elbow": 0.4}`.
+            rate: samples and actions per second [Hz].
             substeps: integration steps per sample.
             max_torque: bound of each joint's action [N m].
-            counts: of the encoders per turn; 0 measures angles exactly.
+            counts: encoder counts per turn; 0 measures angles exactly.
             torque_noise: standard deviation of the white noise on the measured torques [N m].
             velocity: "difference", the backward difference of the encoder, or "ideal".
             render_mode: "rgb_array" or "human".
@@ -172,25 +172,25 @@ class PlanarArm(SimulatedArm):
 
     @property
     def urdf(self) -> str:
-        """Return the arm as URDF, for `read_body`."""
+        """Return the arm as the text of a URDF file."""
         return write_urdf(self.links, self.joints)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the arm and the torques at its joints (H, W, 3); None in mode human."""
+        """Draw the arm and its torques; return the picture (H, W, 3), or None in mode human."""
         lengths = [link.length for link in self.links]
         angles = [link.angle for link in self.links]
         return self._renderer.draw(self._last, self.max_torque, self.overlay(), lengths, angles)
 
     def close(self) -> None:
-        """Let go of the window."""
+        """Close the window."""
         self._running = False
         self._renderer.close()
 
 
 class SpatialArm(SimulatedArm):
-    """Any arm that `read_body` reads, with the links and the friction of its file, simulated by MuJoCo.
+    """Arm from a robot file, with its links and friction, simulated by MuJoCo.
 
-    A joint without friction in the file has the paper's, and one that moves less than the paper's inertia as much less.
+    A joint without friction in the file has that of the paper, reduced in proportion if its inertia is smaller.
     """
 
     def __init__(
@@ -203,7 +203,7 @@ class SpatialArm(SimulatedArm):
         counts: int = COUNTS,
         torque_noise: float = 0.0,
     ) -> None:
-        """Make the arm of a body; the other arguments are those of `PlanarArm`, velocities are ideal."""
+        """Make the arm of a body, with ideal velocities. Other arguments are those of `PlanarArm`."""
         body.refuse_impossible_links()
         (mass,) = body.mass_matrix(np.zeros((1, len(body.joints))), body.values)
         light = np.minimum(1.0, np.diag(mass) / PAPER["inertia"])

@@ -1,7 +1,7 @@
-"""Effects at joints: any effect of a pendulum at joint i, as a function of q_i, q'_i and tau_i.
+"""Effects at the joints of an arm, as functions of q_i, q'_i and tau_i of joint i.
 
-Friction of an arm is decentralised, f_i(q'_i, tau_i) (the paper's (1)), and so is whatever else a joint does. A term
-at a joint is the pendulum's term under another name, `stribeck@elbow`; it meets the samples of its own joint only.
+Friction of an arm is decentralised, f_i(q'_i, tau_i) (equation (1) of the paper); other effects are treated likewise. A
+term at a joint is the term of the pendulum with another id, `stribeck@elbow`, evaluated on the samples of this joint.
 """
 
 from __future__ import annotations
@@ -26,23 +26,27 @@ from pendulum_env.physics.term import derive_kind, list_loads, one
 from pendulum_env.units import JointUnits
 
 T = TypeVar("T")
-FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # of a joint, where nothing else is known
+FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # base friction of a joint
 # What depends on more than the own joint's motion: a link behind the motor, the arm's weight, a load's inertia
-DRAWS, OF_NO_LINK = 60, 1e-6  # of random motion, and share of an inertia that no link's explains
-OF_THE_ARM = ("load_dependent_friction.output",)  # columns that an effect has where its joint alone makes them
+DRAWS, OF_NO_LINK = (
+    60,
+    1e-6,
+)  # samples of random motion, and relative norm below which links explain a torque
+OF_THE_ARM = ("load_dependent_friction.output",)  # columns that effects at an arm's joint lack
+# effects that depend on more than the motion of one joint
 NOT_DECENTRALISED = ("backlash", "joint_flexibility", "encoder_eccentricity", "gravity_tilt", "payload_change")
 OF_A_TURN = ("cogging", "torque_ripple", "position_dependent_friction", "gravity_tilt", "encoder_eccentricity")
 
 
 def can_sit(id: str, slides: bool = False) -> bool:
-    """Return whether an effect is possible at a revolute or sliding joint of an arm."""
+    """Return whether an effect is possible at a revolute or linear joint of an arm."""
     return id not in NOT_DECENTRALISED and not (slides and (id in OF_A_TURN or id == Coupling.id))
 
 
 def place_effect(effect: type[Term], joint: str, slides: bool = False) -> type[Term]:
-    """Place an effect at one of several joints: the same law, with `@joint` behind its id and its parameters.
+    """Make the effect at a joint: the same law, with `@joint` appended to its id and parameters.
 
-    Where the joint slides, the units are those of m and N. Nothing changes at the joint of a pendulum, without a name.
+    For a linear joint, units have m and N. The joint of a pendulum has an empty name and returns the effect itself.
     """
     if not joint:
         return effect
@@ -51,7 +55,7 @@ def place_effect(effect: type[Term], joint: str, slides: bool = False) -> type[T
     return _make_placed_effect(cast(Hashable, effect), joint, slides)
 
 
-@cache  # so that the same effect at the same joint is the same class
+@cache  # one class per effect and joint
 def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Term]:
     units = JointUnits(slides=slides)
 
@@ -77,20 +81,20 @@ def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Te
 
 @dataclass(frozen=True)
 class Coupling(Term):
-    """A motor that turns with two joints at once, q_a + s q_b with s = 1 or -1, as in geared wrists and cable drives.
+    """Inertia and friction of a motor at q_a + s q_b of two joints, s = 1 or -1, as in geared wrists and cable drives.
 
-    Its inertia and friction load joint a by as much as they take, and joint b by s times that. Made by `get_coupling`.
-    Source: Gautier, Janot and Vandanjon, IEEE Transactions on Control Systems Technology 21(2), 2013 (Staubli TX40).
+    Its torque acts on joint a, and s times that torque on joint b. Made by `get_coupling`. Source: Gautier, Janot and
+    Vandanjon, IEEE Transactions on Control Systems Technology 21(2), 2013 (Staubli TX40).
     """
 
     id = "coupling"
     law = "(I w' + b w + c sgn w) (1, s) with w = q_a' + s q_b'"
     kind = "dissipative"
-    is_heavy: ClassVar[bool] = True  # whether its inertia is none of a link, as where both axes are parallel
+    is_heavy: ClassVar[bool] = True  # has an inertia column; False if link parameters explain it (parallel axes)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Return the columns of inertia and friction of a motor, as functions of its motion."""
+        """Return the columns of inertia and friction as functions of the motor's motion."""
         friction = (
             Column(f"coupling.viscous@{self.at}", "N m s/rad", force=lambda x: x.velocity, least=0.0),
             Column(f"coupling.coulomb@{self.at}", "N m", dry=one, least=0.0),
@@ -108,19 +112,19 @@ def _make_coupling(kind: type[Coupling], at: str, is_heavy: bool) -> type[Coupli
 
 
 def get_coupling(at: str, is_heavy: bool) -> type[Coupling]:
-    """Return the coupling of two joints, `elbow,wrist` or `elbow,-wrist`, with or without an inertia of its motor."""
+    """Return the coupling of two joints, `elbow,wrist` or `elbow,-wrist`, with or without motor inertia."""
     return _make_coupling(Coupling, at, is_heavy)
 
 
 def list_couplings(body: Body) -> tuple[type[Coupling], ...]:
-    """List the couplings of adjacent joints, in either direction."""
+    """List the couplings of adjacent revolute joints, with both signs."""
     turning = [can_sit(Coupling.id, slides) for slides in body.slides]
     pairs = [pair for pair, both in zip(pairwise(body.joints), pairwise(turning), strict=True) if all(both)]
     return tuple(choose_coupling(f"{first},{sign}{second}", body) for first, second in pairs for sign in ("", "-"))
 
 
 def choose_coupling(at: str, body: Body) -> type[Coupling]:
-    """Return the coupling of two joints, without inertia where a link's would be equivalent."""
+    """Return the coupling of two joints, without motor inertia if link parameters explain it."""
     factors = np.array([list_loads(at).get(joint, 0.0) for joint in body.joints])
     q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(body.joints)))
     felt, links = np.outer(a @ factors, factors).ravel(), body.torque(q, v, a).reshape(a.size, -1)
@@ -134,7 +138,7 @@ def place_term(term: Term, joint: str, slides: bool = False) -> Term:
 
 
 def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
-    """Refuse terms that are at none of the joints."""
+    """Refuse terms at unknown joints."""
     for term in terms:
         if not isinstance(term, Links) and not set(list_loads(term.at)) <= set(joints):
             if not any(joints):
@@ -153,41 +157,41 @@ def friction(body: Mechanism) -> tuple[Term, ...]:
 
 
 def arm_base(body: Mechanism) -> tuple[Term, ...]:
-    """Return the base terms: links, or inertia and gravity, and viscous and Coulomb friction at each joint."""
+    """Return the base terms: links of an arm, or inertia and gravity, with viscous and Coulomb friction."""
     return arrange_terms(friction(body), body) if isinstance(body, Body) else BASE
 
 
 def arrange_terms(terms: Sequence[T], body: Mechanism) -> tuple[T | Links, ...]:
-    """Return the terms of a model: as given for a pendulum; for an arm, its links and the terms at its joints."""
+    """Return the terms of a model; for an arm, with its links in front."""
     return (Links(body), *terms) if isinstance(body, Body) else tuple(terms)
 
 
 def find_body(terms: Sequence[object]) -> Mechanism:
-    """Find the joints of a model by its first term: links have a body, others are at the joint of a pendulum."""
+    """Return the mechanism of a model from its first term; links have a body, other terms a pendulum."""
     return terms[0].mechanism if terms and isinstance(terms[0], Term) else PENDULUM
 
 
 def find_links(terms: Sequence[object]) -> Body:
-    """Return the links of the terms of an arm."""
+    """Return the body of an arm's terms."""
     body = find_body(terms)
     assert isinstance(body, Body)
     return body
 
 
 def list_effects(body: Mechanism) -> dict[str, type[Term]]:
-    """Return the effects that may be missing at the joints of a body, by id."""
+    """Return the effects that a body's joints can have, by id."""
     return joint_effects() if isinstance(body, Body) else list_nameable()
 
 
 def joint_effects() -> dict[str, type[Term]]:
-    """Return the library effects that can be at a joint of an arm, and the coupling of two, by id."""
+    """Return the library effects of an arm's joint and the coupling of two joints, by id."""
     return {id: effect for id, effect in list_nameable().items() if can_sit(id)} | {Coupling.id: Coupling}
 
 
 def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Term]]:
-    """Place effects at each joint where they are possible; a coupling at each pair of adjacent joints.
+    """Place effects at each joint where they are possible, and couplings at each pair of adjacent joints.
 
-    Those that are at a joint already stay there.
+    Effects that are already at a joint are kept.
     """
     kinds = list(kinds)
     if not isinstance(body, Body):
@@ -201,12 +205,12 @@ def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Ter
 
 
 def find_kind(text: str, body: Mechanism, known: Mapping[str, type[Term]] | None = None) -> type[Term]:
-    """Find the effect or table of `stribeck`, at an arm `stribeck@elbow` or `coupling@elbow,-wrist`.
+    """Find an effect or table by name: `stribeck`, of an arm `stribeck@elbow` or `coupling@elbow,-wrist`.
 
-    `known` are kinds at joints by id, by default all effects and tables.
+    `known` holds the allowed effects at joints by id, by default all effects and tables.
 
     Raises:
-        ValueError: if there is no such effect or joint; the message names the nearest.
+        ValueError: if effect or joint is unknown; the message names the nearest.
     """
     if not isinstance(body, Body):
         return find_addition(text)
@@ -226,9 +230,9 @@ def find_kind(text: str, body: Mechanism, known: Mapping[str, type[Term]] | None
 def find_kinds(
     names: Iterable[str], body: Mechanism, known: Mapping[str, type[Term]] | None = None
 ) -> list[type[Term]]:
-    """Find effects by name: `stribeck` at each joint where it is possible, `stribeck@elbow` at that one.
+    """Find effects by name: `stribeck` at each joint where it is possible, `stribeck@elbow` at this joint.
 
-    `known` are effects by id, by default those of the library.
+    `known` holds the allowed effects by id, by default those of the library.
     """
     names, known = list(names), list_effects(body) if known is None else known
     what = "effect of joints" if isinstance(body, Body) else "effect"
@@ -242,7 +246,7 @@ def parse_effect(
     known: Mapping[str, type[Term]] | None = None,
     sliding: Collection[str] = (),
 ) -> tuple[type[Term], str]:
-    """Parse effect and joint of `stribeck@elbow`, by default of all effects that can be at a joint."""
+    """Parse effect and joint of `stribeck@elbow`; `known` holds the allowed effects, by default `joint_effects`."""
     id, at, joint = text.partition("@")
     if known is None and id in (Coupling.id, *MEASURED):
         raise UserError(f"{id} is nothing that the simulator here has: leave it out")
@@ -264,7 +268,7 @@ def _refuse_sliding(id: str, joints: Iterable[str], sliding: Collection[str]) ->
 
 @dataclass(frozen=True)
 class Links(Term):
-    """Rigid body of an arm: one column for each base parameter, a function of the motion of all joints."""
+    """Rigid body of an arm as a term: one column per base parameter, which depends on the motion of all joints."""
 
     body: Body
 
@@ -273,8 +277,8 @@ class Links(Term):
     kind = "inertial"
 
     @cached_property
-    def columns(self) -> tuple[Column, ...]:  # of which there are many
-        """Return the base parameters; `Body` has their regressors."""
+    def columns(self) -> tuple[Column, ...]:
+        """Return one column per base parameter; `Body` has the regressors."""
         return tuple(Column(parameter.name, parameter.unit) for parameter in self.body.base)
 
     @property
@@ -284,11 +288,11 @@ class Links(Term):
 
     @property
     def nonlinear_values(self) -> dict[str, float]:
-        """Return none."""
+        """Return no parameters."""
         return {}
 
     def list_angle_functions(self, at: str) -> tuple[str, ...]:
-        """Return the function of a joint's weight, if it is independent of the other joints."""
+        """Return the angle functions of a joint's gravity, if it is independent of the other joints."""
         joint = self.body.joints.index(at)
         one, other = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, DRAWS, len(self.body.joints)))
         other[:, joint] = one[:, joint]

@@ -1,4 +1,4 @@
-"""Model of an arm: a rigid body, terms at its joints, and the values of their parameters."""
+"""Model of an arm: rigid body, terms at joints, and parameter values."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ HINT = "identify or diagnose the arm to have one"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ArmModel(Model):
-    """Model with the links of an arm as its first term; the other terms are at its joints.
+    """Model of an arm: `Links` as its first term, then terms at joints.
 
-    Estimates are named as in `viscous@elbow`, nonlinear parameters as in `stribeck.stribeck_velocity@elbow`.
-    What takes the motion of one joint, `torque` and `simulate`, is of no use here.
+    Estimates have names such as `viscous@elbow`, nonlinear parameters such as `stribeck.stribeck_velocity@elbow`. The
+    methods of one joint, `torque` and `simulate`, do not apply.
     """
 
     @property
     def body(self) -> Body:
-        """Return the links."""
+        """Return the body of the links."""
         return find_links(self.terms)
 
     def json(self) -> JSON:
-        """Return a plain dictionary for JSON, with the combinations of base parameters."""
+        """Return a dictionary for JSON, with the combinations of base parameters."""
         return {
             "schema": ARM_SCHEMA,
             "robot": self.body.name,
@@ -55,11 +55,11 @@ class ArmModel(Model):
         }
 
     @classmethod
-    def load(cls, path: str | Path, body: Body) -> ArmModel:  # type: ignore[override]  # which a file does not tell
+    def load(cls, path: str | Path, body: Body) -> ArmModel:  # type: ignore[override]  # the file lacks the body
         """Read a model of a body.
 
         Raises:
-            ModelError: if the file is missing, is no model of an arm, or is one of another arm.
+            ModelError: if the file is missing, or is not a model of this arm.
         """
         try:
             return cls.from_json_of_body(read_json(path, HINT), body)
@@ -68,7 +68,7 @@ class ArmModel(Model):
 
     @classmethod
     def from_json_of_body(cls, content: JSON, body: Body) -> ArmModel:
-        """Make a model of a body from a dictionary that `json` made; raises a UserError, as `load` does."""
+        """Make a model of a body from a dictionary of `json`; raises a UserError as `load`."""
         if not isinstance(content, dict) or content.get("schema") != ARM_SCHEMA:
             raise ModelError(f"is no model of an arm; {HINT}")
         data = convert(content, _ArmModelFile)
@@ -94,7 +94,7 @@ class ArmModel(Model):
 
 
 class ModelOptions(Struct, frozen=True):
-    """Options by which a model was made: joints that move or are held, robot, and log format."""
+    """Options of a model file: moving and held joints, rotors, gravity and log format."""
 
     joints: tuple[Text, ...] | None = None
     held: dict[str, Number] = {}
@@ -104,11 +104,11 @@ class ModelOptions(Struct, frozen=True):
 
     @classmethod
     def read_from_model(cls, path: str | Path) -> ModelOptions:
-        """Read the options from the file of a model; empty if the file is no model."""
+        """Read the options from a model file; empty if the file is not a model."""
         try:
             found = convert(read_json(path, HINT), cls)
         except FileError:
-            return cls()  # who loads it says why
+            return cls()  # `load` raises the error
         return found if found.held else structs.replace(found, joints=None)
 
 
@@ -131,7 +131,7 @@ class _ArmModelFile(ModelOptions, frozen=True, kw_only=True):
 
 
 def make_arm_model(model: Model) -> Model:
-    """Convert a model to that of an arm, if its first term are links."""
+    """Convert a model to an `ArmModel` if its first term is `Links`."""
     if not isinstance(model.body, Body):
         return model
     return ArmModel(model.terms, model.estimates, correlation=model.correlation)
@@ -143,7 +143,7 @@ def load_model(path: str | Path, body: Mechanism) -> Model:
 
 
 def _build_term(k: int, data: _ArmModelFile, body: Body) -> Term:
-    """Build term k of a model file."""
+    """Build term k of a model file, counted from 0."""
     item, place = data.terms[k], f"terms[{k}]"
     known = joint_effects() | TABLES | {term.id: type(term) for term in FRICTION}
     try:

@@ -1,9 +1,9 @@
-"""A planar arm in pymunk: n links on pivots, with set-valued dry friction at each.
+"""Planar arm in pymunk: n links on pivots with set-valued dry friction.
 
-A `SimpleMotor` at rate zero between two links whose force is bounded by fc is set-valued Coulomb friction. With
-pymunk's bias correction complete in one step, its steps are a leapfrog: positions at the steps, velocities half a step
-later, links held together at the positions. That is of second order, and conserves energy where no friction acts. Where
-a joint reverses inside a step, the step is made again with the friction that acted until then.
+A `SimpleMotor` of rate zero between two links, with its force bounded by fc, is set-valued Coulomb friction. With
+complete bias correction in each step, pymunk's steps are a leapfrog: positions at the steps, velocities half a step
+later. The scheme is of second order and conserves energy without friction. If a joint reverses within a step, the step
+is repeated with the mean friction of the step.
 """
 
 import re
@@ -26,14 +26,14 @@ class Link:
     """Link of an arm, a line from its joint to the next one.
 
     Attributes:
-        mass: [kg].
-        length: to the next joint [m].
-        center: of mass, from its joint along the line [m].
-        inertia: about the centre of mass [kg m^2].
-        viscous: friction at its joint [N m s/rad].
-        coulomb: dry friction at its joint [N m].
-        aside: of the line, where the centre of mass is: to the right of a link that hangs down [m].
-        angle: of the line from hanging down, counter-clockwise, where all joints are at zero [rad].
+        mass: mass of the link [kg].
+        length: distance to the next joint [m].
+        center: distance of the centre of mass from the joint, along the line [m].
+        inertia: inertia about the centre of mass [kg m^2].
+        viscous: viscous friction at the joint [N m s/rad].
+        coulomb: dry friction at the joint [N m].
+        aside: distance of the centre of mass from the line, to the right of a link that hangs down [m].
+        angle: angle of the line from hanging down, counter-clockwise, with all joints at zero [rad].
     """
 
     mass: float = 1.0
@@ -56,7 +56,7 @@ TWO_LINK = (Link(1.2, 0.45, 0.2, 0.02), Link(0.8, 0.35, 0.15, 0.008))
 
 
 def name_joints(count: int) -> tuple[str, ...]:
-    """Return `shoulder`, `elbow`, `wrist`, then numbers."""
+    """Return default names of joints: `shoulder`, `elbow`, `wrist`, `joint4`, ..."""
     return tuple(("shoulder", "elbow", "wrist")[k] if k < 3 else f"joint{k + 1}" for k in range(count))
 
 
@@ -66,9 +66,9 @@ def make_joint_models(
     effects: Effects = (),
     sliding: Collection[str] = (),
 ) -> tuple[Model, ...]:
-    """Make the friction of each joint, with the effects hidden there.
+    """Make a model without inertia for each joint, from its friction and hidden effects.
 
-    An effect is named as in `stribeck@elbow=0.4`.
+    `friction` holds viscous [N m s/rad] and dry friction [N m] of each joint; effects are `stribeck@elbow=0.4`.
     """
     models = [Model.build(FRICTION, np.array(pair)) for pair in friction]
     for text in list_effects(effects):
@@ -80,23 +80,23 @@ def make_joint_models(
 
 
 class JointBalances:
-    """Torque balances of the joints of a simulated arm, with their states."""
+    """Torque balances of the joints of a simulated arm, with their internal states."""
 
     def __init__(self, models: Sequence[Model], h: float) -> None:
-        """Take what acts at each joint, without inertia, in steps of h [s]."""
+        """Set the models of the joints, without inertia, and the step h [s]."""
         self._balances, self._h = [TorqueBalance(model.terms, model.theta) for model in models], h
 
     def start(self, position: Array, velocity: Array) -> None:
-        """Begin with joints at positions (n,) with velocities (n,)."""
+        """Set the initial positions (n,) [rad] and velocities (n,) [rad/s]."""
         self._lines = [CommandLine(balance.terms, self._h, 1) for balance in self._balances]
         self._now = [begin(*state) for state in zip(self._balances, position, velocity, strict=True)]
 
     def delay_torque(self, torque: Array) -> Array:
-        """Return the torques (n,) that act in the next step after delays of the terms."""
+        """Return the torques of the next step (n,) [N m], after the delays of the terms."""
         return np.array([now for line, part in zip(self._lines, torque, strict=True) for now in line.push(part)])
 
     def torques(self, position: Array, velocity: Array, torque: Array) -> tuple[Array, Array]:
-        """Return the torque left for acceleration and dry friction, and the size of the latter (n,) [N m]."""
+        """Return the torque without dry friction and the bound of dry friction, (n,) each [N m]."""
         samples = self._samples(position, velocity, torque)
         pairs = [
             (balance.net(x), max(float(balance.dry(x)), 0.0))
@@ -106,7 +106,7 @@ class JointBalances:
         return net, dry
 
     def advance(self, position: Array, velocity: Array, torque: Array, mean: Array) -> None:
-        """Advance by a step, the joints moving at mean velocities (n,) meanwhile."""
+        """Advance the internal states by a step, with mean joint velocities (n,) [rad/s]."""
         each = zip(self._balances, self._samples(position, velocity, torque), mean, strict=True)
         self._now = [
             Samples(x.time + self._h, x.position, x.velocity, x.torque, balance.advance(x, memory, self._h))
@@ -119,19 +119,19 @@ class JointBalances:
 
 
 class PlanarBodies:
-    """Simulated planar arm: advance it with `advance`; positions and velocities are those of the joints."""
+    """Simulated planar arm; positions and velocities are those of the joints."""
 
-    at_rest = 1e-3  # [rad/s]; a slower joint may be one that friction holds, not quite stopped by the solver
-    iterations = 20  # of pymunk's solver, which converges by a constant factor
+    at_rest = 1e-3  # [rad/s]; below it, friction may hold a joint up to the error of the solver
+    iterations = 20  # iterations of pymunk's solver, which converges linearly
 
     def __init__(self, links: Sequence[Link], models: Sequence[Model], period: float, substeps: int) -> None:
-        """Take links, what acts at their joints, the time between samples [s] and steps in it."""
+        """Set links, models of the joints, sample time [s] and integration steps per sample."""
         self.links, self.substeps, self.step = tuple(links), substeps, period / substeps
         self._acting = JointBalances(models, self.step)
 
     def start(self, position: Array, velocity: Array) -> None:
         """Put the arm at joint angles (n,) [rad] with joint velocities (n,) [rad/s]."""
-        import pymunk  # who only reads recordings of arms does not wait for it
+        import pymunk  # slow import, needed only to simulate
 
         self._space = pymunk.Space()
         self._space.gravity = (0.0, -GRAVITY)
@@ -161,7 +161,7 @@ class PlanarBodies:
         self._command = np.zeros(len(self.links))
         self._acting.start(self.position, self.velocity)
         self._before = self.velocity
-        # to where velocities belong: half a step on, the positions staying
+        # advance the velocities by half a step; keep the positions
         kept = [(body.position, body.angle) for body in self._bodies]
         self._push(self.position, self.velocity, self._command, 0.5 * self.step)
         for body, (place, angle) in zip(self._bodies, kept, strict=True):
@@ -173,7 +173,7 @@ class PlanarBodies:
         h = self.step
         for _ in range(self.substeps):
             now = self._acting.delay_torque(torque)
-            # half of a change of torque belongs to the half step before, which is over; stick made up for it
+            # a change of torque also acts in the previous half step, unless the joint stuck
             command = now + 0.5 * (now - self._command) * (np.abs(self._half) > self.at_rest)
             self._command = now
             position = self.position + h * self._half
@@ -183,7 +183,7 @@ class PlanarBodies:
             dry = self._push(position, expected, command, h)
             after = self._rates()
             turned = (before * after < 0) & (np.abs(before) > self.at_rest)
-            if turned.any():  # once more, with the friction that acted in the old direction until the reversal
+            if turned.any():  # repeat the step with reduced friction
                 slowing = np.where(turned, before - self._before, 1.0)
                 share = np.clip(np.where(turned, -before / np.where(slowing == 0, -before, slowing), 0.0), 0.0, 1.0)
                 for body, state in zip(self._bodies, last, strict=True):
@@ -194,7 +194,7 @@ class PlanarBodies:
         self.velocity = 0.5 * (self._before + self._half)
 
     def _push(self, position: Array, velocity: Array, torque: Array, h: float) -> Array:
-        """Advance pymunk by one step under joint torques, with dry friction (n,) [N m]."""
+        """Advance pymunk by one step under joint torques (n,) [N m]; return the bound of dry friction (n,) [N m]."""
         net, dry = self._acting.torques(position, velocity, torque)
         for motor, most in zip(self._motors, dry.tolist(), strict=True):
             if motor.max_force != most:
@@ -212,8 +212,8 @@ class PlanarBodies:
 
 
 def write_urdf(links: Sequence[Link], names: Sequence[str]) -> str:
-    """Write the arm as URDF, with its joints' names and friction; angles are as in the simulation."""
-    from xml.sax.saxutils import quoteattr  # it brings all of urllib
+    """Write the arm as URDF with joint names and friction; angles are those of the simulation."""
+    from xml.sax.saxutils import quoteattr  # slow import
 
     bodies, joints = ['<link name="base"/>'], []
     parent, place = "base", "0 0 0"
@@ -234,6 +234,6 @@ def write_urdf(links: Sequence[Link], names: Sequence[str]) -> str:
 
 
 def _locate_point(link: Link, along: float, aside: float) -> str:
-    """Return a point of a link from its joint, all joints at zero: x to the right, z up [m]."""
+    """Return a link's point relative to its joint, all joints at zero: x to the right, z up [m]."""
     s, c = np.sin(link.angle), np.cos(link.angle)
     return f"{along * s + aside * c:.9g} 0 {aside * s - along * c:.9g}"

@@ -1,4 +1,4 @@
-"""Arm that moves in a vertical plane: the links of a robot's file for the planar simulator."""
+"""Links of a robot file for the planar simulator."""
 
 import numpy as np
 
@@ -10,11 +10,11 @@ from pendulum_env.plant import PAPER
 from pendulum_env.recording.study import GRAVITY
 from pendulum_env.settings import format_setting
 
-ALIKE = 1e-6  # of directions, and of lengths as shares of the arm's
+ALIKE = 1e-6  # relative tolerance of directions and lengths
 
 
 def get_friction(body: Body, shares: Array | None = None) -> list[tuple[float, float]]:
-    """Return viscous [N m s/rad] and dry [N m] friction of each joint from the file, or shares of the paper's."""
+    """Return viscous [N m s/rad] and dry [N m] friction per joint, from the file or `shares` (n,) of the paper's."""
     model, places = body.model, [body.links.index(joint) for joint in body.joints]
     usual = np.outer(np.ones(len(places)) if shares is None else shares, [PAPER["viscous"], PAPER["coulomb"]])
     given = [(float(model.damping[k]), float(model.upperDryFrictionLimit[k])) for k in places]
@@ -22,23 +22,23 @@ def get_friction(body: Body, shares: Array | None = None) -> list[tuple[float, f
 
 
 def find_planar_links(body: Body) -> tuple[Link, ...]:
-    """Find the links of a chain whose joints all turn about one horizontal direction.
+    """Return the links of a chain of parallel, horizontal revolute joints.
 
-    Friction is the file's (`<dynamics damping="..." friction="..."/>` of URDF); a joint without any has the paper's.
+    Friction comes from the file (`<dynamics damping="..." friction="..."/>` of URDF), by default from the paper.
 
     Raises:
-        BodyError: if the arm is none such, as pymunk simulates in a plane, or a link has an inertia that no body has.
+        BodyError: if the arm is not such a chain, or a link has an impossible inertia.
     """
     body.refuse_impossible_links()
     model, pin, count = body.model, import_pinocchio(), len(body.joints)
-    if list(model.parents)[1:] != list(range(count)):  # nor do any follow others
+    if list(model.parents)[1:] != list(range(count)):  # also refuses mimic joints
         raise BodyError(
             f"{body.name}: branches, the simulator knows chains only: simulate it with "
             f"{format_setting('backend', 'mujoco')}"
         )
     gravity, data = np.array(model.gravity.linear), model.createData()
-    jacobian = np.reshape(pin.computeJointJacobians(model, data, np.zeros(count)), (6, count))  # of one joint, flat
-    axes = jacobian[3:].T  # in space, all joints at zero
+    jacobian = np.reshape(pin.computeJointJacobians(model, data, np.zeros(count)), (6, count))  # flat if n = 1
+    axes = jacobian[3:].T  # (n, 3), world frame, all joints at zero
     up = -gravity / max(float(np.linalg.norm(gravity)), ALIKE)
     for joint, axis in zip(body.joints, axes, strict=True):
         if abs(axis @ up) > ALIKE or axis @ axes[0] < 1 - ALIKE:
@@ -67,7 +67,7 @@ def find_planar_links(body: Body) -> tuple[Link, ...]:
         if length <= ALIKE * np.ptp(centers, axis=0).max():
             if not last:
                 raise BodyError(f"{body.name}: joints '{body.joints[k]}' and '{body.joints[k + 1]}' are in one place")
-            line, length = np.array([0.0, -1.0]), float(np.sqrt(inertia / mass))  # a wheel
+            line, length = np.array([0.0, -1.0]), float(np.sqrt(inertia / mass))  # centre of mass on the axis
         along = line / length
         links.append(
             Link(

@@ -1,4 +1,4 @@
-"""Read recordings of an arm: as those of a pendulum, joint by joint."""
+"""Read recordings of an arm, joint by joint."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -28,7 +28,7 @@ from pendulum_env.recording.storage import describe_reading
 from pendulum_env.recording.study import Source
 from pendulum_env.settings import format_setting
 
-STILL = 0.01  # [rad] or [m], within which a joint is held
+STILL = 0.01  # [rad] or [m], largest range of a held joint
 
 
 def read_arm_recording(
@@ -40,26 +40,26 @@ def read_arm_recording(
     columns: Mapping[str, str] | None = None,
     name: str | None = None,
 ) -> ArmRecording:
-    """Read a file or table with columns time, and for each joint `position_<joint>` and `torque_<joint>`.
+    """Read a file or table with columns `time` and, per joint, `position_<joint>` and `torque_<joint>`.
 
-    Instead of the joints' names, columns may bear numbers, as many as there are joints: `position_1`, ... Columns
-    `temperature_<joint>` [deg C] may be there, too; joints without one are taken to be at 25 deg C.
+    Columns may also have the numbers of the joints: `position_1`, ... Columns `temperature_<joint>` [deg C] are
+    optional; joints without one get 25 deg C.
 
     Args:
-        source: a file or a table in memory that `read_recording` reads.
-        joints: names, in the robot's order.
-        held: names of joints that do not move; columns of their positions tell where they are.
+        source: file or table in memory, as for `read_recording`.
+        joints: names of the joints, in the robot's order.
+        held: names of fixed joints; their columns of position are read if present.
         unwrap: undo jumps of 2 pi in positions.
-        columns: columns by `time`, `position_<joint>` or `torque_<joint>` where their names do not tell, with unit and
-            gain as for one joint: `{"torque_elbow": "i_2:A*0.4"}`.
-        name: of the recording; by default that of the file, or `recording`.
+        columns: columns by quantity, `time`, `position_<joint>` or `torque_<joint>`, with unit and gain as for one
+            joint: `{"torque_elbow": "i_2:A*0.4"}`.
+        name: name of the recording; by default that of the file, or `recording`.
 
     Raises:
-        RecordingError: as `read_recording`, and if columns of joints are missing, are of other joints, or are currents
-            without a torque constant.
+        RecordingError: as `read_recording`, and if columns are missing, belong to other joints, or are currents without
+            a torque constant.
     """
     check_named(columns)
-    look = read_preview(source, most=500)  # columns: four of 64 joints, and what else a robot logs
+    look = read_preview(source, most=500)  # columns, enough for 64 joints with further signals
     named = find_joint_columns(get_label(source), look.headers, joints, held, dict(columns or {}))
     single = [_read_joint(source, look, joint, named, unwrap) for joint in joints]
     _refuse_twice(get_label(source), joints, single)
@@ -93,7 +93,7 @@ def read_arm_recording(
 
 
 def read_logged(body: Mechanism, source: Readable, format: Source, name: str | None = None) -> Recording:
-    """Read a recording of a pendulum or of an arm in the format of a log; raises as the functions that read either."""
+    """Read a recording of a pendulum or an arm in a log format; raises as `read_recording` and `read_arm_recording`."""
     if not isinstance(body, Body):
         return replace(read_recording(source, name=name, **format.reading), load=format.load)
     still = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
@@ -105,9 +105,9 @@ def read_logged(body: Mechanism, source: Readable, format: Source, name: str | N
 def find_logged_joints(
     source: Readable, joints: Sequence[str], columns: Mapping[str, str] | None = None
 ) -> tuple[str, ...]:
-    """Find the joints with columns in a file or table; all joints if columns bear numbers.
+    """Find the joints with columns in a file or table; all joints if columns have numbers.
 
-    A joint without a column of torque whose position stays within `STILL` is no such joint either.
+    A joint without a column of torque is omitted if its position stays within `STILL`.
     """
     look = read_preview(source, most=500)
     named = {name: text for name, text in (columns or {}).items() if text.strip() != NONE}
@@ -134,7 +134,7 @@ def _refuse_other_instants(joints: Sequence[str], single: Sequence[Recording]) -
 
 
 def _refuse_twice(label: str, joints: Sequence[str], single: Sequence[Recording]) -> None:
-    """Refuse a column that two quantities of joints were read from."""
+    """Refuse a column that was read for two quantities or joints."""
     taken: dict[str, str] = {}
     for joint, recording in zip(joints, single, strict=True):
         for quantity in QUANTITIES:
@@ -147,7 +147,7 @@ def _refuse_twice(label: str, joints: Sequence[str], single: Sequence[Recording]
 
 
 def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str, str], unwrap: bool) -> Recording:
-    """Read the columns of one joint, by the columns of quantities of all joints."""
+    """Read the recording of one joint from the columns of all joints in `named`."""
     columns_of_joint = {quantity: named.get(f"{quantity}_{joint}", NONE) for quantity in OF_JOINTS}
     columns_of_joint |= {"time": named["time"]} if "time" in named else {}
     label = get_label(source)
@@ -169,7 +169,7 @@ def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str,
 
 
 def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str] = ()) -> ArmRecording:
-    """Read a recording of an arm as a study asks for."""
+    """Read the recording of an arm from a source of a study."""
     if source.load is not None:
         raise RecordingError(
             f"{source.file}: `load` is of one joint: leave it out; what an arm carries is identified as its payload"

@@ -1,4 +1,4 @@
-"""Recordings of an arm: as those of a pendulum, with one column per joint."""
+"""Recordings of an arm, with one column per joint."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,14 +15,14 @@ from pendulum_env.recording import Recording, RecordingError
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ArmRecording(Recording):
-    """N samples of n joints: a recording with positions and torques (N, n) [rad] and [N m].
+    """Recording of n joints, with positions [rad] and torques [N m] of shape (N, n).
 
-    Joints that slide have positions in m and forces in N where others have rad and N m.
+    Linear joints have positions in m and forces in N.
 
     Attributes:
-        names: of the joints that move (n,).
-        still: positions (M,) of joints that do not move, of those that have a column, as rows of the file have them.
-        payload: known body that a link carries; its torque is no part of a model. None if nothing is known of one.
+        names: names of the moving joints (n,).
+        still: positions (M,) of held joints by name, for those with a column.
+        payload: known body on a link, whose torque is subtracted before a fit; None without one.
 
     Raises:
         RecordingError: as `Recording` does.
@@ -34,7 +34,7 @@ class ArmRecording(Recording):
 
     @classmethod
     def from_arrays(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> Self:
-        """Create a recording of time (N,) [s], positions (N, n) [rad], torques (N, n) [N m]; raises as `Recording`."""
+        """Make a recording of time (N,) [s], positions (N, n) [rad] and torques (N, n) [N m]; raises as `Recording`."""
         return cls(time, position, torque, name=name, names=tuple(names))
 
     of = from_arrays  # its name in 1.0.0, kept for one release
@@ -45,12 +45,12 @@ class ArmRecording(Recording):
         super().__post_init__()
 
     def get_shape(self, quantity: str) -> tuple[int, ...]:
-        """Return the shape of a quantity; quantities of joints have one column per joint."""
+        """Return the shape of a quantity: (N, n) for those of joints, else (N,)."""
         return (*np.shape(self.time), len(self.names)) if quantity in OF_JOINTS else np.shape(self.time)
 
     @cached_property
     def joints(self) -> tuple[Recording, ...]:
-        """Return each joint alone, with the same meaning of a held torque."""
+        """Return the recording of each joint."""
         series: dict[str, Any] = {name: values for name in OF_JOINTS if (values := getattr(self, name)) is not None}
         of_each: list[dict[str, Any]] = [
             {name: np.ascontiguousarray(values[:, k]) for name, values in series.items()}
@@ -63,12 +63,12 @@ class ArmRecording(Recording):
 
     @property
     def is_free(self) -> bool:
-        """Return False: the mass of links is not scaled by one inertia."""
+        """Return False: an arm has no free swings."""
         return False
 
     @property
     def columns(self) -> dict[str, Array]:
-        """Return time, and `position_<joint>` and so on where recorded, (N,) each."""
+        """Return the recorded columns by name, `time`, `position_<joint>`, ..., (N,) each."""
         columns = {
             f"{what}_{at}": getattr(joint, what)
             for what in OF_JOINTS
@@ -79,17 +79,17 @@ class ArmRecording(Recording):
 
     @property
     def summary(self) -> str:
-        """Return length, rate, number of samples and joints."""
+        """Return duration, rate, and numbers of samples and joints as text."""
         return f"{super().summary}, {len(self.names)} joint{'s' * (len(self.names) > 1)}"
 
 
 def get_payload(recording: Recording) -> LinkLoad | None:
-    """Return the known payload of a recording."""
+    """Return the known payload of a recording, or None."""
     return recording.payload if isinstance(recording, ArmRecording) else None
 
 
 def add_payload(recording: Recording, load: LinkLoad) -> Recording:
-    """Return a recording of an arm with a known payload, in addition to one already known at the same link."""
+    """Return a recording of an arm with a known payload, added to a known one at the same link."""
     before = get_payload(recording)
     if before is not None:
         load = LinkLoad(load.joint, before.standard + load.standard)

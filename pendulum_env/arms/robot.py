@@ -1,7 +1,7 @@
-"""Robots in files, URDF or MJCF: joints that move, are held, or follow others.
+"""Read robots from URDF or MJCF, with moving, held and mimic joints.
 
-Joints that are held are gone, their links part of those before. Those that mimic others, as the fingers of a gripper,
-stay links of their own: with joints at q, all links' joints are at R q + r.
+Held joints are removed, and their links merged with the previous ones. Mimic joints, such as those of a gripper, keep
+their links: with independent joints at q, the joints of all links are at R q + r.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from pendulum_env.lookup import find
 from pendulum_env.reading import LARGE, check_size, quote_value
 from pendulum_env.settings import Blank, format_setting
 
-TURNS, SLIDES = "Revolute", "Prismatic"  # Pinocchio's words
-ENDLESS = "1e30"  # of a limit that there is none
+TURNS, SLIDES = "Revolute", "Prismatic"  # names in Pinocchio
+ENDLESS = "1e30"  # limit in a file for "unlimited"
 
 
 class BodyError(UserError):
-    """Robot that cannot be identified; the message has the file, the fault and the remedy."""
+    """Invalid robot; the message has the file, the fault and the remedy."""
 
 
 def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> JSON:
@@ -39,14 +39,14 @@ def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str
 
 
 def find_movable_joints(path: str | Path, bolted: bool = False) -> tuple[str, ...]:
-    """Find the joints of a file that move by themselves, in its order; arguments and errors as of `read_body`."""
+    """Find the independent joints of a file, in its order; arguments and errors are those of `read_body`."""
     with _name_file(path):
         return tuple(_parse(Path(path)).find_free(bolted, {}))
 
 
 @contextmanager
 def _name_file(path: str | Path) -> Iterator[None]:
-    """Refuse a file that is missing or too large, and put its name in front of an error."""
+    """Refuse a missing or too large file, and prepend the path to errors."""
     try:
         check_size(path)
         yield
@@ -56,7 +56,7 @@ def _name_file(path: str | Path) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _File:
-    """Content of a file: its XML, Pinocchio's model of it, its name, and for each joint the joint that leads it."""
+    """Content of a file: XML, Pinocchio model, robot name, and the leader of each joint."""
 
     tree: ElementTree.Element
     model: Any
@@ -64,7 +64,7 @@ class _File:
     leads: Mapping[str, _Mimic]
 
     def find_free(self, bolted: bool, held: Container[str]) -> list[str]:
-        """Find joints that neither mimic nor are a base; refuse a floating base unless it is held or bolted down."""
+        """Find joints that neither mimic nor belong to the base; refuse a floating base that is not fixed."""
         free = [joint for joint, tie in self.leads.items() if tie.joint == joint]
         bases = [joint for joint in free if _find_joint_kind(self.model, joint) == "FreeFlyer"]
         for joint in bases:
@@ -79,7 +79,7 @@ def _parse(path: Path) -> _File:
     pin = import_pinocchio()
     try:
         tree = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter of unknown encodings
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # also unknown encodings
         raise BodyError(f"is no XML ({shorten_error(error)}): a robot is read from URDF or MJCF") from None
     if tree.tag not in ("robot", "mujoco"):
         raise BodyError(f"holds <{tree.tag}>, neither <robot> (URDF) nor <mujoco> (MJCF)")
@@ -97,8 +97,8 @@ def _parse(path: Path) -> _File:
                 if tree.tag == "robot"
                 else pin.buildModelFromMJCF(str(path))
             )
-    except Exception as error:  # Pinocchio raises what its parsers raise
-        message = str(error).rpartition("message:")[2]  # after file, function and line of its own
+    except Exception as error:  # parsers of Pinocchio raise several types
+        message = str(error).rpartition("message:")[2]  # without file, function and line
         raise BodyError(f"Pinocchio cannot read it: {shorten_error(message or error)}") from None
     name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
     return _File(tree, model, name, {joint: _find_leader(joint, ties, robot) for joint in robot})
@@ -123,7 +123,7 @@ def _read_fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, fl
     sliding = [joint for joint in robot if _find_joint_kind(model, joint) == SLIDES]
     model = _lock_joints(model, still)
     _refuse_others(model)
-    if (option := file.tree.find("option[@gravity]")) is not None:  # which Pinocchio passes over
+    if (option := file.tree.find("option[@gravity]")) is not None:  # Pinocchio ignores this option
         model.gravity.linear = np.array(_parse_numbers(option.get("gravity", ""), "gravity of <option>", 3))
     for limit in ("lowerPositionLimit", "upperPositionLimit", "upperEffortLimit", "upperVelocityLimit"):
         values = np.array(getattr(model, limit))
@@ -134,7 +134,7 @@ def _read_fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, fl
     places = [place.homogeneous for place in list(model.jointPlacements)[1:]]
     solids = [link.toDynamicParameters() for link in list(model.inertias)[1:]]
     numbers = (*places, *solids, model.armature, model.damping, model.upperDryFrictionLimit, model.gravity.linear)
-    if not all((np.abs(of) <= LARGE).all() for of in (*numbers, ratios, offsets)):  # nor NaN
+    if not all((np.abs(of) <= LARGE).all() for of in (*numbers, ratios, offsets)):  # also refuses NaN
         raise BodyError(f"holds a number beyond {LARGE:g}: give lengths in m and masses in kg")
     if not np.allclose(axes, 1.0):
         raise BodyError("has a joint without an axis: give it one, of length 1")
@@ -152,7 +152,7 @@ def _read_fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, fl
 
 @contextmanager
 def _silence_output() -> Iterator[None]:
-    """Discard what a C++ library prints to the standard error, beside the exception that it raises."""
+    """Discard the output of a C++ library to the standard error."""
     kept = os.dup(2)
     try:
         with open(os.devnull, "wb") as nothing:
@@ -164,7 +164,7 @@ def _silence_output() -> Iterator[None]:
 
 
 def _bound(tree: ElementTree.Element) -> None:
-    """Make continuous joints of URDF revolute ones without end: Pinocchio has a cosine and a sine of the former."""
+    """Turn continuous joints of URDF into unlimited revolute joints, which Pinocchio describes by one angle."""
     for joint in tree.iterfind("joint[@type='continuous']"):
         joint.set("type", "revolute")
         limit = joint.find("limit")
@@ -175,7 +175,7 @@ def _bound(tree: ElementTree.Element) -> None:
 
 
 def import_pinocchio() -> ModuleType:
-    """Import Pinocchio where it is needed."""
+    """Import Pinocchio, or raise a BodyError that names the extra."""
     try:
         import pinocchio
     except ImportError:
@@ -185,7 +185,7 @@ def import_pinocchio() -> ModuleType:
 
 @dataclass(frozen=True)
 class _Mimic:
-    """Mimic relation: ratio times the position of another joint, plus an offset."""
+    """Mimic relation: position = ratio * position of `joint` + offset."""
 
     joint: str
     ratio: float
@@ -196,7 +196,7 @@ class _Mimic:
 
 
 def _find_leader(joint: str, ties: Mapping[str, _Mimic], robot: Sequence[str]) -> _Mimic:
-    """Find the joint that leads another, perhaps by others between: itself, if it follows none."""
+    """Return the relation of a joint to its independent leader, through a chain of mimics; the leader may be itself."""
     tie, passed = _Mimic(joint, 1.0, 0.0), set[str]()
     while tie.joint in ties:
         if tie.joint in passed:
@@ -210,18 +210,18 @@ def _find_leader(joint: str, ties: Mapping[str, _Mimic], robot: Sequence[str]) -
 
 
 def _lock_joints(model: Any, held: Mapping[str, float]) -> Any:
-    """Return the model with the held joints fixed, their links part of those before."""
+    """Return the model with held joints fixed and their links merged."""
     pin = import_pinocchio()
     q = pin.neutral(model)
     for joint, position in held.items():
         kind = model.joints[model.getJointId(joint)]
-        if kind.nq == 1:  # others are held as they are
+        if kind.nq == 1:  # joints of several coordinates stay at neutral
             q[kind.idx_q] = position
     return pin.buildReducedModel(model, [model.getJointId(joint) for joint in held], q) if held else model
 
 
 def _find_joint_kind(model: Any, joint: str) -> str:
-    """Return whether a joint of Pinocchio turns or slides, or the name of another type."""
+    """Return the type of a joint: `TURNS`, `SLIDES` or Pinocchio's name of another type."""
     kind = str(model.joints[model.getJointId(joint)].shortname()).removeprefix("JointModel")
     for ours in (TURNS, SLIDES):
         if kind.startswith(ours) or kind in (f"{ours[0]}{axis}" for axis in "XYZ"):
@@ -230,7 +230,7 @@ def _find_joint_kind(model: Any, joint: str) -> str:
 
 
 def _read_mimics(tree: ElementTree.Element) -> dict[str, _Mimic]:
-    """Read the joints that follow others; links that hang on two joints are refused."""
+    """Read the mimic relations by joint; refuse closed loops."""
     children = [child.get("link") for child in tree.iterfind("joint/child")]
     for link, times in Counter(children).items():
         if times > 1:
@@ -263,7 +263,7 @@ def _parse_numbers(text: str, what: str, count: int | None = None) -> list[float
 
 
 def _refuse_others(model: Any) -> None:
-    """Refuse a tree of joints of other types, without joints, or without gravity."""
+    """Refuse a model without joints, or with joints of other types or ambiguous names."""
     if model.njoints < 2:
         raise BodyError("has no joint that moves")
     for name in list(model.names)[1:]:

@@ -1,8 +1,8 @@
-"""Any arm of a file in MuJoCo (extra `export`), to simulate it or to write it for other programs.
+"""Arms of robot files in MuJoCo (extra `export`), for simulation and export.
 
-Links are bodies on hinges and slides in a tree; joints that follow others are tied by equality constraints. Viscous
-friction is MuJoCo's damping and implicit, dry friction its `frictionloss`, as stiff as `constrained_body` has it; all
-other effects act at the start of a step. Of first order in the step.
+Links are a tree of bodies on hinge and slide joints; equality constraints tie mimic joints. Viscous friction is
+MuJoCo's implicit damping. Dry friction is its `frictionloss`, with the stiffness of `constrained_body`. Other effects
+are evaluated at the start of a step. The scheme is of first order.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,13 +19,13 @@ from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujo
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import UNBOUNDED
 
-TIED = (0.999, 0.9999, 1e-4, 0.5, 2.0)  # impedance of what ties a follower to its leader
+TIED = (0.999, 0.9999, 1e-4, 0.5, 2.0)  # impedance of the constraint between follower and leader
 
 
 def build_specification(body: Body, standard: Array, friction: Mapping[str, tuple[float, float]]) -> Any:
-    """Build an arm as MuJoCo's `MjSpec`.
+    """Build the `MjSpec` of an arm from its standard parameters (S,).
 
-    Friction is viscous and dry, by joint.
+    `friction` holds viscous [N m s/rad] and dry friction [N m] by joint.
     """
     mujoco, pin, model = import_mujoco(), import_pinocchio(), body.model
     spec = mujoco.MjSpec()
@@ -53,7 +53,7 @@ def build_specification(body: Body, standard: Array, friction: Mapping[str, tupl
         body_spec.add_joint(
             name=joint,
             type=mujoco.mjtJoint.mjJNT_SLIDE if joint in body.sliding else mujoco.mjtJoint.mjJNT_HINGE,
-            axis=np.ravel(model.joints[k + 1].createData().S).reshape(2, 3).sum(axis=0),  # one of them is zero
+            axis=np.ravel(model.joints[k + 1].createData().S).reshape(2, 3).sum(axis=0),  # one part is zero
             damping=[viscous, 0.0, 0.0],
             frictionloss=dry,
             solimp_friction=IMPEDANCE,
@@ -70,12 +70,12 @@ def build_specification(body: Body, standard: Array, friction: Mapping[str, tupl
 
 
 class SpatialBodies:
-    """Simulated arm: advance it with `advance`; positions and velocities are those of the leading joints."""
+    """Simulated arm; positions and velocities are those of the independent joints."""
 
     longest_step = 2.5e-4  # [s]
 
     def __init__(self, body: Body, models: Sequence[Model], period: float) -> None:
-        """Take links, what acts at their joints, and the time between samples [s]."""
+        """Set the body, the models of the joints, and the sample time [s]."""
         self._steps = int(np.ceil(period / self.longest_step))
         self._h = period / self._steps
         viscous = {at: model.estimates["viscous"].value for at, model in zip(body.joints, models, strict=True)}
@@ -86,7 +86,7 @@ class SpatialBodies:
         self._body, self._world = body, spec.compile()
         self._world.dof_solref[:] = STEPS * self._h, 1.0
         self._world.eq_solref[:] = STEPS * self._h, 1.0
-        self._joints = [int(self._world.joint(at).dofadr[0]) for at in body.joints]  # each is one of position, too
+        self._joints = [int(self._world.joint(at).dofadr[0]) for at in body.joints]  # also of positions
         self._links = [int(self._world.joint(at).dofadr[0]) for at in body.links]
         self._acting = JointBalances(
             [replace(model, terms=tuple(term for term in model.terms if term.id != "viscous")) for model in models],
@@ -94,7 +94,7 @@ class SpatialBodies:
         )
 
     def start(self, position: Array, velocity: Array) -> None:
-        """Put the joints at positions (n,) [rad] with velocities (n,) [rad/s]; m where they slide."""
+        """Put the joints at positions (n,) [rad] with velocities (n,) [rad/s], or m and m/s for linear joints."""
         body, self._data = self._body, import_mujoco().MjData(self._world)
         self._data.qpos[self._links] = body.ratios @ position + body.offsets
         self._data.qvel[self._links] = body.ratios @ velocity
